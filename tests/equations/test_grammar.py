@@ -10,7 +10,7 @@ import neuro
 from neuro import ModelError
 from neuro.model.equations import functions
 from neuro.model.equations.parameters import parse
-from neuro.model.equations.writing import written
+from neuro.model.equations.writing import to_python
 
 
 def with_equation(text):
@@ -64,7 +64,7 @@ SUMS = st.recursive(
 
 
 def value(tree):
-    return eval(written(tree, lambda part: None), vars(functions))
+    return eval(to_python(tree, lambda part: None), vars(functions))
 
 
 @given(SUMS)

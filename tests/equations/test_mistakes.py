@@ -92,7 +92,7 @@ def test_a_mistake_in_python_tells_the_line_of_the_call():
 def test_a_state_of_which_nothing_tells_the_unit():
     error = error_of(neuro.equations, "m", equations={"u": "-u/tau"}, parameters={"tau": "10 ms"})
     assert error.message == "model 'm': nothing determines the unit of 'u'"
-    assert error.hint == "write it in 'initial', e.g. {u: 0 mV}"
+    assert error.hint == "write a value with a unit in 'initial', e.g. {u: 0 mV}"
 
 
 def test_bounds_and_units_of_parameters():

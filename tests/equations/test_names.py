@@ -129,16 +129,16 @@ def refusal(words: dict[str, Any]) -> str:
 
 @pytest.mark.parametrize("name", ["definition", "divisions", "name", "equation", "twin", "states", "tau_minus"])
 def test_attributes_of_the_class_are_no_parameters(name):
-    expected = f"model 'm': parameters.{name}: '{name}' has a meaning in every model: expected another name"
+    expected = f"model 'm': parameters.{name}: '{name}' is reserved in every model: expected another name"
     assert refusal(standing("parameter", name)["models"]["m"]) == expected
 
 
 def test_every_attribute_is_refused():
     """By the class itself: no list has to follow it."""
     for name in {name for name in dir(EquationNeuron) if not name.startswith("_")}:
-        assert "has a meaning in every model" in refusal(standing("parameter", name)["models"]["m"])
+        assert "is reserved in every model" in refusal(standing("parameter", name)["models"]["m"])
     for name in {name for name in dir(_Between) if not name.startswith("_")}:
-        assert "has a meaning in every model" in refusal(standing("signal_parameter", name)["rule"])
+        assert "is reserved in every model" in refusal(standing("signal_parameter", name)["rule"])
 
 
 @pytest.mark.parametrize("name", ["part", "tau_minus", "rate"])
@@ -152,7 +152,7 @@ def test_the_slope_of_a_kernel_has_its_name_alone(section):
     more = {"parameters": "1 mV", "let": "2*leak", "equations": "-dg*leak"}[section]
     words = {**words, "initial": {"dg": "1 mV"} if section == "equations" else {}}
     words[section] = {**words.get(section, {}), "dg": more}
-    assert refusal(words) == f"model 'm': {section}.dg: 'dg' is the slope of g, too: expected another name"
+    assert refusal(words) == f"model 'm': {section}.dg: 'dg' is also the slope of g: expected another name"
 
 
 def test_a_keyword_has_an_underscore_in_python():

@@ -1,4 +1,7 @@
-"""Models as equations: a neuron or a rule as text, with no code run, compiled like any model."""
+"""Models defined by equations: a neuron or a learning rule as text, compiled like any other model.
+
+No user code is run.
+"""
 
 from __future__ import annotations
 
@@ -17,24 +20,25 @@ from neuro.model.synapses import SYNAPSES
 __all__ = ["EquationNeuron", "EquationSynapse", "equations", "model_from_words"]
 
 _CLASSES: dict[str, type[EquationNeuron] | type[EquationSynapse]] = {}
-"""Each model by its words: the same words give the same class."""
+"""Classes of models by their words. The same words give the same class."""
 
 
 def equations(name: str, **words: Any) -> Any:
-    """Make a model from equations; its instances are models as any other, e.g. `adex(C_m=200.0)`.
+    """Create a model class from equations. Its instances are used like those of other models, e.g. `adex(C_m=200.0)`.
 
     Args:
-        name: of the model.
-        words: its words, as in the section `models` of a network file: `equations`, `let`, `receptors`, `threshold`,
-            `reset`, `refractory`, `parameters`, `initial`, `integrator`, `doc`, `source`; of a rule of spike pairs
-            `traces`, `states`, `on_pre`, `on_post`, `on_signal`, `initial`, `parameters`, `doc`, `source`. One that
-            is None is as left out.
+        name: name of the model.
+        words: words of the section `models` of a network file. For a neuron: `equations`, `let`, `receptors`,
+            `threshold`, `reset`, `refractory`, `parameters`, `initial`, `integrator`, `doc`, `source`. For a rule of
+            spike pairs: `traces`, `states`, `on_pre`, `on_post`, `on_signal`, `initial`, `parameters`, `doc`,
+            `source`. The value None is the same as a missing word.
 
     Returns:
-        The class of the model; the same words give the same class.
+        The class of the model. The same words give the same class.
 
     Raises:
-        ModelError: the first mistake, with its column where it is in an expression; of names and units all mistakes.
+        ModelError: the first mistake, with the column for a mistake in an expression. Mistakes in names and units are
+            all reported.
     """
     try:
         return model_from_words(name, {word: value for word, value in words.items() if value is not None})
@@ -43,10 +47,10 @@ def equations(name: str, **words: Any) -> Any:
 
 
 def model_from_words(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[EquationSynapse]:
-    """The class of a model, by the words that define it.
+    """Return the class of the model that words define.
 
     Raises:
-        ModelError: the first mistake in the words; its path leads there.
+        ModelError: the first mistake in the words. The path of the error leads to the word.
     """
     if isinstance(words, Mapping) and is_rule(words):
         mapping(words, RULE_WORDS, "a rule")
@@ -59,7 +63,7 @@ def model_from_words(name: str, words: Mapping[str, Any]) -> type[EquationNeuron
     except ModelError:
         raise ModelError(f"name '{name}': {NAME}") from None
     if name in MODELS or name in SYNAPSES:
-        raise ModelError(f"'{name}' is a model of its own already: expected another name")
+        raise ModelError(f"'{name}' is the name of another model: expected another name")
     key = json.dumps([name, words], default=repr)
     if key not in _CLASSES:
         _CLASSES[key] = rule(name, words) if is_rule(words) else neuron(name, words)

@@ -1,4 +1,4 @@
-"""Properties of a tree: its names, whether it is linear in some of them and by which factors."""
+"""Algebra on syntax trees: names, substitution, and the coefficients of linear and polynomial expressions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from neuro.core.grammar import Binary, Call, Name, Negative, Number, Tree
 ZERO, ONE = Number(0.0, "", 0), Number(1.0, "", 0)
 
 
-def parts(tree: Tree) -> tuple[Tree, ...]:
-    """What a tree is made of."""
+def operands(tree: Tree) -> tuple[Tree, ...]:
+    """Return the operands of a tree."""
     match tree:
         case Negative(of):
             return (of,)
@@ -21,53 +21,53 @@ def parts(tree: Tree) -> tuple[Tree, ...]:
     return ()
 
 
-def within(tree: Tree) -> Iterator[Tree]:
-    """A tree, its parts, and theirs."""
+def subtrees(tree: Tree) -> Iterator[Tree]:
+    """Yield a tree and all its subtrees."""
     yield tree
-    for part in parts(tree):
-        yield from within(part)
+    for part in operands(tree):
+        yield from subtrees(part)
 
 
 def names(tree: Tree) -> Iterator[str]:
-    """The names in a tree."""
-    return (part.name for part in within(tree) if isinstance(part, Name))
+    """Return the names in a tree."""
+    return (part.name for part in subtrees(tree) if isinstance(part, Name))
 
 
-def replaced(tree: Tree, values: Mapping[str, Tree]) -> Tree:
-    """A tree with others in place of names."""
+def substitute(tree: Tree, values: Mapping[str, Tree]) -> Tree:
+    """Return a tree in which names are replaced by other trees."""
     match tree:
         case Name(name):
             return values.get(name, tree)
         case Negative(of):
-            return Negative(replaced(of, values), tree.at)
+            return Negative(substitute(of, values), tree.at)
         case Binary(sign, left, right):
-            return Binary(sign, replaced(left, values), replaced(right, values), tree.at)
+            return Binary(sign, substitute(left, values), substitute(right, values), tree.at)
         case Call(name, arguments):
-            return Call(name, tuple(replaced(argument, values) for argument in arguments), tree.at)
+            return Call(name, tuple(substitute(argument, values) for argument in arguments), tree.at)
     return tree
 
 
 def size(tree: Tree) -> int:
-    """How many numbers, names and operations a tree has."""
-    return sum(1 for _ in within(tree))
+    """Return the number of numbers, names and operations in a tree."""
+    return sum(1 for _ in subtrees(tree))
 
 
-def added(a: Tree, b: Tree) -> Tree:
-    """The sum, written without what is 0."""
+def add(a: Tree, b: Tree) -> Tree:
+    """Return the sum. Terms that are 0 are left out."""
     if a == ZERO:
         return b
     return a if b == ZERO else Binary("+", a, b, 0)
 
 
-def negative(a: Tree) -> Tree:
-    """The negative."""
+def negate(a: Tree) -> Tree:
+    """Return the negated tree."""
     if isinstance(a, Negative):
         return a.of
     return a if a == ZERO else Negative(a, 0)
 
 
-def multiplied(a: Tree, b: Tree) -> Tree:
-    """The product, written without what is 1."""
+def multiply(a: Tree, b: Tree) -> Tree:
+    """Return the product. Factors that are 1 are left out, and a factor of 0 gives 0."""
     if ZERO in (a, b):
         return ZERO
     if a == ONE:
@@ -75,27 +75,36 @@ def multiplied(a: Tree, b: Tree) -> Tree:
     return a if b == ONE else Binary("*", a, b, 0)
 
 
-def divided(a: Tree, b: Tree) -> Tree:
-    """The quotient."""
+def divide(a: Tree, b: Tree) -> Tree:
+    """Return the quotient."""
     return ZERO if a == ZERO else Binary("/", a, b, 0)
 
 
 def affine(tree: Tree, variables: Collection[str]) -> dict[str, Tree] | None:
-    """The factors of some names in a tree that is linear in them, and under "" the rest; None if it is not linear."""
-    found = polynomial(tree, variables, 1)
-    return None if found is None else {"": ZERO, **{"".join(product): factor for product, factor in found.items()}}
+    """Return the coefficient of each variable in a linear tree, and the constant under "".
+
+    None if the tree is not linear.
+
+    For example, `a*x + b` with the variables x and y gives {"": b, "x": a}.
+    """
+    coefficients = polynomial(tree, variables, 1)
+    return (
+        None
+        if coefficients is None
+        else {"": ZERO, **{"".join(product): coefficient for product, coefficient in coefficients.items()}}
+    )
 
 
 def polynomial(tree: Tree, variables: Collection[str], degree: int) -> dict[tuple[str, ...], Tree] | None:
-    """The factors of the products of some names of which a tree is the sum, and under () the rest.
+    """Return the coefficient of each product of variables in a polynomial, and the constant under ().
 
     Args:
         tree: the tree.
-        variables: the names.
-        degree: how many of them a product may have.
+        variables: names of the variables.
+        degree: largest number of variables in a product.
 
     Returns:
-        the factor of each product; None if the tree is no such sum.
+        The coefficients by product, e.g. {("x", "y"): a} for `a*x*y`. None if the tree is not such a polynomial.
     """
     if not any(name in variables for name in names(tree)):
         return {(): tree}
@@ -104,26 +113,26 @@ def polynomial(tree: Tree, variables: Collection[str], degree: int) -> dict[tupl
             return {(name,): ONE}
         case Negative(of):
             inner = polynomial(of, variables, degree)
-            return None if inner is None else {product: negative(factor) for product, factor in inner.items()}
+            return None if inner is None else {product: negate(factor) for product, factor in inner.items()}
         case Binary("+" | "-" as sign, left, right):
             a, b = polynomial(left, variables, degree), polynomial(right, variables, degree)
             if a is None or b is None:
                 return None
-            signed = b if sign == "+" else {product: negative(factor) for product, factor in b.items()}
-            return {product: added(a.get(product, ZERO), signed.get(product, ZERO)) for product in {**a, **b}}
+            signed = b if sign == "+" else {product: negate(factor) for product, factor in b.items()}
+            return {product: add(a.get(product, ZERO), signed.get(product, ZERO)) for product in {**a, **b}}
         case Binary("*", left, right):
             return _product(polynomial(left, variables, degree), polynomial(right, variables, degree), degree)
         case Binary("/", left, right):
             a = polynomial(left, variables, degree)
             if a is None or any(name in variables for name in names(right)):
                 return None
-            return {product: divided(factor, right) for product, factor in a.items()}
+            return {product: divide(factor, right) for product, factor in a.items()}
         case Binary("^", left, Number(power, "")) if 1 <= power <= degree and power == int(power):
-            once = polynomial(left, variables, degree)
-            found = once
+            base = polynomial(left, variables, degree)
+            power_of_base = base
             for _ in range(int(power) - 1):
-                found = _product(found, once, degree)
-            return found
+                power_of_base = _product(power_of_base, base, degree)
+            return power_of_base
     return None
 
 
@@ -132,15 +141,15 @@ def _product(
 ) -> dict[tuple[str, ...], Tree] | None:
     if a is None or b is None:
         return None
-    found: dict[tuple[str, ...], Tree] = {}
-    for mine, factor in a.items():
-        for other, by in b.items():
-            product = tuple(sorted((*mine, *other)))
-            if (whole := multiplied(factor, by)) != ZERO:
-                found[product] = added(found.get(product, ZERO), whole)
-    return found if max(map(len, found), default=0) <= degree else None
+    coefficients: dict[tuple[str, ...], Tree] = {}
+    for left_product, factor in a.items():
+        for right_product, right_factor in b.items():
+            product = tuple(sorted((*left_product, *right_product)))
+            if (product_factor := multiply(factor, right_factor)) != ZERO:
+                coefficients[product] = add(coefficients.get(product, ZERO), product_factor)
+    return coefficients if max(map(len, coefficients), default=0) <= degree else None
 
 
-def culprit(tree: Tree, fits: Callable[[Tree], bool]) -> Tree:
-    """The innermost part of a tree that does not fit, each of whose own parts does."""
-    return next((culprit(part, fits) for part in parts(tree) if not fits(part)), tree)
+def innermost_misfit(tree: Tree, fits: Callable[[Tree], bool]) -> Tree:
+    """Return the innermost subtree that does not satisfy `fits` although all its operands do."""
+    return next((innermost_misfit(operand, fits) for operand in operands(tree) if not fits(operand)), tree)

@@ -1,10 +1,10 @@
-"""Whether the terms of every sum, both sides of every comparison and of every equation have one dimension.
+"""Checks that all terms of a sum, both sides of a comparison and both sides of an equation have the same dimension.
 
-The dimensions of parameters are known, those of states follow: each sum, comparison and equation is one linear
-equation between powers, solved as it is met. So no state needs a unit of its own.
+The dimensions of parameters are known, and those of states are derived: each sum, comparison and equation is a linear
+equation between powers of dimensions, which is solved at once. States therefore need no declared unit.
 
-A mistake is kept and its dimension taken as unknown. So all mistakes are found, and what is around a sum tells which of
-its terms are wrong.
+A mistake is recorded, and the dimension of the wrong part is taken as unknown. All mistakes are thus found, and the
+context of a sum decides which of its terms are wrong.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from neuro.model.equations.parameters import FUNCTION_HINTS, NAME_HINTS
 
 _MAX_POWER = 100
 _SAME = {"min", "max", "abs", "where"}
-"""Functions whose result has the dimension of their arguments; the others take and give numbers."""
+"""Functions whose result has the dimension of their arguments. Other functions map numbers to numbers."""
 
 
 @dataclass(frozen=True)
 class Powers:
-    """A dimension of which a part is not known yet: what is known times powers of unknown ones."""
+    """A dimension that may be partly unknown: a known dimension times powers of unknown ones."""
 
     known: Dimension
     unknown: Mapping[str, Fraction]
 
     def times(self, other: Powers, power: Fraction | int = 1) -> Powers:
-        """The dimension of a product of this and a power of another."""
+        """Return the dimension of this times a power of another."""
         names = dict.fromkeys((*self.unknown, *other.unknown))
         powers = {n: self.unknown.get(n, Fraction(0)) + power * other.unknown.get(n, Fraction(0)) for n in names}
         return Powers(times(self.known, other.known, power), {n: p for n, p in powers.items() if p})
@@ -45,11 +45,12 @@ class Powers:
 
 @dataclass(frozen=True)
 class Sum:
-    """A sum or a comparison whose terms differ.
+    """A sum or a comparison whose terms have different dimensions.
 
     Attributes:
-        terms: with the signs before them (the first has none) and their dimensions.
-        of: the dimension of the sum, which what is around it tells.
+        whole: the expression.
+        terms: for each term the sign before it (None for the first), the term and its dimension.
+        of: the dimension of the sum, which follows from its context.
     """
 
     whole: Expression
@@ -58,74 +59,90 @@ class Sum:
 
 
 class Dimensions:
-    """The dimensions of all names of a model, found by and by.
+    """The dimensions of all names of a model, derived step by step.
 
     Args:
-        known: those of parameters and of the current.
-        unknown: names whose dimension follows from what is checked.
+        known: dimensions of parameters and of the current.
+        unknown: names whose dimensions are derived.
     """
 
     def __init__(self, known: Mapping[str, Dimension], unknown: tuple[str, ...]) -> None:
         self.names = {name: Powers(dimension, {}) for name, dimension in known.items()}
         self.names |= {name: Powers(NONE, {name: Fraction(1)}) for name in unknown}
-        self.found: dict[str, Powers] = {}
+        self.solved: dict[str, Powers] = {}
         self.count = count()
         self.path: tuple[str, ...] = ()
-        self.wrong: list[tuple[tuple[str, ...], ModelError | Sum]] = []
+        self.mistakes: list[tuple[tuple[str, ...], ModelError | Sum]] = []
 
     def only(self, names: Mapping[str, object]) -> Self:
-        """The same, which knows some of the names."""
-        fewer = copy(self)
-        fewer.names = {name: powers for name, powers in self.names.items() if name in names}
-        return fewer
+        """Return a copy that knows only some of the names."""
+        restricted = copy(self)
+        restricted.names = {name: powers for name, powers in self.names.items() if name in names}
+        return restricted
 
     @contextmanager
     def at(self, *path: str) -> Iterator[None]:
-        """Say where in the words an expression stands; a mistake in it is kept."""
+        """Set the path of an expression within the words, and record a mistake that is raised inside."""
         before, self.path = self.path, path
         try:
             yield
         except ModelError as error:
-            self.wrong.append((path, error))
+            self.mistakes.append((path, error))
         self.path = before
 
     def refuse(self) -> None:
-        """Raise what was kept.
+        """Raise the recorded mistakes.
 
         Raises:
-            ModelError: the first mistake, with the others.
+            ModelError: the first mistake, with the others as `others`.
         """
-        refuse(placed(error, path) for path, wrong in self.wrong for error in self._errors(wrong))
+        refuse(with_path(error, path) for path, mistake in self.mistakes for error in self._errors(mistake))
 
-    def _errors(self, wrong: ModelError | Sum) -> Iterator[ModelError]:
-        """What is wrong with each term that is not what the sum is, or else the first term that has a dimension."""
-        if isinstance(wrong, ModelError):
-            yield wrong
+    def _errors(self, mistake: ModelError | Sum) -> Iterator[ModelError]:
+        """Yield an error for each term whose dimension differs from the sum's.
+
+        If the dimension of the sum is unknown, it is that of the first term with a known dimension.
+        """
+        if isinstance(mistake, ModelError):
+            yield mistake
             return
-        tells = map(self.reduced, (wrong.of, *(powers for _, _, powers in wrong.terms)))
-        of = next((of for of in tells if not of.unknown and all(p.denominator == 1 for p in of.known)), wrong.of)
-        so_far = True
-        for sign, tree, powers in wrong.terms:
-            if self.same(powers, of):
+        candidates = map(self.reduced, (mistake.of, *(powers for _, _, powers in mistake.terms)))
+        expected = next(
+            (
+                expected
+                for expected in candidates
+                if not expected.unknown and all(p.denominator == 1 for p in expected.known)
+            ),
+            mistake.of,
+        )
+        is_first = True
+        for sign, tree, powers in mistake.terms:
+            if self.same(powers, expected):
                 continue
-            place, message = _begin(tree), f"'{text_of(tree)}' is {self.told(powers)}: expected it {self.told(of)}"
-            if so_far and sign is not None:
-                left, right = f"'{text_of(sign.left)}' is {self.told(of)}", f"'{text_of(tree)}' {self.told(powers)}"
+            place, message = (
+                _begin(tree),
+                f"'{text_of(tree)}' is {self.text(powers)}: expected it {self.text(expected)}",
+            )
+            if is_first and sign is not None:
+                left, right = (
+                    f"'{text_of(sign.left)}' is {self.text(expected)}",
+                    f"'{text_of(tree)}' {self.text(powers)}",
+                )
                 place, message = sign.at, f"{left}, {right}: expected the same unit"
-            so_far = False
-            yield wrong.whole.mistake(place, message, self.factor(wrong.whole, tree, powers, of))
+            is_first = False
+            yield mistake.whole.mistake(place, message, self.factor(mistake.whole, tree, powers, expected))
 
     def unknown(self, what: str) -> Powers:
-        """A dimension that what is around it tells."""
+        """Return a new unknown dimension, to be derived from the context."""
         return Powers(NONE, {f"{what} {next(self.count)}": Fraction(1)})
 
     def mistake(self, error: ModelError) -> Powers:
-        """Keep a mistake; the dimension of what is wrong may be any."""
-        self.wrong.append((self.path, error))
+        """Record a mistake. Return an unknown dimension for the wrong part."""
+        self.mistakes.append((self.path, error))
         return self.unknown("mistake")
 
     def factor(self, whole: Expression, tree: Tree, found: Powers, expected: Powers) -> str:
-        """How a part of an expression gets the dimension that is expected."""
+        """Return a hint that multiplies or divides a part by units so that it has the expected dimension."""
         missing = self.reduced(expected.times(found, -1))
         if missing.unknown:
             return ""
@@ -137,47 +154,50 @@ class Dimensions:
         return f"write {text_of(tree)}{f' {over}' * (over != '1')}{f'/{under}' * bool(under)}"
 
     def of(self, name: str) -> Dimension | None:
-        """The dimension of a name, None if it is unknown."""
+        """Return the dimension of a name, or None if it is unknown."""
         powers = self.reduced(self.names[name])
         return None if powers.unknown else powers.known
 
     def check(self, whole: Expression, expected: Powers) -> None:
-        """An expression has a dimension; else that is kept with both dimensions and the column."""
+        """Check that an expression has a dimension. A mistake is recorded with both dimensions and the column."""
         found = self.powers(whole, whole.tree, expected)
         if not self.same(found, expected):
-            what = f"the whole is {self.told(found)}: expected it {self.told(expected)}"
+            what = f"the whole is {self.text(found)}: expected it {self.text(expected)}"
             self.mistake(whole.mistake(_begin(whole.tree), what, self.factor(whole, whole.tree, found, expected)))
 
     def name(self, name: str, power_of_time: int = 0) -> Powers:
-        """The dimension of a name, times a power of time."""
+        """Return the dimension of a name times a power of time."""
         time = (Fraction(0), Fraction(power_of_time), Fraction(0))
         return self.names[name].times(Powers(time, {}))
 
     def reduced(self, powers: Powers) -> Powers:
-        """With what was found in place of the unknown."""
-        while named := next((n for n in powers.unknown if n in self.found), ""):
-            power = powers.unknown[named]
-            rest = {n: p for n, p in powers.unknown.items() if n != named}
-            powers = Powers(powers.known, rest).times(self.found[named], power)
+        """Return a dimension in which solved unknowns are replaced by their solutions."""
+        while name := next((n for n in powers.unknown if n in self.solved), ""):
+            power = powers.unknown[name]
+            rest = {n: p for n, p in powers.unknown.items() if n != name}
+            powers = Powers(powers.known, rest).times(self.solved[name], power)
         return powers
 
     def same(self, a: Powers, b: Powers) -> bool:
-        """Whether two dimensions can be one; what follows from that is kept."""
+        """Return whether two dimensions can be equal, and solve for an unknown of theirs."""
         rest = self.reduced(a.times(b, -1))
         if not rest.unknown:
             return rest.known == NONE
         name, power = list(rest.unknown.items())[-1]
         others = Powers(rest.known, {n: p for n, p in rest.unknown.items() if n != name})
-        self.found[name] = Powers(NONE, {}).times(others, -1 / power)
+        self.solved[name] = Powers(NONE, {}).times(others, -1 / power)
         return True
 
-    def told(self, powers: Powers) -> str:
-        """A dimension in a sentence."""
+    def text(self, powers: Powers) -> str:
+        """Return a dimension as text for messages, such as "in mV"."""
         powers = self.reduced(powers)
         return told(powers.known) if not powers.unknown else "in a unit that nothing determines"
 
     def powers(self, whole: Expression, tree: Tree, expected: Powers | None = None) -> Powers:
-        """The dimension of a part of an expression, of which one may be expected; what is wrong with it is kept."""
+        """Return the dimension of a part of an expression, and record mistakes in it.
+
+        `expected` is the dimension of the context.
+        """
         match tree:
             case Number(0.0, ""):
                 return self.unknown("0 number")
@@ -190,22 +210,22 @@ class Dimensions:
                     return self.mistake(whole.mistake(tree.at, message, hint))
                 return Powers(UNITS[unit][1], {})
             case Name(name):
-                return self._of_name(whole, name, tree.at)
+                return self._name_powers(whole, name, tree.at)
             case Negative(of):
                 return self.powers(whole, of)
             case Call():
-                return self._of_call(whole, tree)
+                return self._call_powers(whole, tree)
             case Binary("^"):
-                return self._of_power(whole, tree)
+                return self._power_powers(whole, tree)
             case Binary("*" | "/" as sign, left, right):
                 return self.powers(whole, left).times(self.powers(whole, right), 1 if sign == "*" else -1)
             case Binary(sign) if sign in COMPARISONS:
-                self._alike(whole, [(None, tree.left), (tree, tree.right)])
+                self._common_dimension(whole, [(None, tree.left), (tree, tree.right)])
                 return Powers(NONE, {})
             case Binary():
-                return self._alike(whole, list(_terms(tree)), expected)
+                return self._common_dimension(whole, list(_terms(tree)), expected)
 
-    def _of_name(self, whole: Expression, name: str, at: int) -> Powers:
+    def _name_powers(self, whole: Expression, name: str, at: int) -> Powers:
         if name in self.names:
             return self.names[name]
         if name in UNITS:
@@ -216,34 +236,34 @@ class Dimensions:
             message, hint = f"unknown name '{name}'", NAME_HINTS.get(name) or nearest(name, self.names)
         return self.mistake(whole.mistake(at, message, hint))
 
-    def _alike(
+    def _common_dimension(
         self, whole: Expression, terms: list[tuple[Binary | None, Tree]], expected: Powers | None = None
     ) -> Powers:
-        """The dimension that all terms have; those without one of their own take that of the others."""
-        found = [(sign, tree, self.powers(whole, tree)) for sign, tree in terms]
-        own = [self.reduced(powers) for _, _, powers in found]
-        of = next((powers for powers in own if not powers.unknown), own[0])
-        if expected is not None and not self.reduced(expected).unknown and any(powers.unknown for powers in own):
-            of = self.reduced(expected)
-        if any(not powers.unknown and powers != of for powers in own):
-            of = self.unknown("sum") if expected is None else expected
-            self.wrong.append((self.path, Sum(whole, tuple(found), of)))
-            own = [powers for powers in own if powers.unknown]
-        for powers in own:
-            self.same(powers, of)
-        return of
+        """Return the dimension that all terms share. Terms of unknown dimension get the dimension of the others."""
+        terms_with_powers = [(sign, tree, self.powers(whole, tree)) for sign, tree in terms]
+        dimensions = [self.reduced(powers) for _, _, powers in terms_with_powers]
+        common = next((powers for powers in dimensions if not powers.unknown), dimensions[0])
+        if expected is not None and not self.reduced(expected).unknown and any(powers.unknown for powers in dimensions):
+            common = self.reduced(expected)
+        if any(not powers.unknown and powers != common for powers in dimensions):
+            common = self.unknown("sum") if expected is None else expected
+            self.mistakes.append((self.path, Sum(whole, tuple(terms_with_powers), common)))
+            dimensions = [powers for powers in dimensions if powers.unknown]
+        for powers in dimensions:
+            self.same(powers, common)
+        return common
 
     def _without_unit(self, whole: Expression, tree: Tree, found: Powers, at: int, what: str) -> None:
-        """A part of an expression is a number without unit."""
+        """Record a mistake unless a part of an expression is a number without unit."""
         if not self.same(found, Powers(NONE, {})):
             hint = self.factor(whole, tree, found, Powers(NONE, {}))
-            message = what.format(text_of(tree), self.told(found))
+            message = what.format(text_of(tree), self.text(found))
             self.mistake(whole.mistake(at, f"{message}: expected a number without unit", hint))
 
-    def _of_call(self, whole: Expression, tree: Call) -> Powers:
+    def _call_powers(self, whole: Expression, tree: Call) -> Powers:
         if tree.name not in ARGUMENTS:
             if tree.name in self.names:
-                message, hint = f"'{tree.name}' is no function", f"write {tree.name}*(...)"
+                message, hint = f"'{tree.name}' is not a function", f"write {tree.name}*(...)"
             else:
                 message = f"unknown function '{tree.name}'"
                 hint = FUNCTION_HINTS.get(tree.name) or nearest(tree.name, ARGUMENTS)
@@ -264,9 +284,9 @@ class Dimensions:
         if len(arguments) == 1:
             return self.powers(whole, arguments[0])
         left, right = arguments
-        return self._alike(whole, [(None, left), (Binary(",", left, right, tree.at), right)])
+        return self._common_dimension(whole, [(None, left), (Binary(",", left, right, tree.at), right)])
 
-    def _of_power(self, whole: Expression, tree: Binary) -> Powers:
+    def _power_powers(self, whole: Expression, tree: Binary) -> Powers:
         base, exponent = self.powers(whole, tree.left), self.powers(whole, tree.right)
         self._without_unit(whole, tree.right, exponent, tree.at, "an exponent {1}")
         number = _number(tree.right)
@@ -280,21 +300,21 @@ class Dimensions:
 
 
 def refuse(errors: Iterable[ModelError]) -> None:
-    """Raise the first of some errors with the others, if there is one."""
-    found = [*errors]
-    if found:
-        found[0].others = tuple(found[1:])
-        raise found[0]
+    """Raise the first of some errors with the others as `others`, if there are any."""
+    all_errors = [*errors]
+    if all_errors:
+        all_errors[0].others = tuple(all_errors[1:])
+        raise all_errors[0]
 
 
-def placed(error: ModelError, path: tuple[str, ...]) -> ModelError:
-    """An error with the place in the words before it."""
+def with_path(error: ModelError, path: tuple[str, ...]) -> ModelError:
+    """Return an error with a path of words before its message and path."""
     message = f"{'.'.join(path)}{', ' if isinstance(error, Misread) else ': '}{error.message}"
     return error.but(message=message, path=(*path, *error.path))
 
 
 def _terms(tree: Tree) -> Iterator[tuple[Binary | None, Tree]]:
-    """The terms of a sum with the signs before them."""
+    """Yield the terms of a sum, each with the sign before it."""
     if isinstance(tree, Binary) and tree.sign in ("+", "-"):
         yield from _terms(tree.left)
         yield tree, tree.right
@@ -303,15 +323,15 @@ def _terms(tree: Tree) -> Iterator[tuple[Binary | None, Tree]]:
 
 
 def is_comparison(tree: Tree) -> bool:
-    """Whether a tree is a comparison."""
+    """Return whether a tree is a comparison."""
     return isinstance(tree, Binary) and tree.sign in COMPARISONS
 
 
 def refuse_inner_comparisons(whole: Expression, tree: Tree, allowed: bool = False) -> None:
-    """Comparisons stand first in `where` and in thresholds only.
+    """Raise an error for a comparison that is not the first argument of `where` or a threshold.
 
     Raises:
-        ModelError: one stands elsewhere.
+        ModelError: a comparison is in another place.
     """
     match tree:
         case Binary(sign, left, right):
@@ -340,7 +360,7 @@ def _begin(tree: Tree) -> int:
 
 
 def text_of(tree: Tree) -> str:
-    """A tree as text, without needless brackets."""
+    """Return a tree as text, without redundant brackets."""
     match tree:
         case Number(value, unit):
             return f"{value:g} {unit}".strip()
@@ -351,9 +371,9 @@ def text_of(tree: Tree) -> str:
         case Call(name, arguments):
             return f"{name}({', '.join(map(text_of, arguments))})"
         case Binary(sign, left, right):
-            mine = _BINDING[sign]
-            space = " " if mine < 3 else ""
-            return f"{_bracketed(left, mine)}{space}{sign}{space}{_bracketed(right, mine + 1)}"
+            binding = _BINDING[sign]
+            space = " " if binding < 3 else ""
+            return f"{_bracketed(left, binding)}{space}{sign}{space}{_bracketed(right, binding + 1)}"
 
 
 _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3, "^": 5}
@@ -365,7 +385,7 @@ def _bracketed(tree: Tree, binding: int) -> str:
 
 
 def unit_unknown(name: str) -> ModelError:
-    """The error for a state of unknown unit."""
+    """Return the error for a state whose unit cannot be derived."""
     message = f"nothing determines the unit of '{name}'"
-    hint = f"write it in 'initial', e.g. {{{name}: 0 mV}}"
+    hint = f"write a value with a unit in 'initial', e.g. {{{name}: 0 mV}}"
     return ModelError(message, hint=hint, path=(name,), about=("initial", name))

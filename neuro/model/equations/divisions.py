@@ -1,4 +1,4 @@
-"""Divisions by 0 and other results that are not finite, wherever parameters alone decide: they are refused, not run."""
+"""Checks of parameters for divisions by 0 and other results that are not finite, before the network runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from neuro.core.errors import ModelError
 from neuro.core.grammar import Binary, Call, Expression, Name, Negative, Number, Tree
 from neuro.core.units import UNITS
 from neuro.model.equations import algebra
-from neuro.model.equations.dimensions import placed, text_of
+from neuro.model.equations.dimensions import text_of, with_path
 from neuro.model.equations.parameters import Parameter
 
 Words = tuple[str, ...]
@@ -31,14 +31,14 @@ _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 
 
 class Divisions:
-    """Looks for them in the expressions of a model.
+    """Finder of expressions of a model that are not finite for some parameters.
 
     Args:
-        parameters: of the model.
-        variables: names that are no parameters, though units may be called so.
-        let: abbreviations in terms of what is defined before them.
-        expressions: the others, by the words that lead to each.
-        taus: those of them that are time constants.
+        parameters: parameters of the model.
+        variables: names of states and receptors, which hide units of the same name.
+        let: abbreviations, which may use earlier ones.
+        expressions: the other expressions, by their paths in the words.
+        taus: paths of the expressions that are time constants.
     """
 
     def __init__(
@@ -58,77 +58,79 @@ class Divisions:
         self.risky |= {name for path in self.taus for name in algebra.names(self.all[path].tree)}
 
     def _risky(self, tree: Tree) -> Iterator[str]:
-        """The parameters, or abbreviations of them, of which a change may matter."""
-        for part in algebra.within(tree):
+        """Yield the parameters and abbreviations in divisors, powers and function arguments."""
+        for part in algebra.subtrees(tree):
             if isinstance(part, Call):
-                yield from self._written_out(part)
+                yield from self._with_definitions(part)
             elif isinstance(part, Binary) and part.sign in "/^":
-                yield from self._written_out(part.right if part.sign == "/" else part)
+                yield from self._with_definitions(part.right if part.sign == "/" else part)
 
-    def _written_out(self, tree: Tree) -> Iterator[str]:
+    def _with_definitions(self, tree: Tree) -> Iterator[str]:
         for name in algebra.names(tree):
             yield name
             if name in self.let:
-                yield from self._written_out(self.let[name].tree)
+                yield from self._with_definitions(self.let[name].tree)
 
     def mistakes(self, values: Mapping[str, Any]) -> Iterator[ModelError]:
-        """What is wrong with some values of parameters.
+        """Yield errors for values of parameters.
 
         Args:
-            values: by name, in the unit of each; what is not given is not checked.
+            values: values by name, in the unit of each parameter. Missing parameters are not checked.
         """
         if not self.risky & set(values) and len(values) < len(self.parameters):
             return
-        known: dict[str, Any] = {
+        known_values: dict[str, Any] = {
             name: np.asarray(value, dtype=np.float64) * self.parameters[name].factor
             for name, value in values.items()
             if name in self.parameters
         }
         with np.errstate(all="ignore"):
             for path, expression in self.all.items():
-                look = _Look(expression, {**self.units, **known})
+                evaluator = _Evaluator(expression, {**self.units, **known_values})
                 try:
-                    found = look.at(expression.tree)
-                    if path in self.taus and found is not None and np.any(found <= 0.0):
-                        raise look.mistake(
-                            expression.tree, "is not above 0: expected a time constant > 0 ms", found > 0
+                    value_of_tree = evaluator.at(expression.tree)
+                    if path in self.taus and value_of_tree is not None and np.any(value_of_tree <= 0.0):
+                        raise evaluator.mistake(
+                            expression.tree, "is not above 0: expected a time constant > 0 ms", value_of_tree > 0
                         )
                 except ModelError as error:
-                    error.hint = self._told(look, values)
-                    yield placed(error, path)
+                    error.hint = self._dependencies(evaluator, values)
+                    yield with_path(error, path)
                 else:
-                    if path[0] == "let" and found is not None:
-                        known[path[1]] = found
+                    if path[0] == "let" and value_of_tree is not None:
+                        known_values[path[1]] = value_of_tree
 
-    def _told(self, look: _Look, values: Mapping[str, Any]) -> str:
-        """The values of the parameters on which a mistake depends."""
+    def _dependencies(self, evaluator: _Evaluator, values: Mapping[str, Any]) -> str:
+        """Return the values of the parameters on which a mistake depends, as text."""
         texts = {}
-        for name in self._written_out(look.blamed):
+        for name in self._with_definitions(evaluator.wrong_tree):
             if name in values:
-                of_each = np.ravel(values[name])
-                which, neuron = (f"{name}[{look.first}]", look.first) if of_each.size > 1 else (name, 0)
-                texts[name] = f"{which} = {of_each[neuron]:g} {self.parameters[name].unit}".strip()
+                values_per_neuron = np.ravel(values[name])
+                label, neuron = (
+                    (f"{name}[{evaluator.first}]", evaluator.first) if values_per_neuron.size > 1 else (name, 0)
+                )
+                texts[name] = f"{label} = {values_per_neuron[neuron]:g} {self.parameters[name].unit}".strip()
         return ", ".join(texts.values())
 
 
-class _Look:
-    """A look at one expression.
+class _Evaluator:
+    """Evaluator of one expression for known values.
 
     Attributes:
-        blamed: what a mistake is about.
-        first: the first neuron of which it is one.
+        blamed: the subtree with the last mistake.
+        first: the first neuron with the mistake.
     """
 
     def __init__(self, whole: Expression, known: Mapping[str, Any]) -> None:
         self.whole, self.known = whole, known
-        self.blamed, self.first = whole.tree, 0
+        self.wrong_tree, self.first = whole.tree, 0
 
     def mistake(self, tree: Tree, message: str, good: Any, at: int = 0) -> ModelError:
-        self.blamed, self.first = tree, int(np.argmin(good))
+        self.wrong_tree, self.first = tree, int(np.argmin(good))
         return self.whole.mistake(at, f"'{text_of(tree)}' {message}")
 
     def at(self, tree: Tree) -> Any:
-        """The value of a part, None if it is not known; what is wrong within it is raised."""
+        """Return the value of a subtree, or None if it is unknown. A mistake in the subtree is raised."""
         match tree:
             case Number(value, unit):
                 return np.float64(value * UNITS[unit][0] if unit else value)
@@ -139,11 +141,11 @@ class _Look:
                 return None if value is None else -value
             case Call("where", (Binary() as condition, first, second)):
                 return self.choice(condition, first, second)
-        parts = algebra.parts(tree)
-        values = [self.at(part) for part in parts]
+        operands = algebra.operands(tree)
+        values = [self.at(operand) for operand in operands]
         sign = tree.sign if isinstance(tree, Binary) else tree.name
         if sign == "/" and values[1] is not None and np.any(values[1] == 0.0):
-            raise self.mistake(parts[1], "is 0: expected a divisor other than 0", values[1] != 0.0, tree.at)
+            raise self.mistake(operands[1], "is 0: expected a divisor other than 0", values[1] != 0.0, tree.at)
         if any(value is None for value in values):
             return None
         result = _FUNCTIONS[sign](*values)
@@ -154,21 +156,21 @@ class _Look:
         return result
 
     def choice(self, condition: Binary, first: Tree, second: Tree) -> Any:
-        """The value of a `where`: a part that is chosen for no neuron may be anything."""
+        """Return the value of a `where`. A branch that no neuron selects may have any value."""
         holds = self.at(condition)
         if holds is None or np.all(holds):
-            found = self.at(first)
+            branch = self.at(first)
         if holds is None or not np.any(holds):
-            found = self.at(second)
-        return found if holds is not None and (np.all(holds) or not np.any(holds)) else None
+            branch = self.at(second)
+        return branch if holds is not None and (np.all(holds) or not np.any(holds)) else None
 
 
 class InEquations:
-    """What the classes of models in equations share.
+    """Mixin of the classes of models in equations.
 
     Class attributes:
-        definition: the words that define it, as they were given.
-        divisions: finds parameters with which a constant of it is not finite.
+        definition: the words that define the model.
+        divisions: finder of parameters for which a constant is not finite.
     """
 
     definition: ClassVar[Mapping[str, Any]] = {}
@@ -176,12 +178,12 @@ class InEquations:
 
     @classmethod
     def identity(cls) -> str:
-        """All words that decide what it does."""
+        """Return all words that affect the behaviour of the model."""
         return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
 
     @classmethod
-    def made(cls, name: str, fields: list[Any], arithmetic: ModuleType, **attributes: Any) -> Any:
-        """Make the class of a model from its fields, the module of its functions and its class attributes."""
+    def create(cls, name: str, fields: list[Any], arithmetic: ModuleType, **attributes: Any) -> Any:
+        """Create the class of a model from its fields, the module of its functions and its class attributes."""
         model = make_dataclass(name, fields, bases=(cls,), namespace=attributes, frozen=True, kw_only=True, eq=False)
         model.__module__ = arithmetic.__name__
         return model

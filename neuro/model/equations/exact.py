@@ -1,4 +1,4 @@
-"""Linear systems: the step of a neuron as its exact solution, and a bound below which it cannot fire."""
+"""Linear systems: the exact step of a neuron, and an upper bound that shows that it cannot fire."""
 
 from __future__ import annotations
 
@@ -12,52 +12,52 @@ from neuro.model.equations.definition import CURRENT_NAME, Definition, Receptor
 from neuro.model.equations.writing import Constants, local
 
 REST = ""
-"""The part of a row that depends on no state and no current."""
+"""Key of the constant part of a row."""
 
 
 @dataclass(frozen=True)
 class System:
-    """z' = A z + b + e I, row by row: the factors of the states and of I, and under "" what is constant."""
+    """A linear system z' = A z + b + e I. Each row has the coefficients of the states and of I, and b under ""."""
 
     rows: Mapping[str, Mapping[str, Tree]]
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Their names, in order."""
+        """Names of the states, in order."""
         return tuple(self.rows)
 
     @property
     def size(self) -> int:
-        """Rows of the matrix with two more for what is constant and for the current."""
+        """Number of rows of the matrix, including one for the constant part and one for the current."""
         return len(self.rows) + 2
 
-    def reached(self, held: tuple[str, ...] = ()) -> dict[str, set[str]]:
-        """What each state depends on in the course of a step, while some are held."""
-        found = {name: {name} | (set() if name in held else set(row)) for name, row in self.rows.items()}
+    def dependencies(self, held: tuple[str, ...] = ()) -> dict[str, set[str]]:
+        """Return the names on which each state depends in the course of a step. States in `held` are constant."""
+        dependencies = {name: {name} | (set() if name in held else set(row)) for name, row in self.rows.items()}
         for _ in self.rows:
-            for name, mine in found.items():
-                found[name] = mine.union(*(found[other] for other in mine if other in found))
-        return found
+            for name, names in dependencies.items():
+                dependencies[name] = names.union(*(dependencies[other] for other in names if other in dependencies))
+        return dependencies
 
 
 def kernel_rows(receptor: Receptor) -> dict[str, dict[str, Tree]]:
-    """The equations of a receptor's states."""
+    """Return the equations of a receptor's states."""
     if receptor.tau is None:
         return {}
-    fall = algebra.negative(algebra.divided(algebra.ONE, receptor.tau.tree))
+    decay = algebra.negate(algebra.divide(algebra.ONE, receptor.tau.tree))
     if receptor.kernel == "exp":
-        return {receptor.name: {receptor.name: fall}}
+        return {receptor.name: {receptor.name: decay}}
     slope = slope_of(receptor)
-    return {receptor.name: {receptor.name: fall, slope: algebra.ONE}, slope: {slope: fall}}
+    return {receptor.name: {receptor.name: decay, slope: algebra.ONE}, slope: {slope: decay}}
 
 
 def slope_of(receptor: Receptor) -> str:
-    """The second state of an alpha kernel."""
+    """Return the name of the second state of an alpha kernel."""
     return f"d{receptor.name}"
 
 
 def system(d: Definition) -> System | None:
-    """The equations as a linear system, None if they are none."""
+    """Return the equations as a linear system, or None if they are not linear."""
     kernels = [row for receptor in d.receptors for row in kernel_rows(receptor).items()]
     variables = {*d.states, *(name for name, _ in kernels), CURRENT_NAME}
     rows: dict[str, Mapping[str, Tree]] = {}
@@ -70,7 +70,7 @@ def system(d: Definition) -> System | None:
 
 
 def matrix_lines(linear: System, constants: Constants, place: str, held: tuple[str, ...] = ()) -> Iterator[str]:
-    """The lines of `constants` that solve the system; `held` ones stay."""
+    """Yield the lines of `constants` that solve the system with the states in `held` constant."""
     size = linear.size
     columns = {name: k for k, name in enumerate((*linear.states, REST, CURRENT_NAME))}
     yield f"for k in range({size * size}):"
@@ -83,36 +83,36 @@ def matrix_lines(linear: System, constants: Constants, place: str, held: tuple[s
 
 
 def room(linear: System) -> int:
-    """How many numbers the solution of the system lies in."""
+    """Return the size of the buffer for the solution of the system."""
     return ROOM * linear.size**2
 
 
 def solution(linear: System, name: str, place: str, held: tuple[str, ...] = ()) -> tuple[list[str], str]:
-    """Lines that unpack the solution for a state, and the state after a step in terms of those before it.
+    """Return lines that unpack the solution for a state, and the expression of the state after a step.
 
     Args:
         linear: the system.
         name: the state.
-        place: the name of the place of its solution.
-        held: the states that stay meanwhile.
+        place: the name of the offset of the solution in the constants.
+        held: the states that are constant.
     """
     states = linear.states
-    i, reached = states.index(name), linear.reached(held)[name]
+    i, names = states.index(name), linear.dependencies(held)[name]
     lines, terms = [], []
     for j, word in enumerate((*states, REST, CURRENT_NAME)):
-        if word in reached:
+        if word in names:
             factor = f"{'held' if held else 'free'}_{i}_{j}"
-            lines.append(f"{factor} = {'1.0 + ' if reached == {name} else ''}c[{place} + {i * linear.size + j}]")
+            lines.append(f"{factor} = {'1.0 + ' if names == {name} else ''}c[{place} + {i * linear.size + j}]")
             value = {REST: "", CURRENT_NAME: " * i_0[i]"}.get(word, f" * {local(word)}")
             terms.append(f"{factor}{value}")
     change = " + ".join(terms)
-    return lines, change if reached == {name} else f"{local(name)} + ({change})"
+    return lines, change if names == {name} else f"{local(name)} + ({change})"
 
 
 def quiet_lines(d: Definition, linear: System, constants: Constants, held_row: int | None) -> list[str] | None:
-    """The body of `quiet`: the state at the threshold stays below where its drive holds it plus all that kernels add.
+    """Return the body of `quiet`, or None if no bound is known.
 
-    None if no such bound is known.
+    The bound is the state at the threshold, relaxed under its constant drive, plus the remaining charge of all kernels.
     """
     if d.threshold is None:
         return ["return True"]
@@ -126,27 +126,27 @@ def quiet_lines(d: Definition, linear: System, constants: Constants, held_row: i
     drivers = _charges(d, linear, name, constants)
     if drivers is None:
         return None
-    leak = algebra.negative(row.get(name, algebra.ZERO))
+    leak = algebra.negate(row.get(name, algebra.ZERO))
     gain = constants.place_of(f"lasting({constants.of_parameters(leak)})")
     drive = [constants.place(row[REST])] if REST in row else []
     drive += [f"{constants.place(row[CURRENT_NAME])} * i_0[i]"] if CURRENT_NAME in row else []
     at = linear.states.index(name)
-    added = [f"max({charge} * s[{linear.states.index(word)}, i], 0.0)" for word, charge in drivers]
-    refused = "" if held_row is None else f"s[{held_row}, i] != 0.0 or "
+    charges = [f"max({charge} * s[{linear.states.index(word)}, i], 0.0)" for word, charge in drivers]
+    refractory_test = "" if held_row is None else f"s[{held_row}, i] != 0.0 or "
     return [
         "for i in range(lo, hi):",
         f"    top = relaxed(s[{at}, i], {' + '.join(drive) or '0.0'}, {gain})",
-        *([f"    top += {' + '.join(added)}"] if added else []),
-        f"    if {refused}not top < {constants.place(tree.right)}:",
+        *([f"    top += {' + '.join(charges)}"] if charges else []),
+        f"    if {refractory_test}not top < {constants.place(tree.right)}:",
         "        return False",
         "return True",
     ]
 
 
 def _charges(d: Definition, linear: System, name: str, constants: Constants) -> list[tuple[str, str]] | None:
-    """The states of kernels that drive a state, and how far one of each can carry it; None if others drive it."""
+    """Return the kernel states that drive a state, each with the charge of one unit. None if other states drive it."""
     kernels = {r.name: r for r in d.receptors if r.kernel != "delta"}
-    found = []
+    charges = []
     for word, factor in linear.rows[name].items():
         if word in (name, REST, CURRENT_NAME):
             continue
@@ -156,34 +156,34 @@ def _charges(d: Definition, linear: System, name: str, constants: Constants) -> 
         assert receptor.tau is not None
         tau = f"positive({constants.of_parameters(receptor.tau.tree)})"
         charge = f"({constants.of_parameters(factor)}) * {tau}"
-        found.append((word, constants.place_of(charge)))
+        charges.append((word, constants.place_of(charge)))
         if receptor.kernel == "alpha":
-            found.append((slope_of(receptor), constants.place_of(f"{charge} * {tau}")))
-    return found
+            charges.append((slope_of(receptor), constants.place_of(f"{charge} * {tau}")))
+    return charges
 
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 
 TERMS = 14
-"""Enough for an error below 1e-16 where the norm is at most 1/2."""
+"""Number of terms of the series. The error is below 1e-16 for a norm of at most 1/2."""
 ROOM = 3
-"""How many matrices of its size the exponential needs to lie in, itself among them."""
+"""Number of matrices in the buffer of the exponential, including the result."""
 
 
 def change(c, at, n, more, h):
-    """By how much z changes in h where z' = A z + B u, for a u that is constant meanwhile.
+    """Compute the change of z in h for z' = A z + B u with constant u.
 
-    Scaling, a Taylor sum and squaring. The identity is left out: beside it what is small would lose its last digits,
-    and a potential that hardly changes in a step would come to rest elsewhere. Equal time constants and singular
-    matrices are nothing special.
+    The method is scaling, a Taylor series and squaring. The identity matrix is left out of the result, because adding
+    it would cut the last digits of small elements, and a potential that hardly changes in a step would come to rest at
+    another value. Equal time constants and singular matrices need no special case.
 
     Args:
-        c: at `at` the matrix [[A, B], [0, 0]], row by row, which becomes [[exp(A h) - 1, integral of exp(A t) B],
-            [0, 0]]; two matrices of room follow.
-        at: where it begins.
+        c: has the matrix [[A, B], [0, 0]] at `at`, row by row, which is replaced by [[exp(A h) - 1, integral of
+            exp(A t) B], [0, 0]]. The next two matrices are a buffer.
+        at: offset of the matrix.
         n: rows of A.
         more: columns of B.
-        h: how long.
+        h: duration.
     """
     size = n + more
     norm = 0.0
@@ -220,7 +220,7 @@ def change(c, at, n, more, h):
 
 
 def multiply(c, a, b, to, size):
-    """Write the product of two matrices, most of whose elements are 0, to a third place."""
+    """Write the product of two sparse matrices to a third place."""
     for k in range(size * size):
         c[to + k] = 0.0
     for i in range(size):
@@ -232,17 +232,17 @@ def multiply(c, a, b, to, size):
 
 
 def lasting(leak):
-    """How long a state remembers, 1/leak; infinite without leak, NaN if it grows by itself."""
+    """Return the time constant 1/leak, infinite without leak, NaN for negative leak."""
     return 1.0 / leak if leak > 0.0 else (math.inf if leak == 0.0 else math.nan)
 
 
 def positive(tau):
-    """A time constant, NaN if it is none."""
+    """Return a time constant, or NaN if it is not positive."""
     return tau if tau > 0.0 else math.nan
 
 
 def relaxed(value, drive, gain):
-    """The highest that a state with a leak comes under a constant drive; `gain` is `lasting` of its leak."""
+    """Return the highest value of a state with a leak under a constant drive. `gain` is `lasting` of the leak."""
     if math.isinf(gain):
         return value if drive <= 0.0 else math.inf
     return max(value, drive * gain) if gain > 0.0 else math.inf

@@ -1,7 +1,7 @@
-"""The functions of expressions, as plain Python that is also compiled.
+"""Functions of expressions, as plain Python that can also be compiled.
 
-Nothing is raised: an undefined result is NaN, as in compiled code. Their names differ from those in `math`:
-a compiler would take the one for the other.
+No function raises an error: an undefined result is NaN, as in compiled code. The names differ from those in `math`,
+because a compiler would replace the function by the one in `math`.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -22,7 +22,7 @@ ARGUMENTS = {
     "max": 2,
     "where": 3,
 }
-"""The functions of the language and how many arguments each takes."""
+"""Functions of the language, and their numbers of arguments."""
 PUBLIC = (
     "of_exp",
     "of_expm1",
@@ -40,36 +40,36 @@ PUBLIC = (
     "fourth",
     "resized",
 )
-"""What generated modules use."""
+"""Names that generated modules import."""
 
 
 def of_exp(x):
-    """e^x, infinite beyond what a double holds."""
+    """Return e^x, infinite for results beyond the range of a double."""
     return math.exp(x) if x < LARGEST_EXPONENT else (math.inf if x >= LARGEST_EXPONENT else math.nan)
 
 
 def of_expm1(x):
-    """e^x - 1, exact for small x."""
+    """Return e^x - 1, accurate for small x."""
     return math.expm1(x) if x < LARGEST_EXPONENT else (math.inf if x >= LARGEST_EXPONENT else math.nan)
 
 
 def of_exprel(x):
-    """(e^x - 1)/x, 1 at 0."""
+    """Return (e^x - 1)/x, with the limit 1 at 0."""
     return 1.0 + 0.5 * x if abs(x) < 1e-8 else of_expm1(x) / x
 
 
 def of_log(x):
-    """The natural logarithm; -infinite at 0, NaN below."""
+    """Return the natural logarithm, -infinity at 0 and NaN below."""
     return math.log(x) if x > 0.0 else (-math.inf if x == 0.0 else math.nan)
 
 
 def of_sqrt(x):
-    """The square root; NaN below 0."""
+    """Return the square root, NaN below 0."""
     return math.sqrt(x) if x >= 0.0 else math.nan
 
 
 def power(x, y):
-    """x^y; NaN where it is no real number."""
+    """Return x^y, NaN if it is not a real number."""
     if x > 0.0:
         exponent = y * math.log(x)
         return x**y if exponent < LARGEST_EXPONENT else math.inf
@@ -82,54 +82,54 @@ def power(x, y):
 
 
 def power_of_positive(x, y):
-    """x^y for x > 0."""
+    """Return x^y for x > 0."""
     return x**y if y * math.log(x) < LARGEST_EXPONENT else math.inf
 
 
 def divided(a, b):
-    """a/b; infinite or NaN where b is 0."""
+    """Return a/b, infinite or NaN for b = 0."""
     if b != 0.0:
         return a / b
     return math.nan if a == 0.0 or a != a else math.copysign(math.inf, a)
 
 
 def where(condition, a, b):
-    """`a` where a comparison holds, else `b`."""
+    """Return `a` if the condition holds, else `b`."""
     return a if condition else b
 
 
 def of_tanh(x):
-    """The hyperbolic tangent."""
+    """Return the hyperbolic tangent."""
     return math.tanh(x)
 
 
 def of_sin(x):
-    """The sine; NaN of what is infinite."""
+    """Return the sine, NaN for infinite x."""
     return math.sin(x) if abs(x) < math.inf else math.nan
 
 
 def of_cos(x):
-    """The cosine; NaN of what is infinite."""
+    """Return the cosine, NaN for infinite x."""
     return math.cos(x) if abs(x) < math.inf else math.nan
 
 
 def square(x):
-    """x^2."""
+    """Return x^2."""
     return x * x
 
 
 def cube(x):
-    """x^3."""
+    """Return x^3."""
     return x * x * x
 
 
 def fourth(x):
-    """x^4."""
+    """Return x^4."""
     return x * x * x * x
 
 
 def resized(size, worst):
-    """The next size of a Runge-Kutta-Fehlberg step whose error is `worst` tolerances, as GSL's standard control."""
+    """Return the next size of a step whose error is `worst` tolerances, by GSL's standard step control."""
     if worst > 1.1:
         return size * max(0.2, 0.9 / worst**0.2)
     if worst < 0.5:

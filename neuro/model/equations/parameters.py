@@ -1,4 +1,4 @@
-"""Parameters and expressions of a model in equations, with hints for words and signs of Brian2, NESTML and Python."""
+"""Parameters and expressions of models in equations, with hints for the syntax of Brian2, NESTML and Python."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from neuro.model.equations.functions import ARGUMENTS
 
 _CHOICE = "write where(a > b, value, other)"
 _RECEPTOR = "spikes arrive in 'receptors', e.g. {g: {kernel: exp, tau: tau_syn}}"
-_NO_NOISE = "equations have no noise of their own: connect a poisson_generator"
+_NO_NOISE = "equations have no noise: connect a poisson_generator"
 _NO_TIME = "equations do not depend on time: connect a generator"
-_LET = "an abbreviation is a word of 'let', e.g. {I_syn: g*(E - V_m)}"
+_LET = "write abbreviations in 'let', e.g. {I_syn: g*(E - V_m)}"
 REFRACTORY = "write refractory: {time: t_ref, hold: [V_m]}"
-RIGHT_SIDE = "write the right side alone, by the name of its state: {V_m: (E_L - V_m)/tau_m}"
+RIGHT_SIDE = "write only the right side, by the name of the state: {V_m: (E_L - V_m)/tau_m}"
 
 FUNCTION_HINTS: Mapping[str, str] = {
     "clip": "write min(max(value, low), high)",
@@ -38,7 +38,7 @@ FUNCTION_HINTS: Mapping[str, str] = {
 NAME_HINTS: Mapping[str, str] = {
     "xi": _NO_NOISE,
     "t": _NO_TIME,
-    "i": "neurons differ by parameters, which may be arrays",
+    "i": "use a parameter with an array of values, one per neuron",
     "pi": "write 3.141592653589793",
     "not_refractory": REFRACTORY,
     "volt": "write mV or V",
@@ -49,10 +49,10 @@ NAME_HINTS: Mapping[str, str] = {
     "ohm": "write MOhm",
 }
 SIGN_HINTS: Mapping[str, str] = {
-    "=": f"{RIGHT_SIDE}; a comparison is < <= > or >=",
+    "=": f"{RIGHT_SIDE}; compare with < <= > or >=",
     "'": RIGHT_SIDE,
-    ":": "leave the unit out: it follows from those of parameters, or 'initial' says it; refractoriness is a word",
-    ";": "each state has an expression of its own: {V_m: ..., w: ...}",
+    ":": "leave out the unit, which follows from parameters or 'initial', and write refractoriness in 'refractory'",
+    ";": "write an expression per state: {V_m: ..., w: ...}",
     "?": _CHOICE,
     "if": _CHOICE,
     "and": "write min(where(a > b, 1, 0), where(c > d, 1, 0))",
@@ -60,41 +60,44 @@ SIGN_HINTS: Mapping[str, str] = {
 }
 WORD_HINTS: Mapping[str, str] = {
     "model": RIGHT_SIDE.replace("write", "'equations' has"),
-    "method": "the method is a word of 'integrator', e.g. {rk4: {substeps: 4}}",
+    "method": "write the method in 'integrator', e.g. {rk4: {substeps: 4}}",
     "inline": _LET,
     "function": _LET,
     "kernel": _RECEPTOR,
     "input": _RECEPTOR,
     "onReceive": _RECEPTOR,
     "events": _RECEPTOR,
-    "state": "a state is a word of 'equations', its first value one of 'initial'",
+    "state": "write states in 'equations' and their first values in 'initial'",
     "on_reward": "write on_signal",
 }
-_HINTS = Hints(SIGN_HINTS, "give parts of it a name in 'let'")
+_HINTS = Hints(SIGN_HINTS, "write parts of it in 'let'")
 
 
 def parse(text: object) -> Expression:
-    """Read an expression of a model; for the syntax of other languages the hint gives ours.
+    """Parse an expression of a model. For the syntax of other languages, the error has a hint with the right syntax.
 
     Raises:
-        ModelError: as `neuro.core.grammar.parse`.
+        ModelError: see `neuro.core.grammar.parse`.
     """
     return read(text, _HINTS)
 
 
 BOUNDS = ("above", "at_least", "below", "at_most")
 WORDS = ("default", *BOUNDS, "doc")
-NAME = "expected letters, digits and '_', a letter first, '_' neither last nor twice"
+NAME = "expected letters, digits and '_', with a letter first, no '_' at the end and no '__'"
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter.
+    """A parameter of a model in equations.
 
     Attributes:
-        default: its value, in `unit`.
-        factor: what one of its unit is in mV, ms and pA.
-        bounds: said by the author, in `unit`.
+        default: the default value, in `unit`.
+        unit: unit of the default and of the bounds.
+        factor: value of one unit in mV, ms and pA.
+        dimension: dimension of the unit.
+        bounds: the bounds in the definition, in `unit`.
+        doc: the description.
     """
 
     default: float
@@ -105,30 +108,33 @@ class Parameter:
     doc: str
 
     def quantity(self, positive: bool, arrays: bool = True) -> Quantity:
-        """The parameter as a field; `positive`: it must be so unless its author says bounds."""
+        """Return the quantity of the parameter's field.
+
+        With `positive` it must be > 0 unless the definition has bounds.
+        """
         bounds: dict[str, Any] = dict(self.bounds) or ({"above": 0} if positive and self.default > 0 else {})
         return Quantity(unit=self.unit, doc=self.doc, arrays=arrays, **bounds)
 
 
-def read_parameters(said: Any) -> dict[str, Parameter]:
-    """Read `{C_m: 281 pF, a: {default: 4 nS, at_least: 0, doc: ...}}`.
+def read_parameters(section: Any) -> dict[str, Parameter]:
+    """Parse parameters such as `{C_m: 281 pF, a: {default: 4 nS, at_least: 0, doc: ...}}`.
 
     Args:
-        said: the words.
+        section: the section `parameters`.
 
     Raises:
-        ModelError: one is wrong; its path leads there.
+        ModelError: a parameter is not valid. The path of the error leads to the parameter.
     """
-    if not isinstance(said, Mapping):
-        raise ModelError(f"parameters: found {shown(said)}: expected {{name: 10 ms}}", path=("parameters",))
-    found = {}
-    for name, words in said.items():
+    if not isinstance(section, Mapping):
+        raise ModelError(f"parameters: found {shown(section)}: expected {{name: 10 ms}}", path=("parameters",))
+    parameters = {}
+    for name, words in section.items():
         try:
-            found[name] = _parameter(name, words)
+            parameters[name] = _parameter(name, words)
         except ModelError as error:
             message = f"parameters.{name}: {error.message}"
             raise error.but(message=message, path=("parameters", str(name), *error.path)) from None
-    return found
+    return parameters
 
 
 def _parameter(name: Any, words: Any) -> Parameter:
@@ -136,7 +142,7 @@ def _parameter(name: Any, words: Any) -> Parameter:
     if not isinstance(tree, Name) or tree.name != name or name.endswith("_") or "__" in name:
         raise ModelError(f"name {shown(name)}: {NAME}")
     if name == "I" or name in ARGUMENTS:
-        raise _taken(name)
+        raise _reserved(name)
     if not isinstance(words, Mapping):
         words = {"default": words}
     for word in words:
@@ -160,20 +166,20 @@ def _parameter(name: Any, words: Any) -> Parameter:
 
 
 def refuse_attributes(parameters: Iterable[str], base: type[Choice]) -> None:
-    """Refuse parameters that are called like an attribute of the class that gets them as fields.
+    """Raise an error for parameters with the name of an attribute of the class that gets them as fields.
 
     Args:
-        parameters: their names.
-        base: the class. An attribute that is only annotated counts, too.
+        parameters: names of the parameters.
+        base: the class. Attributes that are only annotated count as well.
 
     Raises:
-        ModelError: the first such parameter; its path leads there.
+        ModelError: the first such parameter. The path of the error leads to the parameter.
     """
     for name in parameters:
         if hasattr(base, name) or any(name in vars(each).get("__annotations__", {}) for each in base.__mro__):
-            error = _taken(name)
+            error = _reserved(name)
             raise error.but(message=f"parameters.{name}: {error.message}", path=("parameters", name))
 
 
-def _taken(name: str) -> ModelError:
-    return ModelError(f"'{name}' has a meaning in every model: expected another name")
+def _reserved(name: str) -> ModelError:
+    return ModelError(f"'{name}' is reserved in every model: expected another name")

@@ -1,8 +1,8 @@
-"""The step of a neuron as text, by each of the integrators.
+"""Generation of the step of a neuron as text, for each integrator.
 
-Runge-Kutta's are the classical one of fourth order, and Fehlberg's with the size of its steps controlled; method and
-source are those of `neuro.model.neurons.integrators`. They are written once more here, since a threshold is looked at
-after each part of a step.
+The Runge-Kutta methods are the classical one of fourth order and Fehlberg's with step size control. Methods and sources
+are those of `neuro.model.neurons.integrators`. They are generated separately here, because the threshold is tested
+after each substep.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from dataclasses import dataclass
 from neuro.core.errors import ModelError
 from neuro.core.grammar import Binary, Name, Tree
 from neuro.model.equations import algebra
-from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, Receptor
+from neuro.model.equations.definition import CURRENT_NAME, REFRACTORY_STEPS, Definition, Receptor
 from neuro.model.equations.exact import System, kernel_rows, slope_of, solution
-from neuro.model.equations.writing import Constants, hoisted, indented, local, unpacked, written
+from neuro.model.equations.writing import Constants, hoist_constants, indent, local, to_python, unpack_constants
 from neuro.model.neurons.integrators import FEHLBERG
 
 PART = "part"
-"""The state that keeps the size of rkf45's steps."""
+"""Name of the state with the size of rkf45's substeps."""
 HEAD = "step(s, c, x, i_0, lo, hi, fired)"
 
 
 @dataclass(frozen=True)
 class NeuronSteps:
-    """What is needed to write a neuron's functions: its definition, its linear system, its constants and its rows."""
+    """Everything needed to generate a neuron's functions: definition, linear system and constants."""
 
     definition: Definition
     linear: System | None
@@ -33,74 +33,74 @@ class NeuronSteps:
 
     @property
     def integrator(self) -> str:
-        """The one that was chosen; the exact one for a linear system."""
+        """Name of the chosen integrator, by default "exact"."""
         return self.definition.integrator or "exact"
 
     @property
     def integrated(self) -> tuple[str, ...]:
-        """The states that follow equations, those of kernels among them."""
+        """States with an equation, including those of kernels."""
         kernels = [name for receptor in self.definition.receptors for name in kernel_rows(receptor)]
         return (*self.definition.states, *kernels)
 
     @property
     def rows(self) -> dict[str, int]:
-        """The row of each state."""
-        hidden = [HELD] if self.definition.hold is not None else []
+        """Row of each state."""
+        hidden = [REFRACTORY_STEPS] if self.definition.hold is not None else []
         hidden += [PART] if self.integrator == "rkf45" else []
         return {name: k for k, name in enumerate((*self.integrated, *hidden))}
 
     @property
     def hold(self) -> tuple[str, ...]:
-        """The states that stay while the neuron is refractory."""
+        """States that are constant during refractoriness."""
         return self.definition.hold or ()
 
     @property
     def resets_in_step(self) -> bool:
-        """Whether a spike acts within the step, where the threshold is crossed."""
+        """Whether a spike resets the neuron within the step, when the threshold is crossed."""
         return self.integrator in ("rk4", "rkf45")
 
     def write(self, tree: Tree, variables: dict[str, str]) -> str:
-        """A tree as Python, its states as the given variables."""
-        return written(self.definition.full(tree), self.constants.leaf(variables))
+        """Return a tree as Python, with the given variables for its states."""
+        return to_python(self.definition.full(tree), self.constants.leaf(variables))
 
     def fires(self, variables: dict[str, str]) -> str:
-        """The threshold as Python, for a neuron that is not refractory."""
+        """Return the threshold test of a neuron outside refractoriness as Python."""
         if self.definition.threshold is None:
             return "False"
         return self.write(self.definition.threshold.tree, variables)
 
 
-def refuse_added(d: Definition, others: Mapping[str, str]) -> None:
-    """Refuse names of states that a model has beside those of its author, and of what is read like a state.
+def refuse_reserved(d: Definition, descriptions: Mapping[str, str]) -> None:
+    """Raise an error for names of hidden states of the model, and for reserved names.
 
     Args:
         d: the neuron.
-        others: what is read like a state, by name.
+        descriptions: descriptions of reserved names, by name.
 
     Raises:
-        ModelError: the first such name; its path leads there.
+        ModelError: the first such name. The path of the error leads to the name.
     """
     slopes = {slope_of(r): f"the slope of {r.name}" for r in d.receptors if r.kernel == "alpha"}
-    added = {**others, **slopes, **({PART: "the size of a part of a step"} if d.integrator == "rkf45" else {})}
+    reserved = {**descriptions, **slopes, **({PART: "the size of a substep"} if d.integrator == "rkf45" else {})}
     kernels = [receptor.name for receptor in d.receptors]
-    sections = (("equations", d.states, added), ("receptors", kernels, added))
+    sections = (("equations", d.states, reserved), ("receptors", kernels, reserved))
     for section, names, meanings in (*sections, ("parameters", d.parameters, slopes), ("let", d.let, slopes)):
         for name in names:
             if name in meanings:
-                message = f"{section}.{name}: '{name}' is {meanings[name]}, too: expected another name"
+                message = f"{section}.{name}: '{name}' is also {meanings[name]}: expected another name"
                 raise ModelError(message, path=(section, name))
 
 
-def checked(neuron: NeuronSteps) -> NeuronSteps:
-    """The neuron, if its integrator can do its equations.
+def check_integrator(neuron: NeuronSteps) -> NeuronSteps:
+    """Return the neuron if its integrator supports its equations.
 
     Raises:
-        ModelError: it cannot.
+        ModelError: the equations are not linear, as the exact integrator requires.
     """
     if neuron.integrator == "exact" and neuron.linear is None:
         d, variables = neuron.definition, {*neuron.integrated, CURRENT_NAME}
         name = next(n for n, e in d.states.items() if algebra.affine(d.full(e.tree), variables) is None)
-        message = "are not linear" if not neuron.definition.integrator else "are not linear, as 'exact' needs"
+        message = "are not linear" if not neuron.definition.integrator else "are not linear, as 'exact' requires"
         raise ModelError(
             f"the equations {message}, see {name}: expected an integrator",
             hint="write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}, exponential_euler, euler",
@@ -111,7 +111,7 @@ def checked(neuron: NeuronSteps) -> NeuronSteps:
 
 
 def step_lines(neuron: NeuronSteps) -> list[str]:
-    """The body of `step`."""
+    """Return the body of `step`."""
     return {
         "exact": _exact,
         "euler": _euler,
@@ -122,7 +122,7 @@ def step_lines(neuron: NeuronSteps) -> list[str]:
 
 
 def fire_lines(neuron: NeuronSteps) -> list[str]:
-    """The body of `fire`."""
+    """Return the body of `fire`."""
     if neuron.resets_in_step:
         return ["pass"]
     variables = {name: local(name) for name in neuron.integrated}
@@ -132,12 +132,15 @@ def fire_lines(neuron: NeuronSteps) -> list[str]:
     lines += [f"{local(name, 'next')} = {neuron.write(e.tree, variables)}" for name, e in reset.items()]
     lines += [f"s[{neuron.rows[name]}, i] = {local(name, 'next')}" for name in reset]
     if neuron.definition.hold is not None:
-        lines.append(f"s[{neuron.rows[HELD]}, i] = {neuron.constants.place_of('round(t_ref_ / h)')}")
+        lines.append(f"s[{neuron.rows[REFRACTORY_STEPS]}, i] = {neuron.constants.place_of('round(t_ref_ / h)')}")
     return lines or ["pass"]
 
 
 def _exact(neuron: NeuronSteps) -> list[str]:
-    """The solution of a linear system; where states depend on held ones, a second one for held neurons."""
+    """Return the step with the solution of a linear system.
+
+    States that depend on refractory states have a second solution for refractory neurons.
+    """
     linear = neuron.linear
     assert linear is not None
     before: list[str] = []
@@ -145,7 +148,7 @@ def _exact(neuron: NeuronSteps) -> list[str]:
     for name in linear.states:
         lines, text = solution(linear, name, "SYSTEM")
         before += lines
-        if name not in neuron.hold and linear.reached()[name] & {*neuron.hold}:
+        if name not in neuron.hold and linear.dependencies()[name] & {*neuron.hold}:
             lines, other = solution(linear, name, "HELD_SYSTEM", neuron.hold)
             before += lines
             text = f"{text} if held == 0.0 else {other}"
@@ -154,7 +157,10 @@ def _exact(neuron: NeuronSteps) -> list[str]:
 
 
 def _euler(neuron: NeuronSteps) -> list[str]:
-    """All from the values at the beginning of the step; kernels decay exactly."""
+    """Return the step of the Euler methods, which use the values at the beginning of the step.
+
+    Kernels decay exactly.
+    """
     d = neuron.definition
     variables = {name: local(name) for name in neuron.integrated} | {CURRENT_NAME: "i_0[i]"}
     updates = {}
@@ -163,23 +169,23 @@ def _euler(neuron: NeuronSteps) -> list[str]:
             h = neuron.constants.place_of("h")
             updates[name] = f"{local(name)} + {h} * ({neuron.write(expression.tree, variables)})"
         else:
-            updates[name] = _relaxing(neuron, name, expression.tree, variables)
+            updates[name] = _exponential_euler(neuron, name, expression.tree, variables)
     for receptor in d.receptors:
         updates |= _kernel_updates(neuron, receptor)
     return _loop(neuron, updates)
 
 
-def _relaxing(neuron: NeuronSteps, name: str, tree: Tree, variables: dict[str, str]) -> str:
-    """A state that goes exactly towards where the others, held at their values, would keep it."""
+def _exponential_euler(neuron: NeuronSteps, name: str, tree: Tree, variables: dict[str, str]) -> str:
+    """Return the exact solution of a state with all other states constant."""
     row = algebra.affine(neuron.definition.full(tree), {name})
     if row is None:
-        message = f"equations.{name}: not linear in {name}, as exponential_euler needs"
+        message = f"equations.{name}: not linear in {name}, as exponential_euler requires"
         hint = "write integrator: {rkf45: {tolerance: 1e-6}}, or {rk4: {substeps: 4}}"
         raise ModelError(message, hint=hint, path=("integrator",), about=("integrator", name))
-    step, h = local("h"), neuron.constants.place_of("h")  # no name of an author's, who may have an h
-    exponent = algebra.multiplied(row.get(name, algebra.ZERO), Name(step, 0))
+    step, h = local("h"), neuron.constants.place_of("h")  # the definition may have a parameter h, but no `h_`
+    exponent = algebra.multiply(row.get(name, algebra.ZERO), Name(step, 0))
     leaf = neuron.constants.leaf({**variables, step: h})
-    rate, rest = written(exponent, leaf), written(row[""], leaf)
+    rate, rest = to_python(exponent, leaf), to_python(row[""], leaf)
     return f"{local(name)} * of_exp({rate}) + ({rest}) * {h} * of_exprel({rate})"
 
 
@@ -187,18 +193,18 @@ def _kernel_updates(neuron: NeuronSteps, receptor: Receptor) -> dict[str, str]:
     if receptor.tau is None:
         return {}
     tau = neuron.constants.of_parameters(receptor.tau.tree)
-    fall = neuron.constants.place_of(f"of_exp(divided(-h, {tau}))")
+    decay = neuron.constants.place_of(f"of_exp(divided(-h, {tau}))")
     value = local(receptor.name)
     if receptor.kernel == "exp":
-        return {receptor.name: f"{fall} * {value}"}
+        return {receptor.name: f"{decay} * {value}"}
     slope = local(slope_of(receptor))
     h = neuron.constants.place_of("h")
-    return {receptor.name: f"{fall} * ({value} + {h} * {slope})", slope_of(receptor): f"{fall} * {slope}"}
+    return {receptor.name: f"{decay} * ({value} + {h} * {slope})", slope_of(receptor): f"{decay} * {slope}"}
 
 
 def arrivals(neuron: NeuronSteps) -> dict[str, str]:
-    """What arrives at each state in a step."""
-    found: dict[str, str] = {}
+    """Return the input of each state in a step, by state."""
+    inputs: dict[str, str] = {}
     for k, receptor in enumerate(neuron.definition.receptors):
         by_sign = k == 1 and len(neuron.definition.receptors) == 2
         text = f"-x[{k}, i]" if by_sign and receptor.magnitude else f"x[{k}, i]"
@@ -207,65 +213,74 @@ def arrivals(neuron: NeuronSteps) -> dict[str, str]:
             tau = neuron.constants.of_parameters(receptor.tau.tree)
             text = f"{neuron.constants.place_of(f'divided(math.e, {tau})')} * {text}"
         name = slope_of(receptor) if receptor.kernel == "alpha" else receptor.name
-        found[name] = f"{found[name]} + {text}" if name in found else text
-    return found
+        inputs[name] = f"{inputs[name]} + {text}" if name in inputs else text
+    return inputs
 
 
 def _loop(neuron: NeuronSteps, updates: dict[str, str]) -> list[str]:
-    """All states at once, then the input, then the threshold; what is held stays."""
-    rows, held = neuron.rows, neuron.definition.hold is not None
-    arriving = arrivals(neuron)
-    body = [f"held = s[{rows[HELD]}, i]"] if held else []
+    """Return the loop that updates all states, adds the input, and tests the threshold.
+
+    Refractory states are constant.
+    """
+    rows, has_refractoriness = neuron.rows, neuron.definition.hold is not None
+    inputs = arrivals(neuron)
+    body = [f"held = s[{rows[REFRACTORY_STEPS]}, i]"] if has_refractoriness else []
     body += [f"{local(name)} = s[{rows[name]}, i]" for name in neuron.integrated]
     for name, text in updates.items():
-        whole = f"{text} + {arriving[name]}" if name in arriving else text
+        update = f"{text} + {inputs[name]}" if name in inputs else text
         if name in neuron.hold:
-            whole = f"{whole} if held == 0.0 else {local(name)}"
-        elif " if held" in text and name in arriving:
-            whole = f"({text}) + {arriving[name]}"
-        body.append(f"{local(name, 'next')} = {whole}")
+            update = f"{update} if held == 0.0 else {local(name)}"
+        elif " if held" in text and name in inputs:
+            update = f"({text}) + {inputs[name]}"
+        body.append(f"{local(name, 'next')} = {update}")
     body += [f"s[{rows[name]}, i] = {local(name, 'next')}" for name in updates]
     fires = neuron.fires({name: local(name, "next") for name in neuron.integrated})
-    if held:
-        body.append(f"s[{rows[HELD]}, i] = 0.0 if held == 0.0 else held - 1.0")
+    if has_refractoriness:
+        body.append(f"s[{rows[REFRACTORY_STEPS]}, i] = 0.0 if held == 0.0 else held - 1.0")
         fires = f"({fires}) & (held == 0.0)" if neuron.definition.threshold else fires
     body.append(f"fired[i] = {fires}")
-    names, body = hoisted(body)
-    return [*unpacked(names), "for i in range(lo, hi):", *indented(body)]
+    names, body = hoist_constants(body)
+    return [*unpack_constants(names), "for i in range(lo, hi):", *indent(body)]
 
 
 def _runge_kutta(neuron: NeuronSteps) -> list[str]:
-    """Several parts a step; a spike resets within the step, where the threshold is crossed."""
+    """Return the step of the Runge-Kutta methods, with substeps.
+
+    A spike resets the neuron at the end of its substep.
+    """
     rows = neuron.rows
-    held = neuron.definition.hold is not None
-    arguments = ", ".join(_rate_constants(neuron) + (["held"] if held else []) + ["i_0[i]"])
+    has_refractoriness = neuron.definition.hold is not None
+    arguments = ", ".join(_rate_constants(neuron) + (["held"] if has_refractoriness else []) + ["i_0[i]"])
 
     def call(values: dict[str, str]) -> str:
         return f"rates({arguments}, {', '.join(values.values())})"
 
     spike = list(_spike_lines(neuron))
     maker = rk4_lines if neuron.integrator == "rk4" else rkf45_lines
-    body = [f"held = s[{rows[HELD]}, i]"] if held else []
+    body = [f"held = s[{rows[REFRACTORY_STEPS]}, i]"] if has_refractoriness else []
     body += [f"{local(name)} = s[{rows[name]}, i]" for name in neuron.integrated]
     body.append("fired[i] = False")
     part = f"s[{rows[PART]}, i]" if PART in rows else ""
     body += maker(neuron.integrated, call, spike, neuron.constants, neuron.definition.settings, part)
-    delta = False
+    any_delta = False
     for name, text in arrivals(neuron).items():
-        late = name in neuron.definition.states
-        delta |= late
+        is_delta = name in neuron.definition.states
+        any_delta |= is_delta
         condition = " if held == 0.0 else 0.0" if name in neuron.hold else ""
         body.append(f"{local(name)} += {text}{condition}")
-    body += spike if delta else []
+    body += spike if any_delta else []
     body += [f"s[{rows[name]}, i] = {local(name)}" for name in neuron.integrated]
-    body += [f"s[{rows[HELD]}, i] = 0.0 if held == 0.0 else held - 1.0"] if held else []
-    names, body = hoisted(body)
+    body += [f"s[{rows[REFRACTORY_STEPS]}, i] = 0.0 if held == 0.0 else held - 1.0"] if has_refractoriness else []
+    names, body = hoist_constants(body)
     names = list(dict.fromkeys((*_rate_constants(neuron), *names)))
-    return [*unpacked(names), "for i in range(lo, hi):", *indented(body)]
+    return [*unpack_constants(names), "for i in range(lo, hi):", *indent(body)]
 
 
 def _spike_lines(neuron: NeuronSteps) -> Iterator[str]:
-    """The threshold and what a spike does, within a step; a neuron that is held afterwards counts this step, too."""
+    """Yield the lines that test the threshold and reset the neuron in a step.
+
+    The refractory period includes this step.
+    """
     d = neuron.definition
     if d.threshold is None:
         return
@@ -282,29 +297,29 @@ def _spike_lines(neuron: NeuronSteps) -> Iterator[str]:
 
 
 def rates_function(neuron: NeuronSteps) -> tuple[str, list[str]]:
-    """Arguments and body of `rates`: how fast each state changes.
+    """Return arguments and body of `rates`, the derivatives of the states.
 
-    A state at its threshold counts as at most there, as a step that crosses it ends in a reset.
+    A state above its threshold counts as at the threshold, because a step that crosses the threshold ends in a reset.
     """
     d = neuron.definition
     variables = {name: local(name) for name in neuron.integrated} | {CURRENT_NAME: "current"}
     lines = []
-    if (capped := _capped(neuron)) is not None:
-        name, limit = capped
+    if (limited := _limited_state(neuron)) is not None:
+        name, limit = limited
         lines.append(f"{local(name)} = min({local(name)}, {neuron.write(limit, {})})")
     for name, expression in d.let.items():
         if not neuron.constants.is_of_parameters(expression.tree):
             leaf = neuron.constants.leaf(variables)
-            lines.append(f"{local(name)} = {written(expression.tree, leaf)}")
+            lines.append(f"{local(name)} = {to_python(expression.tree, leaf)}")
             variables[name] = local(name)
-    texts = [written(e.tree, neuron.constants.leaf(variables)) for e in d.states.values()]
+    texts = [to_python(e.tree, neuron.constants.leaf(variables)) for e in d.states.values()]
     texts = [f"0.0 if held != 0.0 else {t}" if n in neuron.hold else t for n, t in zip(d.states, texts, strict=True)]
     for receptor in d.receptors:
         for row in kernel_rows(receptor).values():
-            terms = [neuron.write(algebra.multiplied(factor, Name(word, 0)), variables) for word, factor in row.items()]
+            terms = [neuron.write(algebra.multiply(factor, Name(word, 0)), variables) for word, factor in row.items()]
             texts.append(" + ".join(terms))
     lines.append(f"return ({', '.join(texts)},)")
-    names, lines = hoisted(lines)
+    names, lines = hoist_constants(lines)
     arguments = [*names, *(["held"] if d.hold is not None else []), "current"]
     return ", ".join([*arguments, *(local(name) for name in neuron.integrated)]), lines
 
@@ -314,8 +329,8 @@ def _rate_constants(neuron: NeuronSteps) -> list[str]:
     return [word for word in arguments.split(", ") if word.startswith("c") and word[1:].isdecimal()]
 
 
-def _capped(neuron: NeuronSteps) -> tuple[str, Tree] | None:
-    """The state at the threshold and the threshold, if it is one of parameters."""
+def _limited_state(neuron: NeuronSteps) -> tuple[str, Tree] | None:
+    """Return the state in the threshold test and the threshold, if the threshold depends on parameters only."""
     if neuron.definition.threshold is None:
         return None
     tree = neuron.definition.threshold.tree
@@ -327,10 +342,10 @@ def _capped(neuron: NeuronSteps) -> tuple[str, Tree] | None:
 
 
 Call = Callable[[dict[str, str]], str]
-"""The text that asks for the rates at some values, by state."""
+"""Function from the values of states, as text by state, to the text of the call of `rates`."""
 
 SMALLEST = 1e-12
-"""The smallest part of a step that is taken, however large its error."""
+"""Smallest substep, as a share of the step, whatever its error."""
 
 
 def rk4_lines(
@@ -341,18 +356,18 @@ def rk4_lines(
     settings: Mapping[str, float],
     part: str,
 ) -> list[str]:
-    """A step in some equal parts, with the threshold after each."""
+    """Return the lines of a step in equal substeps, with a threshold test after each."""
     count = int(settings["substeps"])
     h = constants.place_of("h" if count == 1 else f"h / {count}")
     lines = _stage(1, states, call({name: local(name) for name in states}))
     for stage, share in ((2, 0.5), (3, 0.5), (4, 1.0)):
-        near = f"{share} * {h}" if share != 1.0 else h
-        lines += _stage(stage, states, call({n: f"{local(n)} + {near} * {local(n, f'k{stage - 1}')}" for n in states}))
+        at = f"{share} * {h}" if share != 1.0 else h
+        lines += _stage(stage, states, call({n: f"{local(n)} + {at} * {local(n, f'k{stage - 1}')}" for n in states}))
     for name in states:
         k1, k2, k3, k4 = (local(name, f"k{stage}") for stage in range(1, 5))
         lines.append(f"{local(name)} += {h} * ({k1} + 2.0 * {k2} + 2.0 * {k3} + {k4}) / 6.0")
     lines += spike
-    return lines if count == 1 else [f"for _ in range({count}):", *indented(lines)]
+    return lines if count == 1 else [f"for _ in range({count}):", *indent(lines)]
 
 
 def rkf45_lines(
@@ -363,19 +378,22 @@ def rkf45_lines(
     settings: Mapping[str, float],
     part: str,
 ) -> list[str]:
-    """A step in parts of errors below the tolerance, with the threshold after each; `part` keeps their size."""
+    """Return the lines of a step in substeps with errors below the tolerance, with a threshold test after each.
+
+    The state `part` has the size of the next substep.
+    """
     h = constants.place_of("h")
     lines = [
         f"size = {part} if {part} > 0.0 else {h}",
         "t = 0.0",
         f"while t < {h}:",
-        *indented(_stage(1, states, call({name: local(name) for name in states}))),
+        *indent(_stage(1, states, call({name: local(name) for name in states}))),
         "    trying = True",
         "    while trying:",
-        *indented(_try(states, call, h, settings), 2),
+        *indent(_try(states, call, h, settings), 2),
         f"    t = {h} if last else t + now",
-        *indented([f"{local(name)} = {local(name, 'new')}" for name in states]),
-        *indented(spike),
+        *indent([f"{local(name)} = {local(name, 'new')}" for name in states]),
+        *indent(spike),
         f"{part} = size",
     ]
     return lines
@@ -385,13 +403,13 @@ def _try(states: tuple[str, ...], call: Call, h: str, settings: Mapping[str, flo
     tolerance, by_slope = settings["tolerance"], settings["slope_tolerance"]
     lines = [f"last = size > {h} - t", f"now = {h} - t if last else size"]
     for stage in range(2, 7):
-        near = {n: f"{local(n)} + now * ({_sum(FEHLBERG.stages[stage - 1], n)})" for n in states}
-        lines += _stage(stage, states, call(near))
+        at = {n: f"{local(n)} + now * ({_sum(FEHLBERG.stages[stage - 1], n)})" for n in states}
+        lines += _stage(stage, states, call(at))
     lines += [f"{local(n, 'new')} = {local(n)} + now * ({_sum(FEHLBERG.result, n)})" for n in states]
     if by_slope:
         lines += _stage(7, states, call({n: local(n, "new") for n in states}))
-    allowed = {n: f" + {by_slope!r} * abs(now * {local(n, 'k7')})" if by_slope else "" for n in states}
-    errors = [f"abs(now * ({_sum(FEHLBERG.error, n)})) / ({tolerance!r}{allowed[n]})" for n in states]
+    slope_tolerances = {n: f" + {by_slope!r} * abs(now * {local(n, 'k7')})" if by_slope else "" for n in states}
+    errors = [f"abs(now * ({_sum(FEHLBERG.error, n)})) / ({tolerance!r}{slope_tolerances[n]})" for n in states]
     worst = errors[0]
     for error in errors[1:]:
         worst = f"max({worst}, {error})"

@@ -1,4 +1,4 @@
-"""Trees as lines of Python, and these as modules. Only names and numbers of checked trees get into a line."""
+"""Generation of Python from syntax trees. Generated lines contain only names and numbers of checked trees."""
 
 from __future__ import annotations
 
@@ -15,59 +15,59 @@ from neuro.model.equations import algebra
 from neuro.model.equations.parameters import Parameter
 
 Leaf = Callable[[Tree], str | None]
-"""How a part of a tree is written that is more than its parts; None if it is not."""
+"""Function that returns the text of a subtree, or None if the text is composed of those of its operands."""
 
 _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3}
 _NEGATIVE, _ATOM = 4, 6
 _POWERS = {2.0: "square", 3.0: "cube", 4.0: "fourth"}
-AS_IT_IS = ("abs", "min", "max", "where")
-"""Functions that are called what they are in expressions."""
+SAME_NAME = ("abs", "min", "max", "where")
+"""Functions whose generated name is their name in expressions."""
 _CONSTANT = re.compile(r"\bc\[(\d+)\]")
 
 
 def local(name: str, role: str = "") -> str:
-    """Return the variable of a name: `V_m_`, or `V_m__next` for one of its other values.
+    """Return the variable of a name, `V_m_`, or of another value of the name, `V_m__next`.
 
-    Names have no two underscores in a row and none at their end, so variables of different names never collide, nor
-    with a word of Python.
+    Names contain no `__` and do not end in `_`, so variables of different names cannot collide with each other or with
+    Python's words.
     """
     return f"{name}__{role}" if role else f"{name}_"
 
 
-def written(tree: Tree, leaf: Leaf) -> str:
-    """A tree as an expression of Python.
+def to_python(tree: Tree, leaf: Leaf) -> str:
+    """Return a tree as a Python expression.
 
     Args:
         tree: the tree.
-        leaf: writes what is not written part by part.
+        leaf: returns the text of subtrees that are not composed of their operands.
     """
-    return _written(tree, leaf, 0)
+    return _to_python(tree, leaf, 0)
 
 
-def _written(tree: Tree, leaf: Leaf, binding: int) -> str:
-    found = leaf(tree)
-    if found is not None:
-        return found
+def _to_python(tree: Tree, leaf: Leaf, binding: int) -> str:
+    leaf_text = leaf(tree)
+    if leaf_text is not None:
+        return leaf_text
     match tree:
         case Number(value, unit):
             return repr(value * UNITS[unit][0] if unit else value)
         case Name(name):
             return repr(UNITS[name][0])
         case Negative(of):
-            return _bracketed(f"-{_written(of, leaf, _NEGATIVE)}", _NEGATIVE, binding)
+            return _bracketed(f"-{_to_python(of, leaf, _NEGATIVE)}", _NEGATIVE, binding)
         case Call(name, arguments):
-            called = name if name in AS_IT_IS else f"of_{name}"
-            return f"{called}({', '.join(_written(argument, leaf, 0) for argument in arguments)})"
+            function_name = name if name in SAME_NAME else f"of_{name}"
+            return f"{function_name}({', '.join(_to_python(argument, leaf, 0) for argument in arguments)})"
         case Binary("^", left, Number(value, "")) if value in _POWERS:
-            return f"{_POWERS[value]}({_written(left, leaf, 0)})"
+            return f"{_POWERS[value]}({_to_python(left, leaf, 0)})"
         case Binary("^", left, right):
-            return f"power({_written(left, leaf, 0)}, {_written(right, leaf, 0)})"
+            return f"power({_to_python(left, leaf, 0)}, {_to_python(right, leaf, 0)})"
         case Binary("/", left, right) if not _is_constant(right, leaf):
-            return f"divided({_written(left, leaf, 0)}, {_written(right, leaf, 0)})"
+            return f"divided({_to_python(left, leaf, 0)}, {_to_python(right, leaf, 0)})"
         case Binary(sign, left, right):
-            mine = _BINDING[sign]
-            text = f"{_written(left, leaf, mine)} {sign} {_written(right, leaf, mine + 1)}"
-            return _bracketed(text, mine, binding)
+            own_binding = _BINDING[sign]
+            text = f"{_to_python(left, leaf, own_binding)} {sign} {_to_python(right, leaf, own_binding + 1)}"
+            return _bracketed(text, own_binding, binding)
 
 
 def _bracketed(text: str, own: int, binding: int) -> str:
@@ -75,18 +75,18 @@ def _bracketed(text: str, own: int, binding: int) -> str:
 
 
 def _is_constant(tree: Tree, leaf: Leaf) -> bool:
-    """Whether what is divided by is a number or one constant, of which it is known that it is not 0."""
+    """Return whether a divisor is a number other than 0 or a constant, which was checked not to be 0."""
     return (isinstance(tree, Number) and tree.value != 0.0) or (leaf(tree) or "").startswith("c[")
 
 
 class Constants:
-    """What is worked out once, in `constants`: all parts of expressions that depend on parameters only.
+    """Constants of a model: all subexpressions that depend on parameters only, computed once in `constants`.
 
     Args:
-        parameters: of the model, in order.
-        first: the place in `p` of the first of them.
-        variables: names that are no parameters, though units may be called so.
-        full: writes out abbreviations.
+        parameters: parameters of the model, in order.
+        first: index in `p` of the first parameter.
+        variables: names that are not parameters, which hide units of the same name.
+        full: expands abbreviations.
     """
 
     def __init__(
@@ -100,24 +100,24 @@ class Constants:
         self.places: dict[str, int] = {}
 
     def place(self, tree: Tree) -> str:
-        """Where a tree of parameters stands."""
+        """Return the element of `c` with the value of a tree of parameters."""
         return self.place_of(self.of_parameters(tree))
 
     def place_of(self, text: str) -> str:
-        """Where a line in terms of the variables of `constants` stands, e.g. "c[3]"."""
+        """Return the element of `c` with the value of an expression in the variables of `constants`, e.g. "c[3]"."""
         return f"c[{self.places.setdefault(text, len(self.places))}]"
 
     def of_parameters(self, tree: Tree) -> str:
-        """A tree of parameters in terms of the variables of `constants`."""
-        return written(self.full(tree), self._parameter)
+        """Return a tree of parameters as an expression in the variables of `constants`."""
+        return to_python(self.full(tree), self._parameter)
 
     def is_of_parameters(self, tree: Tree) -> bool:
-        """Whether a tree depends on parameters and units only."""
+        """Return whether a tree depends on parameters and units only."""
         names = list(self._names(tree))
         return all(name in self.parameters or (name in UNITS and name not in self.variables) for name in names)
 
     def leaf(self, variables: Mapping[str, str]) -> Leaf:
-        """Write variables by their names and what depends on parameters as a constant."""
+        """Return the function that writes variables by their names, and subtrees of parameters as constants."""
 
         def leaf(tree: Tree) -> str | None:
             if isinstance(tree, Name) and tree.name in variables:
@@ -137,59 +137,59 @@ class Constants:
         return local(tree.name) if isinstance(tree, Name) and tree.name in self.parameters else None
 
     def lines(self) -> Iterator[str]:
-        """The body of `constants` that fills these places."""
+        """Yield the body of `constants`, which computes the constants."""
         yield from self.locals()
         yield from (f"c[{place}] = {text}" for text, place in self.places.items())
 
     def locals(self) -> Iterator[str]:
-        """The parameters in mV, ms and pA."""
+        """Yield the lines that set the parameters in mV, ms and pA."""
         for k, (name, parameter) in enumerate(self.parameters.items()):
             factor = "" if parameter.factor == 1.0 else f" * {parameter.factor!r}"
             yield f"{local(name)} = p[{self.first + k}]{factor}"
 
 
-def hoisted(lines: list[str]) -> tuple[list[str], list[str]]:
-    """The constants that lines read, and the lines with a variable in place of each: `c3` for `c[3]`."""
-    found = dict.fromkeys(number for line in lines for number in _CONSTANT.findall(line))
-    return [f"c{number}" for number in found], [_CONSTANT.sub(r"c\1", line) for line in lines]
+def hoist_constants(lines: list[str]) -> tuple[list[str], list[str]]:
+    """Return the constants that lines read, and the lines with a variable such as `c3` instead of `c[3]`."""
+    numbers = dict.fromkeys(number for line in lines for number in _CONSTANT.findall(line))
+    return [f"c{number}" for number in numbers], [_CONSTANT.sub(r"c\1", line) for line in lines]
 
 
-def unpacked(names: list[str]) -> list[str]:
-    """The lines that put constants into variables."""
+def unpack_constants(names: list[str]) -> list[str]:
+    """Return the lines that assign constants to variables."""
     return [f"{name} = c[{name[1:]}]" for name in names]
 
 
 def function(head: str, doc: str, body: list[str]) -> str:
-    """A function as text; the lines of its body are indented relative to it."""
+    """Return a function as text. The lines of the body have no indentation."""
     return "\n".join([f"def {head}:", f'    """{doc}"""', *(f"    {line}" for line in body)]) + "\n"
 
 
-def indented(lines: list[str], levels: int = 1) -> list[str]:
-    """Lines further right."""
+def indent(lines: list[str], levels: int = 1) -> list[str]:
+    """Return lines with more indentation."""
     return [f"{'    ' * levels}{line}" for line in lines]
 
 
 NAMES = "neuro_equations_"
-"""How the names of generated modules begin."""
+"""Prefix of the names of generated modules."""
 
 
 def module(text: str) -> ModuleType:
-    """The module of a text; one text has one module.
+    """Return the module of a text. The same text gives the same module.
 
     Args:
-        text: of a generated module: it was written here from checked trees, never by users.
+        text: text of a module that was generated from checked trees, never text by users.
     """
     name = NAMES + hashlib.sha256(text.encode()).hexdigest()[:16]
     if name not in sys.modules:
         file = f"<{name}>"
-        made = ModuleType(name)
-        made.__file__ = file
+        new_module = ModuleType(name)
+        new_module.__file__ = file
         linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-        exec(compile(text, file, "exec"), made.__dict__)
-        sys.modules[name] = made
+        exec(compile(text, file, "exec"), new_module.__dict__)
+        sys.modules[name] = new_module
     return sys.modules[name]
 
 
 def text_of(module: ModuleType) -> str:
-    """The text of a generated module."""
+    """Return the text of a generated module."""
     return "".join(linecache.cache[module.__file__ or ""][2])  # type: ignore[misc]

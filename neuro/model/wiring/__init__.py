@@ -1,1 +1,1 @@
-"""Wiring diagrams: tables of neurons and lists of their connections in files, read a piece at a time."""
+"""Wiring diagrams: tables of neurons and lists of edges in files, read in pieces."""

@@ -1,4 +1,4 @@
-"""The edges that a file lists, between neurons of two populations: read, filtered, and shuffled as a control."""
+"""Edges between neurons of two populations, listed in a file: reading, filtering, and shuffling as a control."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuro.core.values import shown
 from neuro.model.network import Network
 from neuro.model.rules import from_file
 from neuro.model.wiring.formats import open_table
-from neuro.model.wiring.neurons import NOWHERE, Ids, Neurons
+from neuro.model.wiring.neurons import NOT_IN_TABLE, Ids, Neurons
 from neuro.model.wiring.tables import (
     MATRIX,
     NUMBER,
@@ -31,15 +31,18 @@ from neuro.model.wiring.tables import (
 )
 
 Floats = NDArray[np.float64]
-_MOST = 2**31 - 1
+_LARGEST = 2**31 - 1
 _NAMES = {"pre": "source_node_id", "post": "target_node_id"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edges:
-    """Edges in the order of the file: neurons of source and target, and factors of weight and delay; None: 1 for all.
+    """Edges in the order of the file.
 
-    `sign` is that of the transmitter of each neuron of the source, where that decides.
+    Attributes:
+        pre, post: source and target neurons.
+        weight, delay: factors of weight and delay. None: 1 for all edges.
+        sign: sign of the transmitter of each source neuron, if the source neurons have transmitters, else None.
     """
 
     pre: NDArray[np.int32]
@@ -50,41 +53,42 @@ class Edges:
 
 
 class End(Protocol):
-    """The neurons at an end of the edges."""
+    """Protocol of the neurons at an end of the edges."""
 
     @property
     def ids(self) -> Ids:
-        """Their ids."""
+        """Ids of the neurons."""
 
     @property
     def size(self) -> int:
-        """How many they are."""
+        """Number of neurons."""
 
     def find(self, ids: Column, places: bool) -> NDArray[np.int64]:
-        """The neuron with each id."""
+        """Return the neuron with each id."""
 
 
 class Counted:
-    """Neurons of a population without a table: their ids count from 0."""
+    """Neurons of a population without a table, whose ids are counted from 0."""
 
     def __init__(self, n: int, name: str) -> None:
         self.ids, self.size = Ids(None, n, f"'{name}', whose ids are 0 to {n - 1}"), n
 
     def find(self, ids: Column, places: bool) -> NDArray[np.int64]:
-        """The neuron with each id, `NOWHERE` where there is none."""
+        """Return the neuron with each id, `NOT_IN_TABLE` for unknown ids."""
         return self.ids.find(ids)
 
 
 def read_edges(rule: from_file, source: End, target: End) -> Edges:
-    """Read the file of a rule.
+    """Read the edges of a rule from its file.
 
     Args:
-        rule: says which columns are what.
-        source: the neurons of the source.
-        target: of the target.
+        rule: the rule, which names the columns.
+        source: the source neurons.
+        target: the target neurons.
 
     Raises:
-        ModelError: the file cannot be read or is damaged, or a cell is wrong: file, row and column are named.
+        ModelError: the file cannot be read or is damaged, or a cell is not valid. The message names file, row and
+            column.
     """
     if rule.file is None:
         raise ModelError("from_file needs 'file': expected the name of a file", missing="file")
@@ -112,7 +116,7 @@ class _Reader:
         self.sign = self._sign_of_sources() if rule.dale else None
 
     def parts(self) -> Iterator[tuple[Any, ...]]:
-        """Source, target, factor of the weight and of the delay, piece by piece."""
+        """Yield source, target, factor of the weight and factor of the delay for each piece."""
         rule, places = self.rule, bool(self.table.places)
         kinds = {name: NUMBER for condition in self.conditions for name in condition.names}
         kinds |= {name: NUMBER for name in (self.weight, rule.delay) if name}
@@ -126,93 +130,98 @@ class _Reader:
             if texts := [name for name in condition.names if kinds[name] == TEXT]:
                 raise ModelError(f"where: column '{texts[0]}' is read as text: expected numbers", path=("where",))
         for piece in rows(self.table, kinds):
-            kept = self._kept(piece)
-            ends = [self._find(piece, kept, w, e) for w, e in ((self.pre, self.source), (self.post, self.target))]
-            factor = None if self.weight is None else np.asarray(_some(piece.columns[self.weight], kept))
-            sign = self._sign(piece, kept, ends[0])
-            delay = None if rule.delay is None else self._delays(piece, kept)
+            row_selection = self._matching_rows(piece)
+            ends = [
+                self._find(piece, row_selection, w, e) for w, e in ((self.pre, self.source), (self.post, self.target))
+            ]
+            factor = None if self.weight is None else np.asarray(_select(piece.columns[self.weight], row_selection))
+            sign = self._sign(piece, row_selection, ends[0])
+            delay = None if rule.delay is None else self._delays(piece, row_selection)
             inside = (ends[0] >= 0) & (ends[1] >= 0)
             if sign is not None:
                 inside &= sign != 0.0
                 factor = sign if factor is None else factor * sign
-            some = slice(None) if inside.all() else inside
-            numbers = [None if values is None else values[some] for values in (factor, delay)]
-            yield (*(end[some].astype(np.int32) for end in ends), *numbers)
+            inside_selection = slice(None) if inside.all() else inside
+            numbers = [None if values is None else values[inside_selection] for values in (factor, delay)]
+            yield (*(end[inside_selection].astype(np.int32) for end in ends), *numbers)
 
-    def _kept(self, piece: Piece) -> NDArray[np.int64] | slice:
-        """The rows for which all conditions hold."""
+    def _matching_rows(self, piece: Piece) -> NDArray[np.int64] | slice:
+        """Return the rows for which all conditions hold."""
         if not self.conditions:
             return slice(None)
         return np.flatnonzero(np.logical_and.reduce([each.holds(piece.columns) for each in self.conditions]))
 
-    def _find(self, piece: Piece, kept: Any, word: str, end: End) -> NDArray[np.int64]:
-        ids = _some(piece.columns[word], kept)
-        found = end.find(ids, bool(self.table.places))
-        lost = np.flatnonzero(found == NOWHERE)
-        if lost.size:
-            at = int(lost[0])
-            shown_ = ids.words[ids.codes[at]] if isinstance(ids, Texts) else int(ids[at])
+    def _find(self, piece: Piece, row_selection: Any, word: str, end: End) -> NDArray[np.int64]:
+        ids = _select(piece.columns[word], row_selection)
+        neurons = end.find(ids, bool(self.table.places))
+        unknown_ids = np.flatnonzero(neurons == NOT_IN_TABLE)
+        if unknown_ids.size:
+            at = int(unknown_ids[0])
+            id_text = ids.words[ids.codes[at]] if isinstance(ids, Texts) else int(ids[at])
             hint = "" if isinstance(end, Neurons) else "neurons=neuro.neuron_table(file, id=...) gives ids to neurons"
-            raise cell(self.table, _row(piece, kept, at), word, shown_, f"the id of a neuron of {end.ids.what}", hint)
-        return found
+            raise cell(
+                self.table, _row(piece, row_selection, at), word, id_text, f"the id of a neuron of {end.ids.what}", hint
+            )
+        return neurons
 
-    def _sign(self, piece: Piece, kept: Any, pre: NDArray[np.int64]) -> Floats | None:
-        """The sign of each edge; None where there are no transmitters."""
+    def _sign(self, piece: Piece, row_selection: Any, pre: NDArray[np.int64]) -> Floats | None:
+        """Return the sign of each edge, or None without transmitters."""
         if not self.rule.transmitter:
             return None
         if self.sign is None:
             assert self.rule.transmitter
-            words = _some(piece.columns[self.rule.transmitter], kept)
+            words = _select(piece.columns[self.rule.transmitter], row_selection)
             assert isinstance(words, Texts)
             sign = words.each(_signs(words, self.rule))
-            lost = np.flatnonzero(np.isnan(sign))
-            if lost.size:
-                word = words.words[words.codes[lost[0]]]
-                place = f"{self.table.path}: row {_row(piece, kept, int(lost[0]))}, column '{self.rule.transmitter}'"
+            without_sign = np.flatnonzero(np.isnan(sign))
+            if without_sign.size:
+                word = words.words[words.codes[without_sign[0]]]
+                row = _row(piece, row_selection, int(without_sign[0]))
+                place = f"{self.table.path}: row {row}, column '{self.rule.transmitter}'"
                 raise _no_sign(word, self.rule).at(None, place)
             return sign
         sign = np.where(pre >= 0, self.sign[pre], 0.0)
-        lost = np.flatnonzero(np.isnan(sign))
-        if lost.size:
+        without_sign = np.flatnonzero(np.isnan(sign))
+        if without_sign.size:
             assert isinstance(self.source, Neurons)
-            neuron = int(pre[lost[0]])
+            neuron = int(pre[without_sign[0]])
             column = self.source.column(self.rule.transmitter)
             assert isinstance(column, Texts)
-            word = column.words[column.codes[self.source.taken[neuron]]]
+            word = column.words[column.codes[self.source.population_rows[neuron]]]
             who = f"neuron {self.source.shown_id(neuron)} of {self.source.ids.what}"
             raise _no_sign(word, self.rule).at(None, who)
         return sign
 
     def _sign_of_sources(self) -> Floats:
-        """The sign of each neuron of the source; NaN where its transmitter has none."""
+        """Return the sign of each source neuron, NaN if its transmitter has no sign."""
         if not isinstance(self.source, Neurons):
-            message = "from_file.dale: the source has no table of neurons: expected one with the transmitter of each"
+            message = "from_file.dale: the source has no table of neurons: expected one with a column of transmitters"
             raise ModelError(message, hint="neurons=neuro.neuron_table(file, id=...)", path=("dale",))
         assert self.rule.transmitter
         column = self.source.column(self.rule.transmitter)
         if not isinstance(column, Texts):
             message = f"{self.source.ids.what}: column '{self.rule.transmitter}' holds numbers: expected transmitters"
             raise ModelError(message, path=("transmitter",))
-        found: Floats = column.each(_signs(column, self.rule))[self.source.taken]
-        return found
+        signs: Floats = column.each(_signs(column, self.rule))[self.source.population_rows]
+        return signs
 
-    def _delays(self, piece: Piece, kept: Any) -> Floats:
+    def _delays(self, piece: Piece, row_selection: Any) -> Floats:
         assert self.rule.delay
-        delays = np.asarray(_some(piece.columns[self.rule.delay], kept))
-        early = np.flatnonzero(delays < 0)
-        if early.size:
-            at = int(early[0])
-            raise cell(self.table, _row(piece, kept, at), self.rule.delay, float(delays[at]), "a number >= 0")
+        delays = np.asarray(_select(piece.columns[self.rule.delay], row_selection))
+        negative = np.flatnonzero(delays < 0)
+        if negative.size:
+            at = int(negative[0])
+            raise cell(self.table, _row(piece, row_selection, at), self.rule.delay, float(delays[at]), "a number >= 0")
         return delays
 
 
-def _some(column: Column, kept: Any) -> Column:
-    return Texts(column.codes[kept], column.words) if isinstance(column, Texts) else column[kept]
+def _select(column: Column, row_selection: Any) -> Column:
+    return Texts(column.codes[row_selection], column.words) if isinstance(column, Texts) else column[row_selection]
 
 
-def _row(piece: Piece, kept: Any, at: int) -> int:
-    """The number of a row of those that were kept."""
-    return piece.row(at if isinstance(kept, slice) else int(kept[at]))
+def _row(piece: Piece, row_selection: Any, at: int) -> int:
+    """Return the number of a selected row in the file."""
+    return piece.row(at if isinstance(row_selection, slice) else int(row_selection[at]))
 
 
 def _signs(column: Texts, rule: from_file) -> Floats:
@@ -220,7 +229,7 @@ def _signs(column: Texts, rule: from_file) -> Floats:
 
 
 def _no_sign(word: str, rule: from_file) -> ModelError:
-    hint = f"signs: {{{shown(word)}: 0}} leaves its edges out"
+    hint = f"write signs: {{{shown(word)}: 0}} to leave out its edges"
     return unknown("transmitter", word, rule.signs).but(hint=hint)
 
 
@@ -228,80 +237,80 @@ _ROUNDS = 200
 
 
 def shuffle_edges(edges: Edges, what: str, rng: np.random.Generator, same: bool) -> Edges:
-    """The same number of edges, with one property drawn anew.
+    """Return edges with one property shuffled.
 
     Args:
-        edges: of the file.
-        what: "edges": each keeps source, weight, sign and delay, and edges exchange their targets, so that every neuron
-            keeps its numbers of inputs and outputs; no pair is connected twice and no neuron reaches itself, unless
-            the diagram has such edges. "signs": neurons of the source exchange their transmitters where these are
-            theirs, else edges exchange signs. "weights": edges exchange the sizes of their weights, and keep signs.
-        rng: draws.
+        edges: the edges of the file.
+        what: "edges": edges keep source, weight, sign and delay and exchange their targets, so that the numbers of
+            inputs and outputs of every neuron stay the same. No pair is connected twice and no neuron is connected to
+            itself, unless the file has such edges. "signs": source neurons exchange their transmitters, or edges
+            exchange signs if transmitters belong to edges. "weights": edges exchange absolute weights and keep signs.
+        rng: random numbers.
         same: whether source and target are one population.
 
     Raises:
-        ModelError: there are no signs or weights, or too few pairs to exchange targets.
+        ModelError: the file has no signs or weights, or there are too few pairs to exchange targets.
     """
     if what == "edges":
-        return replace(edges, post=_exchanged(edges.pre, edges.post, rng, same))
+        return replace(edges, post=_exchange_targets(edges.pre, edges.post, rng, same))
     if edges.weight is None:
         raise ModelError(f"shuffle: {what}: found none in the file: expected a column 'weight' or 'transmitter'")
     if what == "weights":
         return replace(edges, weight=np.sign(edges.weight) * rng.permutation(np.abs(edges.weight)))
     if edges.sign is None:
         return replace(edges, weight=np.abs(edges.weight) * rng.permutation(np.sign(edges.weight)))
-    connected = np.unique(edges.pre)
-    exchanged = edges.sign.copy()
-    exchanged[connected] = rng.permutation(edges.sign[connected])
-    weight = edges.weight * edges.sign[edges.pre] * exchanged[edges.pre]
-    return replace(edges, weight=weight, sign=exchanged)
+    sources = np.unique(edges.pre)
+    shuffled_signs = edges.sign.copy()
+    shuffled_signs[sources] = rng.permutation(edges.sign[sources])
+    weight = edges.weight * edges.sign[edges.pre] * shuffled_signs[edges.pre]
+    return replace(edges, weight=weight, sign=shuffled_signs)
 
 
-def _exchanged(
+def _exchange_targets(
     pre: NDArray[np.int32], post: NDArray[np.int32], rng: np.random.Generator, same: bool
 ) -> NDArray[np.int32]:
-    """The targets in another order.
+    """Return the targets in another order.
 
-    All are permuted; then each edge that repeats a pair, or reaches its source, exchanges its target with a random
-    edge, until there is none. Source: Maslov & Sneppen, Science 296:910, 2002, whose step this exchange is.
+    All targets are permuted. Then each edge that repeats a pair, or connects a neuron to itself, exchanges its target
+    with a random edge, until there is no such edge. Source: Maslov & Sneppen, Science 296:910, 2002, for the exchange.
     """
     allowed_twice = bool(_repeats(pre, post).size)
     allowed_self = not same or bool((pre == post).any())
-    found = rng.permutation(post)
+    new_targets = rng.permutation(post)
     for _ in range(_ROUNDS):
-        wrong = np.zeros(0, dtype=np.int64) if allowed_twice else _repeats(pre, found)
+        to_exchange = np.zeros(0, dtype=np.int64) if allowed_twice else _repeats(pre, new_targets)
         if not allowed_self:
-            wrong = np.union1d(wrong, np.flatnonzero(pre == found))
-        if not wrong.size:
-            return found
-        for edge, other in zip(wrong.tolist(), rng.integers(0, pre.size, wrong.size).tolist(), strict=True):
-            found[edge], found[other] = found[other], found[edge]
+            to_exchange = np.union1d(to_exchange, np.flatnonzero(pre == new_targets))
+        if not to_exchange.size:
+            return new_targets
+        for edge, other in zip(to_exchange.tolist(), rng.integers(0, pre.size, to_exchange.size).tolist(), strict=True):
+            new_targets[edge], new_targets[other] = new_targets[other], new_targets[edge]
     raise ModelError(
-        f"shuffle: edges: {wrong.size} of {pre.size} edges still repeat a pair: expected fewer edges among the neurons"
+        f"shuffle: edges: {to_exchange.size} of {pre.size} edges still repeat a pair: expected fewer edges"
     )
 
 
 def _repeats(pre: NDArray[np.int32], post: NDArray[np.int32]) -> NDArray[np.int64]:
-    """The edges that connect a pair which another, before them in order of pairs, connects."""
+    """Return the edges whose pair also occurs earlier in the order of pairs."""
     pairs = pre.astype(np.int64) << 32 | post
     order = np.argsort(pairs)
     pairs = pairs[order]
-    found: NDArray[np.int64] = order[1:][pairs[1:] == pairs[:-1]]
-    return found
+    repeats: NDArray[np.int64] = order[1:][pairs[1:] == pairs[:-1]]
+    return repeats
 
 
 def shuffled(net: Network, what: str, *, seed: int = 0) -> Network:
-    """A control: the same network, in which one property of each wiring diagram is drawn anew.
+    """Return a control: a copy of a network in which one property of each wiring diagram is shuffled.
 
     Args:
-        net: the network; it is not changed.
-        what: "edges": edges exchange targets, and every neuron keeps its numbers of inputs and outputs, the sizes and
-            signs of its outputs; "signs": neurons exchange their transmitters (with `dale`; else edges exchange signs);
-            "weights": edges exchange the sizes of their weights and keep their signs.
-        seed: of the draws; another one gives another control.
+        net: the network. It does not change.
+        what: "edges": edges exchange targets, so that the numbers of inputs and outputs of every neuron, and the
+            weights and signs of its outputs, stay the same. "signs": neurons exchange their transmitters with `dale`,
+            otherwise edges exchange signs. "weights": edges exchange absolute weights and keep their signs.
+        seed: seed of the shuffle. Another seed gives another control.
 
     Returns:
-        A network that differs in `shuffle` and `shuffle_seed` of its rules `from_file`, so that it can be saved.
+        A network that differs in `shuffle` and `shuffle_seed` of its rules `from_file`, and can be saved.
 
     Raises:
         ModelError: the network has no edges from a file.

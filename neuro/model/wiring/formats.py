@@ -1,4 +1,4 @@
-"""Tables in files: CSV and parquet, read by Arrow, npz and npy; SONATA has a file of its own."""
+"""Formats of tables: CSV and Parquet by Arrow, NPZ and NPY. SONATA has a module of its own."""
 
 from __future__ import annotations
 
@@ -23,18 +23,21 @@ from neuro.model.wiring.tables import ANY, MATRIX, NUMBER, ROWS, TEXT, Column, P
 
 _FAILURES = (OSError, ValueError, EOFError, KeyError, MemoryError, SyntaxError, zipfile.BadZipFile, zlib.error)
 _SPARSE = {"format", "shape", "data"}
-"""Names that only a sparse matrix of SciPy has together."""
+"""Names of arrays by which a sparse matrix of SciPy is recognised."""
 
 
 def open_arrays(path: Path) -> Table:
-    """The table in an npz or npy file. Arrays of Python objects are refused: to read them may run code."""
+    """Return the table in an NPZ or NPY file.
+
+    Arrays of Python objects are refused, because reading them may run code.
+    """
     try:
         with path.open("rb") as file:
             if file.read(2) != b"PK":
                 return _Dense(path, np.load(path, allow_pickle=False, mmap_mode="r"))
             file.seek(0)
-            with np.load(file, allow_pickle=False) as found:
-                names = tuple(found.files)
+            with np.load(file, allow_pickle=False) as archive:
+                names = tuple(archive.files)
             if set(names) >= _SPARSE:
                 from scipy.sparse import load_npz
 
@@ -53,7 +56,7 @@ def _damaged(path: Path, error: Exception) -> ModelError:
         return error
     if "pickle" in str(error):
         return ModelError(f"{path}: holds Python objects, which may run code: expected arrays of numbers or text")
-    return ModelError(f"{path}: no npz or npy file that can be read: {type(error).__name__}: {error!s:.150}")
+    return ModelError(f"{path}: not a readable npz or npy file: {type(error).__name__}: {error!s:.150}")
 
 
 class _Columns:
@@ -63,7 +66,7 @@ class _Columns:
         self.path, self.names = path, names
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The arrays, some rows at a time."""
+        """Yield the arrays in pieces of rows."""
         try:
             with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 columns = {name: _array_column(file[name], f"{self.path}: column '{name}'") for name in kinds}
@@ -71,14 +74,14 @@ class _Columns:
             raise _damaged(self.path, error) from None
         sizes = {name: len(column) for name, column in columns.items()}
         if len(set(sizes.values())) > 1:
-            raise ModelError(f"{self.path}: arrays of different lengths, {sizes}: expected as many rows in each")
+            raise ModelError(f"{self.path}: arrays of different lengths, {sizes}: expected equal lengths")
         for begin in range(0, max(sizes.values(), default=0), ROWS):
             yield Piece(begin + 1, {name: _part(column, begin) for name, column in columns.items()})
 
 
 def _array_column(array: NDArray[Any], what: str) -> Column:
     if array.ndim != 1:
-        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected one value for each row")
+        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected one value per row")
     if array.dtype.kind == "U":
         words, codes = np.unique(array, return_inverse=True)
         return Texts(codes.astype(np.int64), tuple(words.tolist()))
@@ -94,27 +97,27 @@ def _part(column: Column, begin: int) -> Column:
 
 
 class _Dense:
-    """A matrix; row k and column k are of the k-th neuron."""
+    """A dense matrix. Row k and column k belong to the k-th neurons of source and target."""
 
     first, names = 1, MATRIX
 
     def __init__(self, path: Path, matrix: NDArray[Any]) -> None:
         if matrix.ndim != 2 or matrix.dtype.kind not in "iuf":
-            found = f"{matrix.dtype} of shape {list(matrix.shape)}"
-            raise ModelError(f"{path}: an array of {found}: expected a matrix of numbers, (sources, targets)")
+            kind = f"{matrix.dtype} of shape {list(matrix.shape)}"
+            raise ModelError(f"{path}: an array of {kind}: expected a matrix of numbers, (sources, targets)")
         self.path, self._matrix, self.places = path, matrix, matrix.shape
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The entries that are not 0, row by row."""
+        """Yield the entries other than 0, row by row."""
         for row in range(self._matrix.shape[0]):
             weights = self._matrix[row]
             post = np.flatnonzero(weights)
             columns = {"pre": np.full(post.size, row), "post": post, "weight": weights[post]}
-            yield Piece(row + 1, columns, alone=True)
+            yield Piece(row + 1, columns, is_one_row=True)
 
 
 class _Sparse:
-    """A sparse matrix, likewise."""
+    """A sparse matrix. Row k and column k belong to the k-th neurons of source and target."""
 
     first, names = 1, MATRIX
 
@@ -122,14 +125,14 @@ class _Sparse:
         self.path, self._matrix, self.places = path, matrix, matrix.shape
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The stored entries."""
+        """Yield the stored entries in pieces."""
         columns = {"pre": self._matrix.row, "post": self._matrix.col, "weight": self._matrix.data}
         for begin in range(0, self._matrix.nnz, ROWS):
             yield Piece(begin + 1, {name: column[begin : begin + ROWS] for name, column in columns.items()})
 
 
 _BLOCK = 1 << 24
-"""Bytes of a CSV that are read at once."""
+"""Number of bytes of a CSV that are read at once."""
 
 _WRONG = re.compile(r"column #(?P<column>\d+): Row #(?P<row>\d+): .* invalid value '(?P<value>.*)'", re.DOTALL)
 _EXPECTED = {
@@ -145,7 +148,7 @@ def _arrow(path: Path, module: str) -> Any:
 
 
 class CsvTable:
-    """A CSV with a header; rows are counted with it, as lines are."""
+    """A CSV file with a header. The header is row 1, so the numbers of rows are those of lines."""
 
     places, first = None, 2
 
@@ -154,17 +157,17 @@ class CsvTable:
         self.names = _header(path)
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The columns, block by block."""
+        """Yield the columns block by block."""
         try:
             yield from self._pieces(kinds, True)
         except (_arrow(self.path, "").ArrowException, KeyError, OSError) as error:
-            raise self._located(error, kinds) from None
+            raise self._locate_error(error, kinds) from None
 
     def _pieces(self, kinds: Mapping[str, str], threads: bool) -> Iterator[Piece]:
         arrow, reader = _arrow(self.path, ""), _arrow(self.path, ".csv")
         types = {NUMBER: arrow.float64(), "int64": arrow.int64(), "uint64": arrow.uint64()}
         text = arrow.dictionary(arrow.int32(), arrow.string())
-        how = reader.ConvertOptions(
+        conversion = reader.ConvertOptions(
             column_types={name: types.get(kind, text) for name, kind in kinds.items()},
             include_columns=list(kinds),
             null_values=[""],
@@ -172,30 +175,30 @@ class CsvTable:
         )
         options = reader.ReadOptions(block_size=_BLOCK, use_threads=threads)
         first = self.first
-        for batch in reader.open_csv(self.path, read_options=options, convert_options=how):
+        for batch in reader.open_csv(self.path, read_options=options, convert_options=conversion):
             yield Piece(
                 first, {name: _arrow_column(self, first, name, batch.column(name), kinds[name]) for name in kinds}
             )
             first += batch.num_rows
 
-    def _located(self, error: Exception, kinds: Mapping[str, str]) -> ModelError:
-        """What Arrow found wrong, with row and column, which it tells where it reads with one thread."""
+    def _locate_error(self, error: Exception, kinds: Mapping[str, str]) -> ModelError:
+        """Return Arrow's error with row and column, which Arrow reports only when reading with one thread."""
         try:
             for _ in self._pieces(kinds, False):
                 pass
-        except (_arrow(self.path, "").ArrowException, KeyError, OSError) as told:
-            error = told
-        if found := _WRONG.search(str(error)):
-            name = self.names[int(found["column"])] if int(found["column"]) < len(self.names) else found["column"]
-            return cell(self, int(found["row"]), name, found["value"], _EXPECTED.get(kinds.get(name, ""), "text"))
-        return ModelError(f"{self.path}: no CSV that can be read: {str(error).splitlines()[0]:.200}")
+        except (_arrow(self.path, "").ArrowException, KeyError, OSError) as located:
+            error = located
+        if match := _WRONG.search(str(error)):
+            name = self.names[int(match["column"])] if int(match["column"]) < len(self.names) else match["column"]
+            return cell(self, int(match["row"]), name, match["value"], _EXPECTED.get(kinds.get(name, ""), "text"))
+        return ModelError(f"{self.path}: not a readable CSV file: {str(error).splitlines()[0]:.200}")
 
 
 def _header(path: Path) -> tuple[str, ...]:
-    """The names in the first line.
+    """Return the names in the first line.
 
     Raises:
-        ModelError: there is none, it is no text, or a name stands there twice.
+        ModelError: there is no header, the file is not text, or a name occurs twice.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -204,33 +207,33 @@ def _header(path: Path) -> tuple[str, ...]:
         raise ModelError(f"{path}: found no text: expected CSV, parquet, SONATA (HDF5), npz or npy") from None
     if not any(names):
         raise ModelError(f"{path}: found no header: expected the names of the columns in the first line")
-    if twice := [name for k, name in enumerate(names) if name in names[:k]]:
-        raise ModelError(f"{path}: row 1: column '{twice[0]}' stands there twice: expected each once")
+    if repeats := [name for k, name in enumerate(names) if name in names[:k]]:
+        raise ModelError(f"{path}: row 1: column '{repeats[0]}' occurs twice: expected each once")
     return names
 
 
 def _arrow_column(table: Table, first: int, name: str, values: Any, kind: str) -> Column:
-    """An array of Arrow as a column; an empty cell is an error, but in a text that is no id."""
+    """Return an Arrow array as a column. Empty cells are errors except in text columns."""
     pyarrow = _arrow(table.path, "")
     kinds = pyarrow.types
-    stated = values.type.value_type if kinds.is_dictionary(values.type) else values.type
-    if kinds.is_string(stated) or kinds.is_large_string(stated):
-        coded = values if kinds.is_dictionary(values.type) else values.dictionary_encode()
-        words = [word if word is not None else "" for word in coded.dictionary.to_pylist()]
-        codes = coded.indices.fill_null(len(words)).to_numpy(zero_copy_only=False).astype(np.int64)
+    value_type = values.type.value_type if kinds.is_dictionary(values.type) else values.type
+    if kinds.is_string(value_type) or kinds.is_large_string(value_type):
+        encoded = values if kinds.is_dictionary(values.type) else values.dictionary_encode()
+        words = [word if word is not None else "" for word in encoded.dictionary.to_pylist()]
+        codes = encoded.indices.fill_null(len(words)).to_numpy(zero_copy_only=False).astype(np.int64)
         return Texts(codes, (*words, ""))
     if values.null_count:
         empty = int(np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))[0])
         raise cell(table, first + empty, name, "", _EXPECTED.get(kind, "a value"))
-    if not (kinds.is_integer(stated) or kinds.is_floating(stated) or kinds.is_boolean(stated)):
+    if not (kinds.is_integer(value_type) or kinds.is_floating(value_type) or kinds.is_boolean(value_type)):
         expected = "text" if kind == TEXT else "numbers or text" if kind == ANY else _EXPECTED[kind]
-        raise ModelError(f"{table.path}: column '{name}' holds {stated}: expected {expected}", path=(name,))
+        raise ModelError(f"{table.path}: column '{name}' holds {value_type}: expected {expected}", path=(name,))
     numbers: Column = values.to_numpy(zero_copy_only=False)
     return numbers
 
 
 class ParquetTable:
-    """A parquet file; rows are counted from 1."""
+    """A Parquet file. Rows are counted from 1."""
 
     places, first = None, 1
 
@@ -243,7 +246,7 @@ class ParquetTable:
             raise self._damaged(error) from None
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The columns, a group of rows at a time."""
+        """Yield the columns in groups of rows."""
         first = self.first
         for batch in self._batches(list(kinds)):
             yield Piece(
@@ -259,11 +262,14 @@ class ParquetTable:
             raise self._damaged(error) from None
 
     def _damaged(self, error: Exception) -> ModelError:
-        return ModelError(f"{self.path}: no parquet file that can be read: {str(error).splitlines()[0]:.200}")
+        return ModelError(f"{self.path}: not a readable Parquet file: {str(error).splitlines()[0]:.200}")
 
 
 class CsvMatrix:
-    """A CSV whose first line has the ids of the targets, and each other line the id of a source and its weights."""
+    """A CSV file with the ids of the targets in the first line.
+
+    Each other line has the id of a source and its weights.
+    """
 
     places, first, names = None, 2, MATRIX
 
@@ -272,18 +278,18 @@ class CsvMatrix:
         self._posts = _header(path)[1:]
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The entries that are not 0, some lines at a time; a row is that of the source."""
+        """Yield the entries other than 0, line by line. The row of an entry is that of its source."""
         with self.path.open(encoding="utf-8-sig", newline="") as file:
-            lines, known = self._lines(file), dict[str, int]()
+            lines, row_of_id = self._lines(file), dict[str, int]()
             next(lines)
             for row, line in enumerate(lines, 2):
                 if not line:
                     continue
-                if known.setdefault(line[0], row) != row:
-                    raise cell(self, row, "pre", line[0], f"another id than that of row {known[line[0]]}")
+                if row_of_id.setdefault(line[0], row) != row:
+                    raise cell(self, row, "pre", line[0], f"another id than that of row {row_of_id[line[0]]}")
                 if len(line) - 1 != len(self._posts):
                     message = f"{self.path}: row {row}: found {len(line) - 1} weights: expected {len(self._posts)}"
-                    raise ModelError(f"{message}, as many as ids in row 1")
+                    raise ModelError(f"{message}, the number of ids in row 1")
                 try:
                     weights = np.array(line[1:], dtype=np.float64)
                 except ValueError:
@@ -291,16 +297,18 @@ class CsvMatrix:
                 if not np.isfinite(weights).all():
                     bad = next(k for k, text in enumerate(line[1:]) if not _is_finite(text))
                     raise cell(self, row, self._posts[bad], line[1 + bad], "a finite number")
-                there = np.flatnonzero(weights)
-                named = {"pre": [line[0]] * there.size, "post": [self._posts[k] for k in there.tolist()]}
-                columns = {name: self._ids(row, name, ids, kinds[name]) for name, ids in named.items() if name in kinds}
-                yield Piece(row, {**columns, "weight": weights[there]}, alone=True)
+                nonzero = np.flatnonzero(weights)
+                ids_by_column = {"pre": [line[0]] * nonzero.size, "post": [self._posts[k] for k in nonzero.tolist()]}
+                columns = {
+                    name: self._ids(row, name, ids, kinds[name]) for name, ids in ids_by_column.items() if name in kinds
+                }
+                yield Piece(row, {**columns, "weight": weights[nonzero]}, is_one_row=True)
 
     def _lines(self, file: Any) -> Iterator[list[str]]:
         try:
             yield from csv.reader(file)
         except (UnicodeDecodeError, csv.Error) as error:
-            raise ModelError(f"{self.path}: no CSV that can be read: {error!s:.150}") from None
+            raise ModelError(f"{self.path}: not a readable CSV file: {error!s:.150}") from None
 
     def _ids(self, row: int, name: str, ids: list[str], kind: str) -> Column:
         if kind == TEXT:
@@ -321,31 +329,31 @@ def _is_finite(text: str) -> bool:
 
 
 def open_table(path: Path, key: str | None = None, matrix: bool = False, types: Path | None = None) -> Table:
-    """The table in a file, whose format is found by its signature; what has none is CSV.
+    """Open the table in a file. The format is recognised by its signature, and a file without one is read as CSV.
 
     Args:
-        path: CSV, parquet, HDF5 of SONATA, npz or npy.
-        key: in HDF5 the population of edges or of nodes.
+        path: CSV, Parquet, SONATA (HDF5), NPZ or NPY.
+        key: for HDF5, the population of edges or nodes.
         matrix: whether a CSV is a matrix with ids in its first row and column.
-        types: in HDF5 the CSV with the attributes of types of edges or of nodes.
+        types: for HDF5, the CSV with the attributes of edge or node types.
 
     Raises:
-        ModelError: there is no such file, or it is none of these.
+        ModelError: the file does not exist, or has another format.
     """
-    table = _opened(path, key, matrix, types)
+    table = _open(path, key, matrix, types)
     if matrix and table.names != MATRIX:
         raise ModelError(f"{path}: layout: matrix: found a list of edges: expected a matrix", path=("layout",))
     return table
 
 
-def _opened(path: Path, key: str | None, matrix: bool, types: Path | None) -> Table:
+def _open(path: Path, key: str | None, matrix: bool, types: Path | None) -> Table:
     existing(path)
     record_input(path)
     with path.open("rb") as file:
         head = file.read(8)
-    for word, said in (("key", key), ("types", types)):
-        if said is not None and not is_hdf5(head):
-            raise ModelError(f"{path}: {word} = {shown(said)}: expected none, only HDF5 has {word}", path=(word,))
+    for word, value in (("key", key), ("types", types)):
+        if value is not None and not is_hdf5(head):
+            raise ModelError(f"{path}: {word} = {shown(value)}: expected none, only HDF5 has {word}", path=(word,))
     if is_hdf5(head):
         return SonataTable(path, key, types)
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")):

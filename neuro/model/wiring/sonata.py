@@ -1,6 +1,6 @@
-"""Edges and nodes of SONATA in HDF5: ids and types, the attributes of groups "0", "1", ..., and those of types.
+"""SONATA edges and nodes in HDF5: ids and types, attributes of the groups "0", "1", ..., and attributes of types.
 
-An attribute of a row is that of its group; where the group has none, that of its type.
+The attribute of a row is that of its group, or that of its type if the group has no such attribute.
 Source: the SONATA Developer Guide, AllenInstitute/sonata.
 """
 
@@ -28,17 +28,17 @@ NULL = "NULL"
 
 
 class Types:
-    """A table of types.
+    """A table of edge or node types.
 
     Args:
-        path: of the CSV.
-        id: the column of the ids, "edge_type_id" or "node_type_id".
+        path: path of the CSV file.
+        id: name of the column of ids, "edge_type_id" or "node_type_id".
 
     Attributes:
-        names: of the attributes.
+        names: names of the attributes.
 
     Raises:
-        ModelError: it cannot be read, or a type stands there twice.
+        ModelError: the file cannot be read, or a type occurs twice.
     """
 
     def __init__(self, path: Path, id: str) -> None:
@@ -46,16 +46,16 @@ class Types:
         record_input(path)
         try:
             with self.path.open(encoding="utf-8-sig", newline="") as file:
-                found = [line for line in csv.reader(file, delimiter=" ", skipinitialspace=True) if any(line)]
+                table_lines = [line for line in csv.reader(file, delimiter=" ", skipinitialspace=True) if any(line)]
         except (UnicodeDecodeError, csv.Error) as error:
-            raise ModelError(f"{self.path}: no CSV of types that can be read: {error!s:.150}") from None
-        if not found:
+            raise ModelError(f"{self.path}: not a readable CSV of types: {error!s:.150}") from None
+        if not table_lines:
             raise ModelError(f"{self.path}: found no header: expected the names of the columns in the first line")
-        header, *lines = found
+        header, *lines = table_lines
         if id not in header:
             raise ModelError(f"{path}: row 1: found {header}: expected a column '{id}'", path=("types",))
-        if twice := [name for k, name in enumerate(header) if name in header[:k]]:
-            raise ModelError(f"{path}: row 1: column '{twice[0]}' stands there twice: expected each once")
+        if repeats := [name for k, name in enumerate(header) if name in header[:k]]:
+            raise ModelError(f"{path}: row 1: column '{repeats[0]}' occurs twice: expected each once")
         for row, line in enumerate(lines, 2):
             if len(line) != len(header):
                 raise ModelError(f"{path}: row {row}: found {len(line)} words: expected {len(header)}, as in row 1")
@@ -67,7 +67,7 @@ class Types:
         self._columns = {name: self._column(cells) for name, cells in columns.items()}
 
     def _ids(self, id: str, cells: tuple[str, ...]) -> NDArray[np.int64]:
-        found: dict[int, int] = {}
+        row_of_id: dict[int, int] = {}
         for row, text in enumerate(cells, 2):
             place = f"{self.path}: row {row}, column '{id}': found {shown(text)}: expected"
             try:
@@ -76,30 +76,30 @@ class Types:
                 raise ModelError(f"{place} a whole number") from None
             if not 0 <= number < 2**63:
                 raise ModelError(f"{place} a whole number from 0 to 2^63 - 1")
-            if number in found:
-                raise ModelError(f"{place} another type than that of row {found[number]}")
-            found[number] = row
-        return np.array(list(found), dtype=np.int64)
+            if number in row_of_id:
+                raise ModelError(f"{place} another type than that of row {row_of_id[number]}")
+            row_of_id[number] = row
+        return np.array(list(row_of_id), dtype=np.int64)
 
     def _column(self, cells: tuple[str, ...]) -> tuple[Column, NDArray[np.bool_]]:
-        """A value for each type, numbers where all are, and which types have one."""
+        """Return the values of an attribute by type, as numbers if all are numbers, and which types have a value."""
         has = np.array([cell not in (NULL, "") for cell in cells], dtype=bool)
         try:
-            numbers = np.array([float(cell) if there else math.nan for cell, there in zip(cells, has, strict=True)])
+            numbers = np.array([float(cell) if exists else math.nan for cell, exists in zip(cells, has, strict=True)])
         except ValueError:
             words = tuple(dict.fromkeys(cells))
             return Texts(np.array([words.index(cell) for cell in cells], dtype=np.int64), words), has
         return numbers, has
 
     def places(self, ids: NDArray[Any]) -> NDArray[np.int64]:
-        """Of each id of a type its place in the table, -1 where it is none."""
+        """Return the index of each type id in the table, or -1."""
         if not self._order.size:
             return np.full(ids.size, -1, dtype=np.int64)
         at = np.minimum(np.searchsorted(self._ids_sorted, ids), self._order.size - 1)
         return np.where(self._ids_sorted[at] == ids, self._order[at], -1)
 
     def values(self, name: str, places: NDArray[np.int64]) -> tuple[Column, NDArray[np.bool_]]:
-        """An attribute of the types at some places, and which of them have it."""
+        """Return an attribute of the types at some indices, and which of them have the attribute."""
         column, has = self._columns[name]
         if isinstance(column, Texts):
             return Texts(column.codes[places], column.words), has[places]
@@ -107,8 +107,8 @@ class Types:
 
 
 _FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, AttributeError)
-_LOOKED_AT = 1 << 24
-"""Bytes of a file whose texts are checked."""
+_LARGEST_CHECKED = 1 << 24
+"""Largest size in bytes of a file whose texts are checked."""
 
 _IDS = {"edges": ("source_node_id", "target_node_id", "edge_type_id"), "nodes": ("node_id", "node_type_id")}
 
@@ -118,12 +118,13 @@ Places = slice | NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """Some rows.
+    """Some rows of a population.
 
     Attributes:
-        begin, end: which.
-        members: of each group that has some of them which these are, from 0, and where they lie in the group.
-        type: of each its type, None where that is not asked for.
+        begin, end: range of the rows.
+        members: for each group with some of the rows, their indices counted from `begin` and their indices in the
+            group.
+        type: type of each row, or None if types are not needed.
     """
 
     begin: int
@@ -137,33 +138,37 @@ class _Rows:
 
 
 class SonataTable:
-    """One population of edges or of nodes.
+    """A population of edges or nodes.
 
     Args:
-        path: of the file.
-        key: the name of the population; the only one if not given.
-        types: a CSV with the attributes of types, None without one.
+        path: path of the file.
+        key: name of the population. None: the only one in the file.
+        types: CSV file with the attributes of types, or None.
     """
 
     places, first = None, 1
 
     def __init__(self, path: Path, key: str | None, types: Path | None = None) -> None:
         self.path = path
-        with self._opened() as file:
+        with self._open() as file:
             kind = next((kind for kind in _IDS if kind in file), None)
             if kind is None:
                 raise ModelError(f"{path}: found {sorted(file)}: expected SONATA, a group 'edges' or 'nodes'")
-            known = sorted(file[kind])
-            if key is None and len(known) != 1:
-                raise ModelError(f"{path}: populations of {kind} {known}: expected 'key', which one", path=("key",))
-            chosen = known[0] if key is None else key
-            if chosen not in known:
-                raise unknown(f"population of {kind}", chosen, known, path=("key",)).at(None, str(path))
-            self._place, self._word = f"{kind}/{chosen}", kind[:-1]
+            population_names = sorted(file[kind])
+            if key is None and len(population_names) != 1:
+                raise ModelError(
+                    f"{path}: populations of {kind} {population_names}: expected 'key', which one", path=("key",)
+                )
+            population = population_names[0] if key is None else key
+            if population not in population_names:
+                raise unknown(f"population of {kind}", population, population_names, path=("key",)).at(None, str(path))
+            self._place, self._word = f"{kind}/{population}", kind[:-1]
             self._ids = tuple(name for name in _IDS[kind] if name in file[self._place])
             self._groups = sorted((name for name in file[self._place] if name.isdecimal()), key=int)
-            own = {name: [g for g in self._groups if name in file[self._place][g]] for name in self._own(file)}
-            self._in_groups = {name: groups for name, groups in own.items() if name not in self._ids}
+            groups_of_attribute = {
+                name: [g for g in self._groups if name in file[self._place][g]] for name in self._attribute_names(file)
+            }
+            self._in_groups = {name: groups for name, groups in groups_of_attribute.items() if name not in self._ids}
             self._types = None if types is None else Types(types, f"{self._word}_type_id")
             ids = "target_node_id" if kind == "edges" else "node_type_id"
             if ids not in self._ids:
@@ -172,12 +177,12 @@ class SonataTable:
         shared = () if self._types is None else self._types.names
         self.names = tuple(dict.fromkeys((*self._ids, *self._in_groups, *shared)))
 
-    def _own(self, file: Any) -> list[str]:
+    def _attribute_names(self, file: Any) -> list[str]:
         names = (name for group in self._groups for name in file[self._place][group])
         return [name for name in dict.fromkeys(names) if name not in ("@library", "dynamics_params")]
 
     @contextmanager
-    def _opened(self) -> Iterator[Any]:
+    def _open(self) -> Iterator[Any]:
         import h5py
 
         try:
@@ -187,10 +192,13 @@ class SonataTable:
         except ModelError:
             raise
         except _FAILURES as error:
-            raise ModelError(f"{self.path}: no HDF5 file that can be read: {error!s:.150}") from None
+            raise ModelError(f"{self.path}: not a readable HDF5 file: {error!s:.150}") from None
 
     def _dataset(self, file: Any, place: str) -> Any:
-        """A data set of the file itself; a link or a virtual one would read other files."""
+        """Return a data set of the file.
+
+        Links and virtual data sets are refused, because they would read other files.
+        """
         import h5py
 
         data = file
@@ -205,109 +213,112 @@ class SonataTable:
         return data
 
     def _has_texts(self, data: Any) -> bool:
-        """Whether it holds texts that are in the file; of a large file it is believed, as a look takes long."""
+        """Return whether a data set holds texts that are stored in the file.
+
+        For large files only the type is checked.
+        """
         import h5py
 
-        if self.path.stat().st_size > _LOOKED_AT:
+        if self.path.stat().st_size > _LARGEST_CHECKED:
             return h5py.check_string_dtype(data.dtype) is not None
         heaps = Heaps(self.path.read_bytes())
         return heaps.whole and heaps.has(data)
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The data sets, some rows at a time."""
+        """Yield columns in pieces of rows."""
         attributes = [name for name in kinds if name not in self._ids]
         words = {
             "group": f"{self._word}_group_id",
             "place": f"{self._word}_group_index",
             "type": f"{self._word}_type_id",
         }
-        with self._opened() as file:
-            whole = {name: self._of_rows(file, name) for name in kinds if name in self._ids}
-            needed = {
+        with self._open() as file:
+            id_data = {name: self._row_data(file, name) for name in kinds if name in self._ids}
+            is_needed = {
                 "group": bool(attributes and self._groups),
                 "place": bool(attributes and self._groups),
                 "type": self._types is not None and any(name in self._types.names for name in attributes),
             }
-            about = {word: self._of_rows(file, name) for word, name in words.items() if needed[word]}
+            index_data = {word: self._row_data(file, name) for word, name in words.items() if is_needed[word]}
             for word, name in (("group", "group_id"), ("place", "group_index")):
-                if len(self._groups) > 1 and about.get(word, 0) is None:
+                if len(self._groups) > 1 and index_data.get(word, 0) is None:
                     groups = f"the groups {', '.join(self._groups)}"
                     raise ModelError(f"{self.path}: '{self._place}' has {groups} and no '{self._word}_{name}'")
-            for data in about.values():
+            for data in index_data.values():
                 if data is not None and data.dtype.kind not in "iu":
                     raise ModelError(
                         f"{self.path}: '{data.name.lstrip('/')}' holds {data.dtype}: expected whole numbers"
                     )
-            if about.get("type", 0) is None:
+            if index_data.get("type", 0) is None:
                 raise ModelError(
                     f"{self.path}: '{self._place}' has no '{self._word}_type_id': expected one for 'types'"
                 )
             for begin in range(0, self._size, ROWS):
                 end = min(begin + ROWS, self._size)
-                read = {word: None if data is None else data[begin:end] for word, data in about.items()}
-                members = self._members(begin, end, read.get("group"), read.get("place"))
-                rows = _Rows(begin, end, tuple(members), read.get("type"))
-                columns: dict[str, Column] = {name: data[begin:end] for name, data in whole.items()}
+                index_values = {word: None if data is None else data[begin:end] for word, data in index_data.items()}
+                members = self._members(begin, end, index_values.get("group"), index_values.get("place"))
+                rows = _Rows(begin, end, tuple(members), index_values.get("type"))
+                columns: dict[str, Column] = {name: data[begin:end] for name, data in id_data.items()}
                 columns |= {name: self._attribute(file, name, rows) for name in attributes}
                 yield Piece(begin + 1, columns)
 
-    def _of_rows(self, file: Any, name: str) -> Any:
-        """A data set with a value for each row, None where the file has none."""
+    def _row_data(self, file: Any, name: str) -> Any:
+        """Return a data set with a value per row, or None if it does not exist."""
         place = f"{self._place}/{name}"
         if name not in file[self._place]:
             return None
         data = self._dataset(file, place)
         if data.shape[0] != self._size:
-            raise ModelError(
-                f"{self.path}: '{place}' has {data.shape[0]} values: expected one for each of {self._size} rows"
-            )
+            raise ModelError(f"{self.path}: '{place}' has {data.shape[0]} values: expected {self._size}, one per row")
         return data
 
     def _attribute(self, file: Any, name: str, rows: _Rows) -> Column:
-        """An attribute of some rows: that of the group where it has it, else that of the type."""
+        """Return an attribute of some rows: that of the group if it exists, otherwise that of the type."""
         parts: list[tuple[Places, Column]] = []
-        without = np.ones(rows.size, dtype=bool)
-        for group, taken, place in rows.members:
+        is_missing = np.ones(rows.size, dtype=bool)
+        for group, row_indices, group_indices in rows.members:
             if group in self._in_groups.get(name, ()):
-                without[taken] = False
-                parts.append((taken, self._in_group(file, name, group, rows, taken, place)))
-        if self._types is not None and name in self._types.names and without.any():
-            parts.append((np.flatnonzero(without), self._of_types(name, rows, np.flatnonzero(without))))
-            without[:] = False
-        if without.any():
-            at = int(np.flatnonzero(without)[0])
+                is_missing[row_indices] = False
+                parts.append((row_indices, self._group_attribute(file, name, group, rows, row_indices, group_indices)))
+        if self._types is not None and name in self._types.names and is_missing.any():
+            parts.append((np.flatnonzero(is_missing), self._type_attribute(name, rows, np.flatnonzero(is_missing))))
+            is_missing[:] = False
+        if is_missing.any():
+            at = int(np.flatnonzero(is_missing)[0])
             raise ModelError(f"{self.path}: row {rows.begin + at + 1}: its group has no '{name}'", path=(name,))
-        return _together(parts, rows.size, f"{self.path}: column '{name}'")
+        return _join_parts(parts, rows.size, f"{self.path}: column '{name}'")
 
     def _members(
         self, begin: int, end: int, group: NDArray[Any] | None, place: NDArray[Any] | None
     ) -> Iterator[tuple[str, Places, Places]]:
-        """The rows by group."""
+        """Yield the rows of each group: group, row indices and indices in the group."""
         if group is not None and self._groups:
-            known = np.logical_or.reduce([group == int(name) for name in self._groups])
-            if not known.all():
-                at = int(np.flatnonzero(~known)[0])
+            is_known = np.logical_or.reduce([group == int(name) for name in self._groups])
+            if not is_known.all():
+                at = int(np.flatnonzero(~is_known)[0])
                 expected = f"one of the groups {', '.join(self._groups)}"
                 raise cell(self, begin + at + 1, f"{self._word}_group_id", int(group[at]), expected)
         for name in self._groups:
-            taken: Places = slice(0, end - begin)
+            row_indices: Places = slice(0, end - begin)
             if group is not None and len(self._groups) > 1:
-                taken = np.flatnonzero(group == int(name))
-            if isinstance(taken, slice) or taken.size:
-                yield name, taken, slice(begin, end) if place is None else _in_order(place[taken])
+                row_indices = np.flatnonzero(group == int(name))
+            if isinstance(row_indices, slice) or row_indices.size:
+                yield name, row_indices, slice(begin, end) if place is None else _as_slice(place[row_indices])
 
-    def _in_group(self, file: Any, name: str, group: str, rows: _Rows, taken: Places, place: Places) -> Column:
-        """An attribute of those of the rows that are in a group."""
+    def _group_attribute(
+        self, file: Any, name: str, group: str, rows: _Rows, row_indices: Places, place: Places
+    ) -> Column:
+        """Return an attribute of the rows that are in a group."""
         where = f"{self._place}/{group}/{name}"
         data = self._dataset(file, where)
         if f"{self._word}_group_index" not in file[self._place] and data.shape[0] != self._size:
-            message = f"{self.path}: '{where}' has {data.shape[0]} values: expected one for each of {self._size} rows"
+            message = f"{self.path}: '{where}' has {data.shape[0]} values: expected {self._size}, one per row"
             raise ModelError(message)
         low, high = (place.start, place.stop) if isinstance(place, slice) else (int(place.min()), int(place.max()) + 1)
         if low < 0 or high > data.shape[0]:
             index = np.arange(low, high) if isinstance(place, slice) else place
             at = int(np.flatnonzero((index < 0) | (index >= data.shape[0]))[0])
-            row = rows.begin + int(np.arange(rows.size)[taken][at]) + 1
+            row = rows.begin + int(np.arange(rows.size)[row_indices][at]) + 1
             expected = f"the place of one of the {data.shape[0]} values of '{where}'"
             raise cell(self, row, f"{self._word}_group_index", int(index[at]), expected)
         column = self._read(file, group, name, data, slice(low, high))
@@ -318,8 +329,8 @@ class SonataTable:
     def _read(self, file: Any, group: str, name: str, data: Any, place: slice) -> Column:
         words = f"{self._place}/{group}/@library/{name}"
         if data.dtype.kind in "OS":
-            known, codes = np.unique(data.asstr()[place].astype(str), return_inverse=True)
-            return Texts(codes.astype(np.int64), tuple(known.tolist()))
+            unique_words, codes = np.unique(data.asstr()[place].astype(str), return_inverse=True)
+            return Texts(codes.astype(np.int64), tuple(unique_words.tolist()))
         values: NDArray[Any] = data[place]
         if words not in file:
             return values
@@ -328,14 +339,14 @@ class SonataTable:
             raise ModelError(f"{self.path}: '{name}' holds codes beyond its {len(library)} words in @library")
         return Texts(values.astype(np.int64), library)
 
-    def _of_types(self, name: str, rows: _Rows, at: NDArray[np.int64]) -> Column:
-        """An attribute of the types of some rows."""
+    def _type_attribute(self, name: str, rows: _Rows, at: NDArray[np.int64]) -> Column:
+        """Return an attribute of the types of some rows."""
         assert self._types is not None
         assert rows.type is not None
         places = self._types.places(rows.type[at])
-        lost = np.flatnonzero(places < 0)
-        if lost.size:
-            row = int(at[lost[0]])
+        unknown_types = np.flatnonzero(places < 0)
+        if unknown_types.size:
+            row = int(at[unknown_types[0]])
             expected = f"a type of {self._types.path}"
             raise cell(self, rows.begin + row + 1, f"{self._word}_type_id", int(rows.type[row]), expected)
         column, has = self._types.values(name, places)
@@ -346,8 +357,8 @@ class SonataTable:
         return column
 
 
-def _in_order(index: NDArray[Any]) -> Places:
-    """Places as a slice where they follow each other."""
+def _as_slice(index: NDArray[Any]) -> Places:
+    """Return indices as a slice if they are consecutive."""
     if index.dtype == np.uint64 and index.max(initial=0) >= 2**63:
         index = np.minimum(index, 2**63 - 1)  # beyond any group
     first = int(index[0])
@@ -356,21 +367,23 @@ def _in_order(index: NDArray[Any]) -> Places:
     return index.astype(np.int64)
 
 
-def _together(parts: list[tuple[Places, Column]], size: int, what: str) -> Column:
-    """One column of parts, each with the rows that it is of."""
+def _join_parts(parts: list[tuple[Places, Column]], size: int, what: str) -> Column:
+    """Return one column of several parts, each with its row indices."""
     if len(parts) == 1 and len(parts[0][1]) == size:
         return parts[0][1]
-    texts = [(taken, part) for taken, part in parts if isinstance(part, Texts)]
-    numbers = [(taken, part) for taken, part in parts if not isinstance(part, Texts)]
+    texts = [(row_indices, part) for row_indices, part in parts if isinstance(part, Texts)]
+    numbers = [(row_indices, part) for row_indices, part in parts if not isinstance(part, Texts)]
     if texts and numbers:
         raise ModelError(f"{what} holds text in some groups, and numbers in others")
     if not texts:
-        found = np.zeros(size, dtype=np.result_type(*(values.dtype for _, values in numbers)))
-        for taken, values in numbers:
-            found[taken] = values
-        return found
+        column = np.zeros(size, dtype=np.result_type(*(values.dtype for _, values in numbers)))
+        for row_indices, values in numbers:
+            column[row_indices] = values
+        return column
     words: dict[str, int] = {}
     codes = np.zeros(size, dtype=np.int64)
-    for taken, text in texts:
-        codes[taken] = text.each(np.array([words.setdefault(word, len(words)) for word in text.words], dtype=np.int64))
+    for row_indices, text in texts:
+        codes[row_indices] = text.each(
+            np.array([words.setdefault(word, len(words)) for word in text.words], dtype=np.int64)
+        )
     return Texts(codes, tuple(words))

@@ -1,4 +1,4 @@
-"""Tables as columns, a piece at a time, with errors that name file, row and column, and conditions on columns."""
+"""Tables as columns, read in pieces, with errors that name file, row and column, and conditions on columns."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from neuro.core.grammar import (
 from neuro.core.values import shown
 
 ROWS = 1 << 20
-"""Rows that a piece has where the format does not decide it."""
+"""Number of rows in a piece, unless the format decides."""
 
 NUMBER, INT64, UINT64, TEXT, ANY = "number", "int64", "uint64", "text", "any"
-"""What a column is asked for as; `ANY` is as the file has it, of a CSV text."""
+"""Requested types of a column. `ANY` is the type in the file, or text for CSV."""
 
 MATRIX: tuple[str, ...] = ("pre", "post", "weight")
-"""The columns of a matrix, whose entries other than 0 are its rows."""
+"""Columns of a matrix as a table, with a row per entry other than 0."""
 
 _EXPECTED = {NUMBER: "finite numbers", INT64: "whole numbers of 64 bits", UINT64: "whole numbers from 0 to 2^64 - 1"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texts:
-    """A column of text: of each row the place of its word among the words; an empty cell is the word ""."""
+    """A column of text, as an index into the words for each row. An empty cell has the word ""."""
 
     codes: NDArray[np.int64]
     words: tuple[str, ...]
@@ -49,7 +49,7 @@ class Texts:
         return len(self.codes)
 
     def each(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The value of each row, from that of each word."""
+        """Return the value of each row for given values of the words."""
         return values[self.codes]
 
 
@@ -61,27 +61,27 @@ class Piece:
     """Some rows of a table.
 
     Attributes:
-        first: the number of the first, as messages count them.
-        columns: by name.
-        alone: whether all are entries of one row, of a matrix.
+        first: number of the first row in messages.
+        columns: columns by name.
+        is_one_row: whether all rows are entries of one row of a matrix.
     """
 
     first: int
     columns: dict[str, Column]
-    alone: bool = False
+    is_one_row: bool = False
 
     def row(self, at: int) -> int:
-        """The number of a row."""
-        return self.first + (0 if self.alone else at)
+        """Return the number of a row in messages."""
+        return self.first + (0 if self.is_one_row else at)
 
 
 class Table(Protocol):
-    """A table in a file.
+    """Protocol of a table in a file.
 
     Attributes:
-        path: of the file.
-        names: of the columns.
-        first: the number of the first row: 2 where a header is the first line.
+        path: path of the file.
+        names: names of the columns.
+        first: number of the first row, which is 2 after a header.
     """
 
     path: Path
@@ -90,43 +90,43 @@ class Table(Protocol):
 
     @property
     def places(self) -> tuple[int, ...] | None:
-        """The shape of a matrix whose `pre` and `post` are places in the order of the neurons; None: they are ids."""
+        """Shape of a matrix whose `pre` and `post` are indices of neurons. None: they are ids."""
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """The columns of these names, asked for as a kind each; all rows, in order."""
+        """Yield all rows of some columns in order. `kinds` has the requested type of each column."""
 
 
 def rows(table: Table, kinds: Mapping[str, str]) -> Iterator[Piece]:
-    """The checked pieces of a table.
+    """Yield the pieces of a table, checked.
 
     Raises:
-        ModelError: a column is not there, or a cell is not what is asked for; the first such is named.
+        ModelError: a column does not exist, or a cell has another type. The message names the first such cell.
     """
     for name in kinds:
         if name not in table.names:
             raise unknown("column", name, table.names).at(None, str(table.path))
     for piece in table.pieces(kinds):
         for name, kind in kinds.items():
-            piece.columns[name] = _checked(table, piece, name, kind)
+            piece.columns[name] = _check_column(table, piece, name, kind)
         yield piece
 
 
 def cell(table: Table, row: int, name: str, found: object, expected: str, hint: str = "") -> ModelError:
-    """The error for one cell."""
+    """Return the error for one cell."""
     message = f"{table.path}: row {row}, column '{name}': found {shown(found)}: expected {expected}"
     return ModelError(message, hint=hint, kind="cell", path=(name,))
 
 
-def _checked(table: Table, piece: Piece, name: str, kind: str) -> Column:
-    """A column as it was asked for."""
+def _check_column(table: Table, piece: Piece, name: str, kind: str) -> Column:
+    """Return a column in the requested type."""
     column = piece.columns[name]
     is_text = isinstance(column, Texts)
     if kind == ANY or (kind == TEXT and is_text):
         return column
     if isinstance(column, Texts) or kind == TEXT:
-        found = "text" if is_text else "numbers"
+        content = "text" if is_text else "numbers"
         raise ModelError(
-            f"{table.path}: column '{name}' holds {found}: expected {_EXPECTED.get(kind, 'text')}", path=(name,)
+            f"{table.path}: column '{name}' holds {content}: expected {_EXPECTED.get(kind, 'text')}", path=(name,)
         )
     if kind == NUMBER:
         values = column.astype(np.float64, copy=False)
@@ -138,7 +138,7 @@ def _checked(table: Table, piece: Piece, name: str, kind: str) -> Column:
         raise ModelError(
             f"{table.path}: column '{name}' holds {column.dtype}: expected {_EXPECTED[kind]}", path=(name,)
         )
-    # One past the end of the other kind has no neuron: the value is reported, never wrapped round.
+    # A number beyond the range of the requested type is reported instead of wrapping around.
     beyond = column < 0 if kind == UINT64 and column.dtype.kind == "i" else None
     if kind == INT64 and column.dtype == np.uint64:
         beyond = column > np.uint64(2**63 - 1)
@@ -151,25 +151,25 @@ def _checked(table: Table, piece: Piece, name: str, kind: str) -> Column:
 _SIGNS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
 _ORDERS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
 _FUNCTIONS = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "round": np.rint, "min": np.minimum, "max": np.maximum}
-_HINTS = Hints({"$": "columns stand without $", "=": "a comparison is one of < <= > >="})
+_HINTS = Hints({"$": "write columns without $", "=": "compare with < <= > or >="})
 
 
 class Condition:
-    """One comparison of columns and numbers.
+    """A comparison of columns and numbers.
 
     Args:
         text: the comparison.
 
     Raises:
-        ModelError: it is none.
+        ModelError: the text is not a comparison.
     """
 
     def __init__(self, text: str) -> None:
         try:
-            self._whole: Expression = parse(text, _HINTS)
-            tree = self._whole.tree
+            self._expression: Expression = parse(text, _HINTS)
+            tree = self._expression.tree
             if not isinstance(tree, Binary) or tree.sign not in COMPARISONS:
-                raise self._whole.mistake(tree.at, "found no comparison: expected one such as synapses >= 5")
+                raise self._expression.mistake(tree.at, "found no comparison: expected one such as synapses >= 5")
             self.names = tuple(dict.fromkeys(self._names(tree)))
         except Misread as error:
             raise error.at(None, "where") from None
@@ -185,34 +185,36 @@ class Condition:
                 yield from self._names(right)
             case Call(name, arguments):
                 if name not in _FUNCTIONS:
-                    raise self._whole.mistake(tree.at, f"unknown function '{name}'", nearest(name, _FUNCTIONS))
+                    raise self._expression.mistake(tree.at, f"unknown function '{name}'", nearest(name, _FUNCTIONS))
                 needs = 2 if name in ("min", "max") else 1
                 if len(arguments) != needs:
-                    raise self._whole.mistake(tree.at, f"{name}: found {len(arguments)} values: expected {needs}")
+                    raise self._expression.mistake(tree.at, f"{name}: found {len(arguments)} values: expected {needs}")
                 for argument in arguments:
                     yield from self._names(argument)
             case Number(_, unit) if unit:
-                raise self._whole.mistake(tree.at, f"found the unit '{unit}': expected a number without one")
+                raise self._expression.mistake(tree.at, f"found the unit '{unit}': expected a number without one")
 
     def holds(self, columns: Mapping[str, Any]) -> NDArray[np.bool_]:
-        """Of each row whether it holds; where it has no value, as 0 / 0, it does not."""
-        tree = self._whole.tree
+        """Return for which rows the condition holds. It does not hold for undefined values such as 0 / 0."""
+        tree = self._expression.tree
         assert isinstance(tree, Binary)
         with np.errstate(all="ignore"):
-            found: NDArray[np.bool_] = _ORDERS[tree.sign](self._of(tree.left, columns), self._of(tree.right, columns))
-        if not np.ndim(found):
-            raise ModelError(f"where: '{self._whole.text}' names no column: expected one")
-        return found
+            holds: NDArray[np.bool_] = _ORDERS[tree.sign](
+                self._value(tree.left, columns), self._value(tree.right, columns)
+            )
+        if not np.ndim(holds):
+            raise ModelError(f"where: '{self._expression.text}' names no column: expected one")
+        return holds
 
-    def _of(self, tree: Tree, columns: Mapping[str, Any]) -> Any:
+    def _value(self, tree: Tree, columns: Mapping[str, Any]) -> Any:
         match tree:
             case Number(value, _):
                 return value
             case Name(name):
                 return columns[name]
             case Negative(of):
-                return -self._of(of, columns)
+                return -self._value(of, columns)
             case Call(name, arguments):
-                return _FUNCTIONS[name](*(self._of(argument, columns) for argument in arguments))
+                return _FUNCTIONS[name](*(self._value(argument, columns) for argument in arguments))
             case Binary(sign, left, right):
-                return (_SIGNS | _ORDERS)[sign](self._of(left, columns), self._of(right, columns))
+                return (_SIGNS | _ORDERS)[sign](self._value(left, columns), self._value(right, columns))
