@@ -64,7 +64,9 @@ class Currents:
             if p.source in self._parameters
         }
         self.longest = 1 + max([1, *(int(program.projections[q].delay.max(initial=1)) for q in self._weights)])
-        hold_steps = [generator_of(program.populations[k]).steps_per_value(program.resolution) for k in self._parameters]
+        hold_steps = [
+            generator_of(program.populations[k]).steps_per_value(program.resolution) for k in self._parameters
+        ]
         self._past = self.longest + max(hold_steps, default=1)
         computed_targets = driven(program)
         self.targets = sorted({program.projections[q].target for q in self._weights} - set(computed_targets))
