@@ -1,7 +1,8 @@
 """Claims of the thesis on ReMuS: `python benchmarks/remus_claims.py CLAIM nmnist|poker|digits6789`.
 
-fields: accuracy by the side of the receptive field, which figure 49 shows, with 8 grids and rescue and with the rule of
-the preset `adapted`, two grids. dropout: by dropout and its decay, by that rule.
+fields: accuracy by the side of the receptive field, which figure 49 shows, with 8 grids and rescue, the same with a
+threshold in proportion to the inputs of a field, and with the rule of the preset `adapted`, two grids. dropout: by
+dropout and its decay, by that rule. rates: punishment as strong as reward (line 2444), by that rule and with 8 grids.
 unsupervised: every decision is rewarded, whatever the label (section 6.2.5); grids are then named by the frames that
 they win, or a linear machine reads their potentials. Of `nmnist` 300 recordings are learnt from and 300 tested, of the
 others four folds and the fifth. `digits6789` are 240 recordings that no setting was chosen on. Prints mean and
@@ -35,15 +36,21 @@ from neuro_recognise.shown import Features, Ints
 RESULTS = JobResults("a result of remus_claims.py", "remus claims 1")
 FILES = {"nmnist": NMNIST, "poker": POKER, "digits6789": NMNIST.with_name("nmnist_extra_6789_train240_bin.zip")}
 UNLABELLED = {"wrong": 1.0, "rescue": False, "epsilon": 0.0}
+EQUAL, SCALED, LARGEST = {"Ap_minus": -0.075}, "threshold in proportion", 11
 CASES: dict[str, dict[str, dict[str, Any]]] = {
     "fields": {
         f"{side} x {side}{also}": {"field": side} | values
-        for also, values in (("", {}), (", two grids", ADAPTED))
+        for also, values in (("", {}), (", scaled", {SCALED: True}), (", two grids", ADAPTED))
         for side in (5, 7, 9, 11)
     },
     "dropout": {
         f"{dropout:g}, decay {decay:g}": ADAPTED | {"dropout": dropout, "decay": decay}
         for dropout, decay in ((0.0, 1.0), (0.25, 0.7), (0.25, 1.0), (0.5, 0.7), (0.5, 1.0))
+    },
+    "rates": {
+        f"{name}{also}": values | rates
+        for also, values in ((", two grids", ADAPTED), (", 8 grids", {}))
+        for name, rates in (("table 3", {}), ("Ap- = -Ar+", EQUAL), ("also Ap+ = -Ar-", EQUAL | {"Ap_plus": 0.025}))
     },
     "unsupervised": {
         "with labels": {},
@@ -116,7 +123,10 @@ def main() -> None:
     shown, fingerprint, jobs = observe(base, data), data.fingerprint()[:32], []
     for seed in range(asked.seeds):
         for name, values in CASES[asked.claim].items():
-            method = base.changed(values)
+            method = base.changed({word: value for word, value in values.items() if word != SCALED})
+            if SCALED in values:
+                share = method.layer.as_words()["field"] ** 2 / LARGEST**2
+                method = method.changed({"theta": base.layer.as_words()["theta"] * share})
             if asked.data == "nmnist":
                 order = np.random.default_rng([seed, 49]).permutation(len(data))
                 parts = order[:300], order[300:600]

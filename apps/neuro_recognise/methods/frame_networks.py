@@ -27,6 +27,11 @@ Source: table 3, lines 2450-2463; majority is line 2431.
 THESIS = {**ADAPTED, "theta": 30.0, "epsilon": 0.004, "ties_after": True}
 """Table 3 and eq. 126 as printed. Epsilon on every wrong frame drives all weights to 1: decisions are at chance."""
 
+PRINTED = {**THESIS, "literal": True, "scales": "all", "ranges": "filter", "spikes": "first"}
+"""`THESIS` with the printed front end: eq. 122 as printed, r_min and r_max of each filter (line 3722), spikes of all
+scales merged (line 2387).
+"""
+
 EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
 """A decision every 5 ms, from the first on: thesis section 6.2.8, lines 2549-2560."""
 
@@ -51,6 +56,7 @@ class Remus(Framewise):
         "best": {},
         "adapted": ADAPTED,
         "thesis": THESIS,
+        "printed": PRINTED,
         "poker": {"theta": 30.0, "size": [34, 34]},
         "early": EARLY,
         "relearns": RELEARNS,

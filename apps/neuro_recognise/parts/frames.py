@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from neuro import ModelError
 from neuro.apps import Part, Registry, setting
 from neuro.coding import log_intensity_to_latency
 from neuro_recognise.method import Learnt
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
+ROUNDING = 1e-9
+"""Share of a filter's largest response up to which a response is a rounding error of 0."""
 TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how-to/remus.md"
 
 
@@ -87,6 +90,19 @@ class LogLatency(Encoder):
         "strongest", "", "whose spikes come from a place: the strongest scale's, or those of all, merged",
         "all: thesis 6.2.3, line 2387; strongest: docs/reference/recognisers.md", words=("strongest", "all"),
     )  # fmt: skip
+    ranges: str = setting(
+        "frame", "", "r_min and r_max of eq. 15: min_response and the largest response of the frame, or the smallest "
+        "and largest response above 0 of each filter in the frame, which needs scales=all",
+        "filter: thesis line 3722", words=("frame", "filter"),
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.ranges == "filter" and self.scales != "all":
+            raise ModelError(
+                f"{self.place()}: ranges=filter: found scales={self.scales}, which merges filters before the code",
+                hint="scales=all",
+            )
 
     def channels(self, scales: int, orientations: int) -> int:
         """The orientations."""
@@ -95,18 +111,32 @@ class LogLatency(Encoder):
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
         """Codes are ticks; equal ones are in the order of their ids."""
         seen = responses.max(axis=1, keepdims=True) if self.scales == "strongest" else responses
+        latencies = self._of_filters(seen) if self.ranges == "filter" else self._of_frames(seen)
         places = int(np.prod(seen.shape[2:]))
-        fused = np.moveaxis(seen, 1, -1).reshape(len(seen), places, seen.shape[1])
-        peak = fused.max(axis=(1, 2), initial=0.0)
-        at = peak[:, None, None]
-        relative = np.divide(fused, at, out=np.zeros_like(fused), where=at > 0)
-        frame, ids, scale = np.nonzero(relative >= self.min_response)
-        latency = log_intensity_to_latency(relative[frame, ids, scale], self.min_response, 1.0, self.window)
-        ticks = np.minimum(latency // self.resolution, self.last).astype(np.int64)
+        fused = np.moveaxis(latencies, 1, -1).reshape(len(seen), places, seen.shape[1])
+        frame, ids, scale = np.nonzero(~np.isnan(fused))
+        ticks = np.minimum(fused[frame, ids, scale] // self.resolution, self.last).astype(np.int64)
         order = np.argsort(frame * (self.last + 1) + ticks, kind="stable")
-        lengths = np.bincount(frame, minlength=len(peak)).astype(np.int64)
+        lengths = np.bincount(frame, minlength=len(fused)).astype(np.int64)
         order, lengths = _first(order, lengths, self.first)
         return ticks[order].astype(np.uint16), ids[order].astype(np.int64), lengths
+
+    def _of_frames(self, responses: Floats) -> Floats:
+        """Latencies of the shape of the responses, ms; NaN without a spike."""
+        peak = responses.max(axis=(1, 2, 3, 4), initial=0.0, keepdims=True)
+        relative = np.divide(responses, peak, out=np.zeros_like(responses), where=peak > 0)
+        relative[relative < self.min_response] = 0.0
+        return log_intensity_to_latency(relative, self.min_response, 1.0, self.window)
+
+    def _of_filters(self, responses: Floats) -> Floats:
+        """Latencies of the shape of the responses, ms; NaN without a spike."""
+        peak = responses.max(axis=(3, 4), initial=0.0, keepdims=True)
+        spiking = responses > ROUNDING * peak
+        least = responses.min(axis=(3, 4), initial=np.inf, where=spiking, keepdims=True)
+        span = np.log(peak / least, where=least < peak, out=np.ones_like(peak))  # all equal: at the start
+        ratio = np.divide(peak, responses, where=spiking, out=np.full_like(responses, np.nan))
+        latencies: Floats = self.window * np.log(ratio) / span
+        return latencies
 
     def times(self, codes: Array, learnt: Learnt) -> Floats:
         """Ticks of the grid."""
