@@ -232,6 +232,30 @@ def test_all_scales_merged_are_the_spikes_of_each_scale():
         assert first == dict(zip(ids[one].tolist(), codes[one].tolist(), strict=True))
 
 
+def test_each_filter_codes_between_its_smallest_and_its_largest_response():
+    """Line 3722 of the thesis: spikes of each filter by itself are eq. 15, then all are merged."""
+    front = FRONT.changed({"scales": "all", "ranges": "filter", "literal": True})
+    values = responses(random_events(), front)
+    values[0, 0, 0] = np.where(values[0, 0, 0] > 0, 3.0, 0.0)
+    values[0, 0, 1][values[0, 0, 1] < values[0, 0, 1].max()] *= 1e-10
+    codes, ids, lengths = front.encoder.encode(values)
+    ends = np.cumsum(lengths)
+    for k, frame in enumerate(values):
+        every = slice(ends[k] - lengths[k], ends[k])
+        expected = []
+        for scale, orientation in np.ndindex(4, 4):
+            response = frame[scale, orientation]
+            spiking = response > 1e-9 * response.max()
+            low, high = response[spiking].min(), response.max()
+            ticks = np.zeros(spiking.sum())
+            if low < high:
+                ticks = np.minimum(log_intensity_to_latency(response[spiking], low, high, 64.0) // 1.0, 63)
+            places = orientation * 17 * 17 + np.flatnonzero(spiking)
+            expected += zip(ticks.astype(int).tolist(), places.tolist(), strict=True)
+        assert list(zip(codes[every].tolist(), ids[every].tolist(), strict=True)) == sorted(expected)
+    assert [len(each) for each in front.encoder.encode(np.zeros((2, 4, 4, 17, 17)))] == [0, 0, 2]
+
+
 def test_features_name_the_recording(tmp_path):
     (tmp_path / "set" / "a").mkdir(parents=True)
     save(random_events(10, size=(128, 128), low=40), tmp_path / "set" / "a" / "1.bin")

@@ -3,10 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import neuro
 from neuro import ModelError
 from neuro_recognise.method import Course
 from neuro_recognise.methods import method_of
-from neuro_recognise.methods.framewise import RemusLayer, Shares
+from neuro_recognise.methods.framewise import Inputs, RemusLayer, Shares
 from neuro_recognise.observations import observe
 from neuro_recognise.relearn import Linear, Relearning, permuted, relearn, rules
 
@@ -96,3 +97,14 @@ def test_rewards_follow_the_share_of_mistakes():
     layer.begin(sim, 1, Shares(right=0.8, wrong=0.2))
     assert sim.rates["Ar_plus"] == pytest.approx(0.28 * layer.Ar_plus)
     assert sim.rates["Ap_minus"] == layer.Ap_minus
+
+
+def test_weights_begin_an_epoch_at_the_margin():
+    net = RemusLayer(field=2).network(Inputs((1, 3, 3), 64.0, 1.0), 2)
+    sim = neuro.compile(net)
+    shape = sim.weights("c1_s2").shape
+    drawn = np.random.default_rng(0).uniform(size=shape)
+    for margin, low, high in ((0.0, 0.0, 1.0), (0.3, 0.3, 0.7)):
+        sim.set_weights("c1_s2", drawn)
+        RemusLayer(field=2, margin=margin).begin(sim, 1, Shares(right=0.5, wrong=0.5))
+        assert np.array_equal(sim.weights("c1_s2"), np.clip(drawn, low, high))

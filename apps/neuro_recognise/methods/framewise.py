@@ -154,7 +154,7 @@ class RemusLayer(Labelled):
 
     source = "thesis 6.2.4, table 3; what it leaves open stands in models/neuro_models/remus.yaml"
     file = "remus"
-    teaching = ("rate_decay", "least")
+    teaching = ("rate_decay", "least", "margin")
 
     per_class: int = setting(8, "", "grids of each class", f"{BEST}; {TABLE_3}: 2", at_least=1)
     field: int = setting(11, "cells", "side of the receptive field", TABLE_3, at_least=1)
@@ -182,9 +182,15 @@ class RemusLayer(Labelled):
         1.0, "", "least factor on rewards, which follows the share of mistakes in the epoch before; 1: no factor",
         "as eq. 120, docs/reference/recognisers.md", above=0, at_most=1,
     )  # fmt: skip
+    margin: float = setting(
+        0.0, "", "least distance of weights from 0 and 1 at the start of an epoch, so that labels can change",
+        "docs/reference/recognisers.md", at_least=0, below=0.5,
+    )  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Let the rates decay, and those of rewards follow the mistakes."""
+        """Bring weights back to the margin, let the rates decay, and those of rewards follow the mistakes."""
+        if self.margin:
+            sim.set_weights("c1_s2", np.clip(sim.weights("c1_s2"), self.margin, 1.0 - self.margin))
         rates = {name: getattr(self, name) for name in ("Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "epsilon")}
         mistakes = self.least + (1.0 - self.least) * (last.wrong if last else 1.0)
         rates |= {name: rates[name] * mistakes for name in ("Ar_plus", "Ar_minus")}
