@@ -1,8 +1,8 @@
 """Events of event cameras: the type, files, data sets, filters, segmentation, representations and a pixel model.
 
-`Events` holds a recording; `load`, `stream` and `save` read and write files; `recordings` goes through a labelled
-folder or zip; `listen` and `send` are streams by the network; `filters` clean and change a stream; `segmentation` cuts
-it; `representations` makes arrays of it; `DVS` makes events from images.
+`Events` holds a recording. `load`, `stream` and `save` read and write files. `recordings` lists a labelled folder or
+zip. `listen` and `send` exchange events over the network. `filters` clean and change events, `segmentation` cuts a
+recording into parts, `representations` turns events into arrays, and `DVS` turns images into events.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The events of one recording: four arrays, a sensor size and the file's own remarks."""
+"""The events of one recording: four arrays, a sensor size and the file's metadata."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from neuro import ModelError
 from neuro.apps import Table, argument, as_html, is_number, refuse_masked, same
 
 EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
-"""One event as a packed record of 13 bytes: us, px, px, 1 = ON."""
+"""Packed record of 13 bytes for an event: time in us, column and row in px, polarity (1 = ON)."""
 
 T_MAX = (1 << 63) - 1
 """The latest time, us."""
 
 
 Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
-"""Times, columns, rows and polarities of events. A plain tuple: a kernel takes an array of it in a quarter of the time
-of one in a named tuple."""
+"""Times, columns, rows and polarities of events. A plain tuple, because numba unpacks one in a quarter of the time that
+a named tuple takes."""
 
 
 def empty_columns(n: int) -> Columns:
-    """Room for n events, not filled."""
+    """Return uninitialised arrays for n events."""
     return np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.uint8)
 
 
 def joined_columns(parts: Iterable[Columns]) -> Columns:
-    """Parts one after the other."""
+    """Concatenate the columns of consecutive parts."""
     t, x, y, p = zip(empty_columns(0), *parts, strict=True)
     return np.concatenate(t), np.concatenate(x), np.concatenate(y), np.concatenate(p)
 
 
 class Event(NamedTuple):
-    """One event: time in us, column and row in px, polarity (1 = ON)."""
+    """An event with its time in us, column and row in px, and polarity (1 = ON)."""
 
     t: int
     x: int
@@ -54,17 +54,17 @@ def first_fault(
     p: npt.NDArray[Any],
     sensor_size: tuple[int, int],
 ) -> tuple[int, str] | None:
-    """The first event that no recording of this sensor can contain.
+    """Return the index of the first impossible event and its fault, or None if all events are valid.
+
+    An event is impossible if a coordinate lies off the sensor, the polarity is neither 0 nor 1, or its time is earlier
+    than the time of the event before. Example: x = (0, 3, 9) on a 3x2 sensor gives (1, "x is 3, expected 0 to 2 ...").
 
     Args:
-        t: (n,) time, us; may not decrease.
+        t: (n,) time, us.
         x: (n,) column, px, 0 at the left.
         y: (n,) row, px, 0 at the top.
         p: (n,) polarity, 0 or 1.
         sensor_size: width and height, px.
-
-    Returns:
-        The event's index and what is wrong with it, or None where all events are right.
     """
     width, height = sensor_size
     faults: list[tuple[int, str]] = []
@@ -84,10 +84,10 @@ def first_fault(
 
 
 def checked_size(size: object) -> tuple[int, int]:
-    """Width and height of a sensor, px.
+    """Return the width and height of a sensor, px.
 
     Raises:
-        ModelError: `size` is something else.
+        ModelError: `size` is not a pair of whole numbers from 1 to 65536.
     """
     sides = tuple(size) if isinstance(size, tuple | list | np.ndarray) else ()
     if len(sides) != 2 or not all(isinstance(n, int | np.integer) and 1 <= n <= 65536 for n in sides):
@@ -99,9 +99,9 @@ def checked_size(size: object) -> tuple[int, int]:
 class Events:
     """Events of one sensor in the order of time.
 
-    Arrays of other integer types are converted; values that do not fit are refused.
-    ``events[mask_or_slice_or_indices]`` gives a part, with the same sensor and metadata; a loop gives each as an
-    `Event`; ``np.asarray(events)`` is the array of `records`; ``a + b`` has the events of both in the order of time.
+    Arrays of other integer types are converted. Values that do not fit raise an error. ``events[index]`` with a slice,
+    a mask or indices returns a part with the same sensor and metadata. Iteration yields an `Event` at a time.
+    ``np.asarray(events)`` is the array of `records`. ``a + b`` merges two recordings in the order of time.
 
     Attributes:
         t: (n,) int64, us, non-decreasing.
@@ -109,11 +109,11 @@ class Events:
         y: (n,) uint16, row, px, 0 at the top.
         p: (n,) uint8, 1 = ON (brighter), 0 = OFF (darker).
         sensor_size: width and height, px.
-        metadata: what else the source says of the recording.
+        metadata: further properties of the recording that the source states.
 
     Raises:
-        ValueError: lengths differ, values are not integers, or an event is impossible; the first
-            such event is named.
+        ValueError: lengths differ, values are not integers, or an event is impossible. The message names the first
+            impossible event.
     """
 
     t: npt.NDArray[np.int64]
@@ -125,8 +125,8 @@ class Events:
 
     def __post_init__(self) -> None:
         width, height = checked_size(self.sensor_size)
-        for name, given in zip("txyp", (self.t, self.x, self.y, self.p), strict=True):
-            refuse_masked(given, name)
+        for name, values in zip("txyp", (self.t, self.x, self.y, self.p), strict=True):
+            refuse_masked(values, name)
         arrays = t, x, y, p = [np.asarray(a) for a in (self.t, self.x, self.y, self.p)]
         if t.ndim != 1:
             raise ModelError(f"t has shape {t.shape}, expected (n,)")
@@ -151,7 +151,7 @@ class Events:
         sensor_size: tuple[int, int],
         metadata: Mapping[str, Any],
     ) -> Events:
-        """Events that were checked as they were read."""
+        """Build events from arrays that the caller has checked, without a second check."""
         self = object.__new__(cls)
         values = (t, x, y, p, sensor_size, metadata)
         for name, value in zip(("t", "x", "y", "p", "sensor_size", "metadata"), values, strict=True):
@@ -177,40 +177,41 @@ class Events:
         return Events(*parts, self.sensor_size, self.metadata)
 
     def __iter__(self) -> Iterator[Event]:
-        """The events one by one; arrays are faster for many."""
+        """Yield one `Event` at a time. For many events the arrays are faster."""
         return map(Event, *(getattr(self, name).tolist() for name in "txyp"))
 
     __array_ufunc__ = None
-    """So that numpy leaves `array + events` to `__radd__`."""
+    """None makes numpy leave `array + events` to `__radd__`."""
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        """The array of `records`, or what numpy makes of it by `dtype`.
+        """Return the array of `records`, converted to `dtype` if one is given.
 
         Raises:
-            ModelError: `copy` is False; the columns lie apart, so that an array of them is a copy.
+            ModelError: `copy` is False. The columns are separate arrays, so one array of them is always a copy.
         """
         if copy is False:
             raise ModelError("events as one array are a copy: expected copy=None or True")
         return self.records() if dtype is None else self.records().astype(dtype)
 
     def _of_records(self, array: npt.NDArray[Any]) -> Events:
-        """A structured array as events of the same sensor."""
+        """Convert a structured array to events of the same sensor."""
         names = array.dtype.names or ()
         if not {"t", "x", "y", "p"} <= set(names):
-            found = f"fields {', '.join(names)}" if names else str(array.dtype)
-            raise ModelError(f"events + an array of {found}: expected a structured array with t, x, y and p")
+            description = f"fields {', '.join(names)}" if names else str(array.dtype)
+            raise ModelError(f"events + an array of {description}: expected a structured array with t, x, y and p")
         return Events(array["t"], array["x"], array["y"], array["p"], self.sensor_size, self.metadata)
 
     def __radd__(self, other: Any) -> Events:
-        """The sum of a list of events, which begins with 0, and what `array + events` is."""
+        """Return `array + events`, or these events for the 0 with which `sum` begins."""
         if isinstance(other, np.ndarray):
             return self._of_records(other) + self
         return self if type(other) is int and other == 0 else NotImplemented
 
     def __add__(self, other: Events | npt.NDArray[Any]) -> Events:
-        """The events of both recordings in the order of time; at one time those of the first stand first.
+        """Merge two recordings in the order of time. At equal times the events of the left operand come first.
 
-        The metadata are what both say alike. A structured array of events is one of the same sensor.
+        Metadata are kept where both recordings have the same value. A structured array counts as events of the same
+        sensor.
 
         Raises:
             ModelError: the sensors differ.
@@ -227,9 +228,9 @@ class Events:
         if len(self) and len(other) and self.t[-1] > other.t[0]:
             order = np.argsort(columns[0], kind="stable")
             columns = [column[order] for column in columns]
-        alike = {k: v for k, v in self.metadata.items() if k in other.metadata and same(v, other.metadata[k])}
+        shared_metadata = {k: v for k, v in self.metadata.items() if k in other.metadata and same(v, other.metadata[k])}
         t, x, y, p = columns
-        return Events._trusted(t, x, y, p, self.sensor_size, alike)
+        return Events._trusted(t, x, y, p, self.sensor_size, shared_metadata)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Events):
@@ -259,51 +260,53 @@ class Events:
 
     @property
     def duration(self) -> int:
-        """Time from the first event to the last, us; 0 without events."""
+        """Time from the first event to the last, us, or 0 without events."""
         return int(self.t[-1]) - int(self.t[0]) if len(self) else 0
 
     def between(self, start_us: int, stop_us: int) -> Events:
-        """The events with ``start_us <= t < stop_us``.
+        """Return the events with ``start_us <= t < stop_us``.
 
         Args:
-            start_us: first time, us; of any size.
-            stop_us: time after the last, us.
+            start_us: first time, us, of any size.
+            stop_us: end time, us, exclusive.
 
         Raises:
-            ModelError: one is no whole number.
+            ModelError: a time is not a whole number.
         """
-        return self[self._first("start_us", start_us) : self._first("stop_us", stop_us)]
+        return self[self._index_at("start_us", start_us) : self._index_at("stop_us", stop_us)]
 
-    def _first(self, name: str, value: float) -> int:
-        """The number of the first event at a time or later."""
+    def _index_at(self, name: str, value: float) -> int:
+        """Return the index of the first event at a time or later."""
         if is_number(value) and T_MAX < abs(value) < np.inf:
             return 0 if value < 0 else len(self)
         return int(np.searchsorted(self.t, argument(name, value, kind="microseconds")))
 
     def inside(self, x: tuple[int, int], y: tuple[int, int]) -> Events:
-        """The events of a part of the sensor, on the same sensor; `neuro.events.filters.Crop` makes it smaller.
+        """Return the events in a rectangle of the sensor, on the same sensor.
+
+        `neuro.events.filters.Crop` also reduces the sensor to the rectangle.
 
         Args:
-            x: first column and the one after the last, px.
-            y: first row and the one after the last, px.
+            x: first column and end column (exclusive), px.
+            y: first row and end row (exclusive), px.
         """
         return self[(self.x >= x[0]) & (self.x < x[1]) & (self.y >= y[0]) & (self.y < y[1])]
 
     def of_polarity(self, p: int) -> Events:
-        """The ON events (1) or the OFF events (0).
+        """Return the ON events (1) or the OFF events (0).
 
         Raises:
-            ValueError: `p` is neither.
+            ValueError: `p` is neither 0 nor 1.
         """
         if p not in (0, 1):
             raise ModelError(f"polarity {p!r}: expected 1 (ON) or 0 (OFF)")
         return self[self.p == p]
 
     def records(self, time: str = "t") -> npt.NDArray[np.void]:
-        """The events as one structured array (n,), packed little-endian.
+        """Return the events as one structured array (n,), packed little-endian.
 
         Args:
-            time: name of the field of times: "t" gives the type `EVENT`, "ts" the names of aertb.
+            time: name of the time field. "t" gives the type `EVENT`, "ts" the field names of aertb.
         """
         out = np.empty(len(self), EVENT)
         out["t"], out["x"], out["y"], out["p"] = self.t, self.x, self.y, self.p

@@ -1,5 +1,8 @@
 # mypy: ignore-errors
-"""Compiled loops of the filters: a part of a recording in, what passes or what is made out."""
+"""Compiled loops of the filters, representations and segmenters.
+
+Kernels process one part of a recording and write to output arrays. Arrays for the state are updated in place.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,13 @@ from neuro.extend import kernel, subkernel
 
 @kernel
 def compact(keep, values, out):
-    """keep: bool[n]; values: [n]; out: at least one longer than what is kept, since every value is written first."""
+    """Copy the selected values to the beginning of `out`.
+
+    Args:
+        keep: (n,) bool.
+        values: (n,).
+        out: at least one longer than the number of selected values, since every value is written before it is skipped.
+    """
     j = 0
     for k in range(keep.shape[0]):
         out[j] = values[k]
@@ -22,7 +31,16 @@ def compact(keep, values, out):
 
 @kernel
 def supported(t, x, y, dt_us, last, keep):
-    """last: int64[height + 2, width + 2], time of each pixel's last event, us; keep: bool[n]."""
+    """Keep events with an event in a neighbouring pixel at most `dt_us` before.
+
+    Args:
+        t: (n,) int64, us.
+        x: (n,) uint16, columns.
+        y: (n,) uint16, rows.
+        dt_us: us.
+        last: (height + 2, width + 2) int64, time of each pixel's last event, us, with a margin of one pixel.
+        keep: (n,) bool, output.
+    """
     for k in range(t.shape[0]):
         i, j = y[k] + 1, x[k] + 1
         newest = max(last[i, j - 1], last[i, j + 1])
@@ -34,7 +52,17 @@ def supported(t, x, y, dt_us, last, keep):
 
 @kernel
 def rested(t, x, y, period_us, extend, last, keep):
-    """last: int64[height, width], since when the pixel is dead, us; keep: bool[n]."""
+    """Keep events at least `period_us` after the last one of the pixel that passed (with `extend`: of any).
+
+    Args:
+        t: (n,) int64, us.
+        x: (n,) uint16, columns.
+        y: (n,) uint16, rows.
+        period_us: us.
+        extend: restart the period at dropped events too.
+        last: (height, width) int64, start of the pixel's refractory period, us.
+        keep: (n,) bool, output.
+    """
     for k in range(t.shape[0]):
         before = last[y[k], x[k]]
         keep[k] = t[k] >= before + period_us
@@ -43,83 +71,122 @@ def rested(t, x, y, period_us, extend, last, keep):
 
 @kernel
 def look_up(x, y, good, keep):
-    """good: bool[height, width]; keep: bool[n]."""
+    """Keep events of good pixels.
+
+    Args:
+        x: (n,) uint16, columns.
+        y: (n,) uint16, rows.
+        good: (height, width) bool.
+        keep: (n,) bool, output.
+    """
     for k in range(x.shape[0]):
         keep[k] = good[y[k], x[k]]
 
 
 @kernel
-def tar(t, x, y, tau_us, theta, radius, mask, touched, keep):
-    """mask: float64, touched: int64 us, both [height + 2 radius, width + 2 radius]; keep: bool[n].
+def tar(t, x, y, tau_us, theta, radius, mask, last_update, keep):
+    """Keep events in temporal active regions; see `filters.TAR`.
 
-    Neighbours are mostly touched together, so the factor of the one before is used again where it can be.
-    Times are subtracted as uint64, which is right over all of int64.
+    Neighbours were mostly last updated at the same event, so the decay factor of the pixel before is reused if
+    possible. Times are subtracted as uint64, which cannot overflow for any pair of int64 times.
+
+    Args:
+        t: (n,) int64, us.
+        x: (n,) uint16, columns.
+        y: (n,) uint16, rows.
+        tau_us: decay time constant, us.
+        theta: threshold.
+        radius: px.
+        mask: (height + 2 radius, width + 2 radius) float64.
+        last_update: int64 of the same shape, us.
+        keep: (n,) bool, output.
     """
     side = 2 * radius + 1
     rate = -1.0 / tau_us
     for k in range(t.shape[0]):
         now = t[k]
-        before = now
+        factor_for = now
         factor = 1.0
         for row in range(y[k], y[k] + side):
             for column in range(x[k], x[k] + side):
-                at = touched[row, column]
-                if at != before:
-                    before = at
-                    factor = exp(rate * (np.uint64(now) - np.uint64(at)))
+                updated_at = last_update[row, column]
+                if updated_at != factor_for:
+                    factor_for = updated_at
+                    factor = exp(rate * (np.uint64(now) - np.uint64(updated_at)))
                 mask[row, column] = mask[row, column] * factor + 1.0
-                touched[row, column] = now
+                last_update[row, column] = now
         keep[k] = mask[y[k] + radius, x[k] + radius] > theta
 
 
 LIMIT = 600.0
-"""Time constants after which the unit is set anew; exp(600) is far from the end of float64."""
+"""Time constants after which `surfaces` rescales its values; exp(600) is far below the largest float64."""
 
 
 @kernel
-def surfaces(columns, tau_us, theta, radius, cell, origin, held, counts, sums, keep):
-    """columns: of events; held: float64[height + 2 radius, width + 2 radius, 2]; origin: int64[1], us.
+def surfaces(columns, tau_us, theta, radius, cell, origin, values, counts, sums, keep):
+    """Sum the surfaces of events in temporal active regions; see `filters.TARSurfaces`.
 
-    counts: int64[rows, columns]; sums: float64[rows, columns, 2, side, side]; keep: bool[n]. What is held is in units
-    of exp((t - origin) / tau), so all values decay at once as the unit grows: an event needs one exponential, and only
-    every 600 tau all are touched. Times are subtracted as uint64, which is right over all of int64.
+    A value v is stored as v exp((t - origin) / tau), so that all values decay implicitly as the unit exp((t - origin) /
+    tau) grows. An event then needs one exponential, and all values are rescaled only every 600 tau. Times are
+    subtracted as uint64, which cannot overflow for any pair of int64 times.
+
+    Args:
+        columns: t, x, y and p of the events.
+        tau_us: decay time constant, us.
+        theta: threshold.
+        radius: px.
+        cell: px.
+        origin: (1,) int64, us.
+        values: (height + 2 radius, width + 2 radius, 2) float64, leaky sum of each pixel and polarity.
+        counts: (rows, columns) int64, events that passed in each cell.
+        sums: (rows, columns, 2, side, side) float64, sums of surfaces in each cell.
+        keep: (n,) bool, output.
     """
     t, x, y, p = columns
     side = 2 * radius + 1
     for k in range(t.shape[0]):
         age = (np.uint64(t[k]) - np.uint64(origin[0])) / tau_us
         if age > LIMIT:
-            held *= exp(-age)
+            values *= exp(-age)
             origin[0] = t[k]
             age = 0.0
         unit = exp(age)
         active = unit
         for row in range(y[k], y[k] + side):
             for column in range(x[k], x[k] + side):
-                active += held[row, column, 0] + held[row, column, 1]
+                active += values[row, column, 0] + values[row, column, 1]
         keep[k] = active > theta * unit
         if keep[k]:
-            add_surface(unit, x[k], y[k], p[k], radius, cell, held, counts, sums)
-        held[y[k] + radius, x[k] + radius, p[k]] += unit
+            add_surface(unit, x[k], y[k], p[k], radius, cell, values, counts, sums)
+        values[y[k] + radius, x[k] + radius, p[k]] += unit
 
 
 @subkernel
-def add_surface(unit, x, y, p, radius, cell, held, counts, sums):
-    """Add what the neighbours in the event's cell hold to the sum of the cell."""
+def add_surface(unit, x, y, p, radius, cell, values, counts, sums):
+    """Add the values of the neighbours in the event's cell to the sums of the cell."""
     cell_row, cell_column = y // cell, x // cell
     counts[cell_row, cell_column] += 1
     first_row, first_column = cell_row * cell - y + radius, cell_column * cell - x + radius
     side = 2 * radius + 1
     for i in range(max(0, first_row), min(side, first_row + cell)):
         for j in range(max(0, first_column), min(side, first_column + cell)):
-            sums[cell_row, cell_column, p, i, j] += held[y + i, x + j, p] / unit
+            sums[cell_row, cell_column, p, i, j] += values[y + i, x + j, p] / unit
 
 
 @kernel
 def join(events, columns, rows, threshold, sums, out):
-    """columns: uint16[width], rows: uint16[height], block of each; sums: int64[blocks down, across].
+    """Sum the events of each block of pixels, and write an event whenever the sum reaches the threshold.
 
-    events, out: columns t, x, y and p, as long. Returns how many events were written.
+    Args:
+        events: columns t, x, y and p.
+        columns: (width,) uint16, block column of each pixel column.
+        rows: (height,) uint16, block row of each pixel row.
+        threshold: events.
+        sums: (block rows, block columns) int64.
+        out: output columns t, x, y and p, of the same length as `events`.
+
+    Returns:
+        The number of events written.
     """
     t, x, y, p = events
     out_t, out_x, out_y, out_p = out
@@ -136,12 +203,20 @@ def join(events, columns, rows, threshold, sums, out):
 
 
 DIGIT = 11
-"""Bits sorted by in one pass: the counts of 2^11 values stay in the innermost cache."""
+"""Bits per pass of the radix sort, so that the 2^11 counts fit in the L1 cache."""
 
 
 @kernel
 def shake(t, key, first, amount, out):
-    """Event k of the part is number first + k of the recording; key: uint64; out: int64[n], us."""
+    """Add a random offset to each time.
+
+    Args:
+        t: (n,) int64, us.
+        key: uint64 of the random stream.
+        first: number of the part's first event in the recording.
+        amount: largest offset, us.
+        out: (n,) int64, us.
+    """
     choices = np.uint64(2 * amount + 1)
     for k in range(t.shape[0]):
         out[k] = t[k] + np.int64(draws.step_word(key, first + k) % choices) - amount
@@ -149,7 +224,16 @@ def shake(t, key, first, amount, out):
 
 @kernel
 def by_digit(t, lowest, shift, order, counts, out):
-    """One pass of a stable radix sort: put order, int64[n] indices into t, by some bits of t - lowest into out."""
+    """Sort stably by one digit, one pass of a radix sort.
+
+    Args:
+        t: (n,) int64.
+        lowest: smallest of `t`.
+        shift: position of the digit in t - lowest, bits.
+        order: (n,) int64 indices into `t` in the order of the lower digits.
+        counts: (2^DIGIT,) int64, work array.
+        out: (n,) int64, output: the indices sorted by the digit.
+    """
     mask = counts.shape[0] - 1
     counts[:] = 0
     for k in order:
@@ -164,25 +248,40 @@ def by_digit(t, lowest, shift, order, counts, out):
 
 
 BIN_US = 1024
-"""In each bin of this length the process begins anew, which a Poisson process may since it has no memory."""
+"""Length of the bins, us, in each of which the Poisson process restarts. A restart changes nothing, because the process
+has no memory, and makes the noise of a bin independent of the bins before."""
 
 
 @kernel
 def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
-    """Noise with first <= t <= last, us; mean_us: mean time to the next event of the whole sensor; key: uint64.
+    """Write noise events with first <= t <= last.
 
-    Returns the number of events written; there is an error if the buffers are too small.
+    Args:
+        first: us.
+        last: us.
+        key: uint64 of the random stream.
+        mean_us: mean time between noise events of the whole sensor, us.
+        pixels: number of pixels of the sensor.
+        out_t: output, times, us.
+        out_pixel: output, pixel numbers, row by row.
+        out_p: output, polarities.
+
+    Returns:
+        The number of events written.
+
+    Raises:
+        OverflowError: the output arrays are too small.
     """
     n = 0
     for number in range(first // BIN_US, last // BIN_US + 1):
         base = draws.step_word(key, number)
-        at = 0.0
+        offset_us = 0.0
         k = 0
         while True:
-            at -= mean_us * log(1.0 - draws.uniform(base, k))
-            if at >= BIN_US:
+            offset_us -= mean_us * log(1.0 - draws.uniform(base, k))
+            if offset_us >= BIN_US:
                 break
-            t = number * BIN_US + int(at)
+            t = number * BIN_US + int(offset_us)
             if first <= t <= last:
                 if n == out_t.shape[0]:
                     raise OverflowError("noise: more events than expected")
@@ -197,7 +296,16 @@ def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
 
 @kernel
 def merge(noise_t, noise_pixel, noise_p, width, events, out):
-    """Both in the order of time, the noise first; events, out: columns t, x, y and p; out: as long as both."""
+    """Merge noise and events in the order of time; at equal times the noise comes first.
+
+    Args:
+        noise_t: (m,) int64, times of the noise, us.
+        noise_pixel: (m,) int64, pixel numbers, row by row.
+        noise_p: (m,) uint8, polarities of the noise.
+        width: px.
+        events: columns t, x, y and p.
+        out: output columns t, x, y and p, as long as both inputs together.
+    """
     t, x, y, p = events
     out_t, out_x, out_y, out_p = out
     j = 0
@@ -212,16 +320,16 @@ def merge(noise_t, noise_pixel, noise_p, width, events, out):
 
 @kernel
 def count(x, y, p, ranges, separate, signed, out):
-    """Add events to frames.
+    """Count the events of each pixel.
 
     Args:
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
-        ranges: (segments, 2) int64.
-        separate: whether polarity is an axis.
-        signed: whether OFF counts -1.
-        out: (segments, 1 or 2, height, width) int32, added to.
+        ranges: (segments, 2) int64, first event and end of each segment.
+        separate: make polarity an axis.
+        signed: count OFF events as -1.
+        out: (segments, 1 or 2, height, width) int32, incremented.
     """
     for s in range(ranges.shape[0]):
         for k in range(ranges[s, 0], ranges[s, 1]):
@@ -231,7 +339,7 @@ def count(x, y, p, ranges, separate, signed, out):
 
 @kernel
 def spread(t, x, y, p, start, stop, separate, signed, timed, out):
-    """Add events to the two bins next to them.
+    """Distribute events over the two nearest time bins.
 
     Args:
         t: (n,) int64.
@@ -240,56 +348,64 @@ def spread(t, x, y, p, start, stop, separate, signed, timed, out):
         p: (n,) uint8.
         start: time of the first bin.
         stop: time of the last bin, >= start.
-        separate: whether polarity is an axis.
-        signed: whether OFF counts -1.
-        timed: whether events count their time, from 0 to 1.
-        out: (1 or 2, bins, height, width) float, added to.
+        separate: make polarity an axis.
+        signed: count OFF events as -1.
+        timed: weight events by their time, from 0 to 1.
+        out: (1 or 2, bins, height, width) float, incremented.
     """
     last = out.shape[1] - 1
-    # As uint64 a difference is right over all of int64.
+    # Subtract as uint64, which cannot overflow for any pair of int64 times.
     length = max(np.float64(np.uint64(stop) - np.uint64(start)), 1.0)
     for k in range(t.shape[0]):
         if t[k] < start or t[k] > stop:
             continue
-        passed = np.float64(np.uint64(t[k]) - np.uint64(start))
-        place = last * passed / length
-        low = min(max(int(place), 0), last)
-        above = place - low
+        elapsed = np.float64(np.uint64(t[k]) - np.uint64(start))
+        position = last * elapsed / length
+        low = min(max(int(position), 0), last)
+        fraction = position - low
         value = 2.0 * p[k] - 1.0 if signed else 1.0
         if timed:
-            value *= passed / length
+            value *= elapsed / length
         channel = p[k] if separate else 0
-        out[channel, low, y[k], x[k]] += value * (1.0 - above)
+        out[channel, low, y[k], x[k]] += value * (1.0 - fraction)
         if low < last:
-            out[channel, low + 1, y[k], x[k]] += value * above
+            out[channel, low + 1, y[k], x[k]] += value * fraction
 
 
 NEVER = np.iinfo(np.int64).min
 
 
 @subkernel
-def passed(before, now):
-    """From one time to a later one, us; subtracted as uint64, which is right over all of int64."""
+def elapsed_us(before, now):
+    """Return the time from `before` to `now`, us. Subtraction as uint64 cannot overflow for any pair of int64 times."""
     return np.float64(np.uint64(now) - np.uint64(before))
 
 
 @kernel
 def mark(t, x, y, p, separate, last):
-    """Note the time of each pixel's last event in last, int64 (1 or 2, height, width)."""
+    """Record the time of each pixel's last event in `last`, (1 or 2, height, width) int64."""
     for k in range(t.shape[0]):
         last[p[k] if separate else 0, y[k], x[k]] = t[k]
 
 
 @kernel
 def ages(last, now, tau, linear, out):
-    """Read the surface of last, int64 (pixels,), at a time into out, float (pixels,)."""
+    """Write the time surface at a time to `out`.
+
+    Args:
+        last: (pixels,) int64, time of each pixel's last event, `NEVER` without an event.
+        now: us.
+        tau: us.
+        linear: decay linearly instead of exponentially.
+        out: (pixels,) float.
+    """
     for i in range(last.shape[0]):
         if last[i] == NEVER:
             out[i] = 0.0
         elif linear:
-            out[i] = max(0.0, 1.0 - passed(last[i], now) / tau)
+            out[i] = max(0.0, 1.0 - elapsed_us(last[i], now) / tau)
         else:
-            out[i] = exp(-passed(last[i], now) / tau)
+            out[i] = exp(-elapsed_us(last[i], now) / tau)
 
 
 @kernel
@@ -302,45 +418,59 @@ def leak(t, x, y, p, before, options, values, value, since):
         y: (n,) uint16.
         p: (n,) uint8.
         before: time of the event before the first.
-        options: whether polarity is an axis, decay is linear, and events count from the event before them.
+        options: make polarity an axis, decay linearly, and increment before the decay.
         values: tau and increment.
         value: (1 or 2, height, width) float64 of the pixels.
-        since: (1 or 2, height, width) int64, the time that the value is of.
+        since: (1 or 2, height, width) int64, time at which `value` was last updated.
     """
-    separate, linear, late = options
+    separate, linear, increments_first = options
     tau, increment = values
     for k in range(t.shape[0]):
-        when = before if late else t[k]
+        when = before if increments_first else t[k]
         before = t[k]
         c = p[k] if separate else 0
         u = value[c, y[k], x[k]]
         if u > 0.0:
-            gone = passed(since[c, y[k], x[k]], when) / tau
-            u = max(0.0, u - gone) if linear else u * exp(-gone)
+            decay = elapsed_us(since[c, y[k], x[k]], when) / tau
+            u = max(0.0, u - decay) if linear else u * exp(-decay)
         value[c, y[k], x[k]] = u + increment
         since[c, y[k], x[k]] = when
 
 
 @kernel
 def leaked(value, since, now, tau, linear, out):
-    """Read leaky pixels, float64 and int64 (pixels,), at a time into out, float (pixels,)."""
+    """Write the values of leaky pixels at a time to `out`.
+
+    Args:
+        value: (pixels,) float64.
+        since: (pixels,) int64, time at which `value` was last updated.
+        now: us.
+        tau: us.
+        linear: decay linearly instead of exponentially.
+        out: (pixels,) float.
+    """
     for i in range(value.shape[0]):
         if value[i] == 0.0:
             out[i] = 0.0
         elif linear:
-            out[i] = max(0.0, value[i] - passed(since[i], now) / tau)
+            out[i] = max(0.0, value[i] - elapsed_us(since[i], now) / tau)
         else:
-            out[i] = value[i] * exp(-passed(since[i], now) / tau)
+            out[i] = value[i] * exp(-elapsed_us(since[i], now) / tau)
 
 
 FURTHEST = 30.0
+"""Time constants between an event and the reference time of its cell, after which the memory is rescaled."""
 
 
 @subkernel
 def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
-    """Take events that have left the window out of the memory of a cell; returns the oldest that stays, -1 for none."""
+    """Remove events that have left the window from the memory of a cell.
+
+    Returns:
+        The oldest event that stays, -1 for none.
+    """
     cell, radius, window, tau, _ = constants
-    while oldest >= 0 and passed(t[oldest], now) > window:
+    while oldest >= 0 and elapsed_us(t[oldest], now) > window:
         i, j = y[oldest] % cell + radius, x[oldest] % cell + radius
         filled[i, j] -= 1
         here[i, j] = here[i, j] - exp((t[oldest] - reference) / tau) if filled[i, j] else 0.0
@@ -350,10 +480,13 @@ def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
 
 @kernel
 def forget(t, x, y, constants, memory, inside, queues, following):
-    """Take out of all cells what has left the window by the last event; arguments as of `histograms`.
+    """Remove the events that have left the window by the time of the last event from all cells.
 
-    No later event would find it either, and a cell changes at its own events only, so nothing else becomes different.
-    Events are numbered anew from the first that is still remembered, whose old number is returned.
+    Later events could not refer to them, and a cell changes only at its own events, so no result changes. The remaining
+    events are renumbered from the first one that is still in a memory. Arguments as for `histograms`.
+
+    Returns:
+        The old number of that first event.
     """
     n = t.shape[0]
     first = n
@@ -384,21 +517,23 @@ def histograms(columns, begin, constants, memory, inside, queues, following, sum
 
     Args:
         columns: t, (n,) int64; x and y, uint16; p, uint8.
-        begin: how many of the events were seen before and are in the memory.
-        constants: side of a cell, radius, window, tau, and what an event adds to its own surface.
-        memory: (rows, columns, 2, cell + 2 radius, cell + 2 radius) float64, 0: with a margin that stays 0.
-        inside: int32 of that shape, 0.
-        queues: (3, rows, columns, 2) int64, -1.
-        following: (n,) int64, of those seen before the next of its cell and polarity, -1 for none; filled.
-        sums: (rows, columns, 2, size, size) float64, 0; filled.
-        counts: (rows, columns, 2) int64, 0; filled.
+        begin: number of events that were processed before and are in the memory.
+        constants: side of a cell, radius, window, tau, and the contribution of an event to its own surface.
+        memory: (rows, columns, 2, cell + 2 radius, cell + 2 radius) float64, sum of decayed events per pixel, with a
+            margin of 0. Initially 0.
+        inside: int32 of the same shape, number of events in the sum. Initially 0.
+        queues: (3, rows, columns, 2) int64, oldest event, newest event and reference time of each cell. Initially -1.
+        following: (n,) int64, next event of the same cell and polarity, -1 for none; given for old events, and
+            written for new ones.
+        sums: (rows, columns, 2, size, size) float64, incremented.
+        counts: (rows, columns, 2) int64, incremented.
 
-    HATS in one pass: each cell remembers the sum of its decayed events per pixel, and forgets the oldest.
+    HATS in one pass: each cell stores the sum of its decayed events per pixel, and removes events as they leave the
+    window.
 
-    The memory of a cell is kept for a reference time, so that nothing need be decayed at an event: an event of time t_j
-    is remembered as exp((t_j - reference) / tau), and all of the memory is scaled when it is read. The reference is
-    moved before weights grow beyond e^30. An event that leaves the window is taken out again; a pixel whose last event
-    left is set to exactly 0.
+    The memory of a cell refers to a reference time, so that an event changes one value only: an event at time t_j is
+    stored as exp((t_j - reference) / tau), and the memory is scaled when it is read. The reference time is moved before
+    stored values exceed e^30. A pixel whose last event leaves the window is set to exactly 0, without rounding error.
     """
     t, x, y, p = columns
     cell, radius, _, tau, own = constants
@@ -411,21 +546,21 @@ def histograms(columns, begin, constants, memory, inside, queues, following, sum
         if counts[r, c, q] == 0:
             reference = now
         oldest = leave(now, t, x, y, constants, oldest, reference, here, filled, following)
-        if passed(reference, now) / tau > FURTHEST:
-            scale = exp(-passed(reference, now) / tau)
+        if elapsed_us(reference, now) / tau > FURTHEST:
+            scale = exp(-elapsed_us(reference, now) / tau)
             for i in range(here.shape[0]):
                 for j in range(here.shape[1]):
                     here[i, j] *= scale
             reference = now
-        top, left = y[k] % cell, x[k] % cell
+        row, column = y[k] % cell, x[k] % cell
         scale = exp((reference - now) / tau)
         for i in range(size):
             for j in range(size):
-                sums[r, c, q, i, j] += here[top + i, left + j] * scale
+                sums[r, c, q, i, j] += here[row + i, column + j] * scale
         sums[r, c, q, radius, radius] += own
         counts[r, c, q] += 1
-        here[top + radius, left + radius] += exp((now - reference) / tau)
-        filled[top + radius, left + radius] += 1
+        here[row + radius, column + radius] += exp((now - reference) / tau)
+        filled[row + radius, column + radius] += 1
         following[k] = -1
         if oldest < 0:
             oldest = k
@@ -436,7 +571,19 @@ def histograms(columns, begin, constants, memory, inside, queues, following, sum
 
 @kernel
 def msd(t, tau_us, threshold, v, last, cuts):
-    """t: int64[n]; v, last: potential and time so far; cuts: int64[n]. Returns number of cuts, v and last."""
+    """Find the events at which a motion symbol detector reaches its threshold; see `segmentation.MSD`.
+
+    Args:
+        t: (n,) int64, us.
+        tau_us: decay time constant, us.
+        threshold: events.
+        v: potential after the events so far.
+        last: time of the last event so far, us.
+        cuts: (n,) int64, output.
+
+    Returns:
+        The number of cuts, the potential, and the time of the last event.
+    """
     n = 0
     for k in range(t.shape[0]):
         v = v * exp((last - t[k]) / tau_us) + 1.0
@@ -449,36 +596,36 @@ def msd(t, tau_us, threshold, v, last, cuts):
 
 
 @kernel
-def peaks(t, last, seen, constants, state, candidate, queue_t, queue_v, held, cuts):
-    """Peaks of the potential.
+def peaks(t, last, n_before, constants, state, candidate, queue_t, queue_v, n_queued, cuts):
+    """Find the peaks of a leaky integrator's potential; see `segmentation.Peaks`.
 
     A queue holds the events of the search range that no later event exceeds, so its first is the highest.
 
     Args:
-        t: int64[n].
+        t: (n,) int64.
         last: time of the event before.
-        seen: number of events before.
+        n_before: number of events before.
         constants: tau, rise, v0, search (us) and threshold.
-        state: float64[2], slow and fast part of the potential.
-        candidate: int64[2], its number (-1: none) and time.
-        queue_t: int64[held + n].
-        queue_v: float64[held + n].
-        held: length of the queue so far.
-        cuts: int64[n + 1], filled.
+        state: (2,) float64, slow and fast part of the potential.
+        candidate: (2,) int64, number (-1: none) and time of an event that may be a peak.
+        queue_t: (n_queued + n,) int64.
+        queue_v: (n_queued + n,) float64.
+        n_queued: length of the queue so far.
+        cuts: (n + 1,) int64, output.
 
     Returns:
-        number of cuts, and where the queue begins and ends.
+        The number of cuts, and the positions of the queue's beginning and end.
     """
     tau, rise, v0, search, threshold = constants
     slow, fast = state
     number, when = candidate
-    n, head, tail = 0, 0, held
+    n, head, tail = 0, 0, n_queued
     for k in range(t.shape[0]):
         now = t[k]
-        passed = last - now
-        slow = slow * exp(passed / tau) + v0
+        minus_dt = last - now
+        slow = slow * exp(minus_dt / tau) + v0
         if rise > 0.0:
-            fast = fast * exp(passed / rise) + v0
+            fast = fast * exp(minus_dt / rise) + v0
         v = slow - fast
         last = now
         if number >= 0 and now - when > search:
@@ -488,7 +635,7 @@ def peaks(t, last, seen, constants, state, candidate, queue_t, queue_v, held, cu
         while head < tail and now - queue_t[head] > search:
             head += 1
         if (head == tail or queue_v[head] < v) and v > threshold:
-            number, when = seen + k, now
+            number, when = n_before + k, now
         while head < tail and queue_v[tail - 1] <= v:
             tail -= 1
         queue_t[tail] = now

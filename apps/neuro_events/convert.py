@@ -1,4 +1,4 @@
-"""From one event file to another, in constant memory; also from standard input and to standard output."""
+"""Convert an event file to another format in constant memory, also from standard input and to standard output."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import Any, cast
 from neuro_events._events import Events
 from neuro_events.files import load, save, stream, writer
 from neuro_events.formats import Format, Unsavable, called, held, written
-from neuro_events.source import EventFileError, Given
+from neuro_events.source import EventFileError, FileInput
 
 STANDARD = "-"
-"""Standard input, or standard output."""
+"""Name for standard input and standard output."""
 
 STREAMED = ("csv", "txt", "nmnist", "event_stream", "dat", "evt2", "evt3", "aedat2")
-"""Formats that a pipe takes part by part; others are written to a temporary file first."""
+"""Formats that can be written to a pipe part by part. Other formats go through a temporary file."""
 
 INPUT, OUTPUT = "<standard input>", "<standard output>"
 
@@ -40,15 +40,16 @@ def convert(
     replace: bool = False,
     keep: bool = False,
 ) -> int:
-    """Write the events of a file in another format.
+    """Convert an event file to another format.
 
     Args:
         source: the file, ``-`` for standard input.
         target: the file to write, ``-`` for standard output.
-        from_format: its name, where neither content nor ending shows it.
-        to_format: its name, where the ending does not tell.
-        sensor_size: width and height, px; None takes those that the file states, else the smallest that holds all.
-        strict: False takes what is whole of a damaged file, with an `EventFileWarning`.
+        from_format: name of the source's format, if neither content nor ending shows it.
+        to_format: name of the target's format, if the ending does not decide it.
+        sensor_size: width and height, px. None: as stated by the file, else the smallest sensor that contains all
+            events.
+        strict: raise an error at damage. False converts the readable part, with an `EventFileWarning`.
         report: called with the number of events written so far.
         replace: as for `neuro.events.save`.
         keep: as for `neuro.events.save`.
@@ -57,7 +58,7 @@ def convert(
         Number of events.
 
     Raises:
-        EventFileError: the file is damaged or unknown, or the format cannot hold an event.
+        EventFileError: the file is damaged or unknown, or the target's format cannot store an event.
     """
     return write(read(source, from_format, sensor_size, strict), target, to_format, report, replace, keep)
 
@@ -65,18 +66,18 @@ def convert(
 def read(
     source: Path_, format: str | None = None, sensor_size: tuple[int, int] | None = None, strict: bool = True
 ) -> Iterator[Events]:
-    """The parts of a recording; one at least.
+    """Yield the parts of a recording, at least one.
 
     Args:
         source: the file, ``-`` for standard input.
-        format: its name, where neither content nor ending shows it.
+        format: its name, if neither content nor ending shows it.
         sensor_size: as for `neuro.events.load`.
         strict: as for `neuro.events.load`.
 
     Raises:
-        EventFileError: as for `neuro.events.stream`; or standard input has no events.
+        EventFileError: as for `neuro.events.stream`; also if standard input has no events.
     """
-    file, name = given(source)
+    file, name = named_input(source)
     parts = stream(file, format=format, sensor_size=sensor_size, name=name, strict=strict)
     first = next(parts, None)
     if first is not None:
@@ -88,12 +89,12 @@ def read(
 
 
 def comes_once(source: Path_) -> bool:
-    """Return whether a recording cannot be read again: standard input, or a named pipe."""
+    """Return whether a recording can be read only once: standard input, or a named pipe."""
     return os.fspath(source) == STANDARD or not os.path.isfile(source)
 
 
-def given(source: Path_) -> tuple[Given, str | None]:
-    """What `load` and `stream` take for a path or ``-``, and what to call it; None: as it is called."""
+def named_input(source: Path_) -> tuple[FileInput, str | None]:
+    """Return the input for `load` and `stream`, and its name for messages (None: the file's own name)."""
     return (sys.stdin.buffer, INPUT) if os.fspath(source) == STANDARD else (source, None)
 
 
@@ -109,44 +110,44 @@ def write(
     """Write the parts of a recording.
 
     Args:
-        parts: in order.
+        parts: the parts, in order.
         target: the file, ``-`` for standard output.
-        format: its name, where the ending does not tell.
+        format: its name, if the ending does not decide it.
         report: called with the number of events written so far.
         replace: as for `neuro.events.save`.
         keep: as for `neuro.events.save`.
-        left_out: called with the number of events of a part for which the format has no room; None: one is an error.
+        left_out: called with the number of events in a part that the format cannot store. None: such an event is an
+            error.
 
     Returns:
         Number of events.
 
     Raises:
-        EventFileError: as for `neuro.events.save`; or standard output without a format.
+        EventFileError: as for `neuro.events.save`; also for standard output without a format.
     """
-    done = 0
+    n_written = 0
     to_output = os.fspath(target) == STANDARD
     if not to_output:
         chosen = writer(Path(target), format)
-    elif format is None or (named := called(format, written())) is None:
-        message = "to no format" if format is None else f"as format {format!r}"
-        known = ", ".join(f.name for f in written())
-        raise EventFileError(OUTPUT, f"cannot write {message}, expected one of {known}")
+    elif format is None or (match := called(format, written())) is None:
+        message = "the format is missing" if format is None else f"cannot write format {format!r}"
+        raise EventFileError(OUTPUT, f"{message}, expected one of {', '.join(f.name for f in written())}")
     else:
-        chosen = named
+        chosen = match
 
     def counted() -> Iterator[Events]:
-        nonlocal done
+        nonlocal n_written
         for part in parts if left_out is None else held(parts, chosen, left_out):
             yield part
-            done += len(part)
+            n_written += len(part)
             if report is not None:
-                report(done)
+                report(n_written)
 
     if to_output:
         _write_out(counted(), chosen)
     else:
         save(counted(), target, format=format, replace=replace, keep=keep)
-    return done
+    return n_written
 
 
 def _write_out(parts: Iterator[Events], chosen: Format) -> None:
@@ -157,9 +158,9 @@ def _write_out(parts: Iterator[Events], chosen: Format) -> None:
             chosen.write(parts, cast(Path, _StandardOutput()))
             return
         with tempfile.TemporaryDirectory() as folder:
-            whole = Path(folder) / "whole"
-            chosen.write(parts, whole)
-            with whole.open("rb") as file:
+            temporary = Path(folder) / "complete"
+            chosen.write(parts, temporary)
+            with temporary.open("rb") as file:
                 shutil.copyfileobj(file, sys.stdout.buffer)
         sys.stdout.flush()
     except Unsavable as fault:
@@ -171,9 +172,9 @@ def _write_out(parts: Iterator[Events], chosen: Format) -> None:
 
 
 class _StandardOutput:
-    """Standard output in the place of a path that a writer opens.
+    """Standard output with the methods of a path that a writer uses.
 
-    The name /dev/stdout will not do: opening it would empty a file to which the shell appends.
+    The path /dev/stdout cannot be used, because opening it would empty a file to which the shell appends.
     """
 
     def open(self, mode: str) -> _StandardOutput:

@@ -1,4 +1,4 @@
-"""Read and write event files: decode, check, cut into windows."""
+"""Read and write event files: `load`, `stream` and `save`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from neuro_events._events import Events, checked_size
 from neuro_events.formats import Format, Unsavable, called, written
 from neuro_events.formats._format import in_order
 from neuro_events.formats.table import TABLE
-from neuro_events.opening import Checked, Opened, joined, opened, smallest
+from neuro_events.opening import Checker, Opened, joined, opened, smallest
 from neuro_events.parts import between, windows
 from neuro_events.segmentation import Counts, segmented
-from neuro_events.source import WHOLE, EventFileError, Given, check_given, with_notes
+from neuro_events.source import WHOLE, EventFileError, FileInput, check_input, with_notes
 
 RECORDING = Kind("a recording", ask="replace=True")
 BLOCK = 1 << 20
@@ -25,7 +25,7 @@ BLOCK = 1 << 20
 
 
 def load(
-    source: Given,
+    source: FileInput,
     *,
     format: str | None = None,
     sensor_size: tuple[int, int] | None = None,
@@ -35,45 +35,47 @@ def load(
 ) -> Events:
     """Read the events of a file.
 
-    The format is found by what the file holds, else by the ending of its name. Times stay as they are recorded;
-    ``metadata["t0"]`` is that of the first event.
+    The content decides the format, or else the ending of the name. Times stay as recorded. ``metadata["t0"]`` is the
+    time of the first event.
 
     Args:
-        source: a path, the bytes of a file, or an open binary file (of a zip, or standard input). A named pipe is
-            read as standard input is, and waited for until someone writes into it.
-        format: its name or its own ending (as ``"bin"``), where neither content nor ending shows it; see
-            `neuro events formats`. ``"hdf5:/davis/left"`` is one recording of a file with several, and
-            ``"hdf5:/events:txyp"`` tells the order of columns, too.
-        sensor_size: width and height, px; None takes that of the file or the format, else the smallest that holds all.
-        name: what to call bytes or an open file; its ending may tell the format.
-        sort: put events in the order of time instead of refusing a file whose time runs back.
-        strict: False gives what is whole of a damaged file, with an `EventFileWarning`.
+        source: a path, the bytes of a file, or an open binary file (a member of a zip, or standard input). A named pipe
+            is read like standard input; opening blocks until a writer opens the pipe.
+        format: name of the format, or an ending that only this format has (such as ``"bin"``), if neither content nor
+            ending shows it; see `neuro events formats`. ``"hdf5:/davis/left"`` names one recording of several in a
+            file, and ``"hdf5:/events:txyp"`` also names the order of the columns.
+        sensor_size: width and height, px. None: as stated by the file or the format, else the smallest sensor that
+            contains all events.
+        name: name of bytes or of an open file, for messages. Its ending may decide the format.
+        sort: sort the events by time. Otherwise times that run back raise an error.
+        strict: raise an error at damage. False returns the readable part, with an `EventFileWarning`.
 
     Returns:
-        The events, in the order of the file.
+        The events, in the order of the file unless `sort` is set.
 
     Raises:
-        EventFileError: no such file, an unknown format, or damage; the message says at which byte.
-        ModelError: the source or the sensor size is none, or a flag neither True nor False.
+        EventFileError: no such file, an unknown format, or damage; the message names the byte.
+        ModelError: invalid source or sensor size, or a flag that is neither True nor False.
     """
     size = None if sensor_size is None else checked_size(sensor_size)
     sort, strict = argument("sort", sort, kind="boolean"), argument("strict", strict, kind="boolean")
     with opened(source, format, name, size) as file:
-        checked = Checked(file.name, size or file.sensor_size, strict, sort, file.way_out)
-        pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
+        checker = Checker(file.name, size or file.sensor_size, strict, sort, file.way_out)
+        pieces = [checker.check(piece) for piece in file.pieces(WHOLE, strict)]
         if not strict:
-            checked.warn()
+            checker.warn()
         t, x, y, p = joined(pieces, sort)
         largest = (max((int(piece[k].max(initial=0)) for piece in pieces), default=0) for k in (1, 2))
-        size = checked.size or smallest(file.format, *largest)
+        size = checker.size or smallest(file.format, *largest)
         metadata = {"format": file.format.name, **({"t0": int(t[0])} if t.size else {}), **file.reader.metadata}
     return Events._trusted(t, x, y, p, size, metadata)
 
 
-def size_of(source: Given, *, format: str | None = None, name: str | None = None) -> tuple[int, int]:
-    """Width and height of a recording's sensor, px.
+def size_of(source: FileInput, *, format: str | None = None, name: str | None = None) -> tuple[int, int]:
+    """Return the width and height of a recording's sensor, px.
 
-    Those that the file or its format states, else the smallest that holds all events, for which it is read once.
+    A sensor that the file or its format states is returned. Otherwise the file is read once, and the result is the
+    smallest sensor that contains all events.
 
     Args:
         source: a path, bytes, or an open binary file.
@@ -81,14 +83,14 @@ def size_of(source: Given, *, format: str | None = None, name: str | None = None
         name: as for `load`.
 
     Raises:
-        EventFileError: as for `load`, for what is read.
+        EventFileError: as for `load`, for the part that is read.
     """
     with opened(source, format, name) as file:
         return file.sensor_size or file.scanned(BLOCK)
 
 
 def stream(
-    source: Given,
+    source: FileInput,
     *,
     window_us: int | None = None,
     count: int | None = None,
@@ -101,32 +103,33 @@ def stream(
 ) -> Iterator[Events]:
     """Read a file of any size in parts, in constant memory.
 
-    A file on the disk or bytes in DAT, AEDAT 2.0, EVT 2.0, 2.1 and 3.0 or HDF5 are not decoded before `start_us`, so a
-    fault there is not seen, and words left out there are not counted in the metadata. Others are, as is any file with
-    ``strict=False``: what is left out of a damaged file depends on all that is before.
+    DAT, AEDAT 2.0, EVT 2.0, 2.1 and 3.0 and HDF5 on disk or as bytes are not decoded before `start_us`. Faults there
+    are not reported, and words skipped there do not count in the metadata. Other formats, and any file with
+    ``strict=False``, are decoded from the beginning, since the events dropped from a damaged file depend on all earlier
+    ones.
 
     Args:
-        source: a path, bytes, or an open binary file such as standard input. It is opened when the first part is asked
-            for.
-        window_us: parts of so many us, the first beginning at the first event (or at `start_us`); a window without
+        source: a path, bytes, or an open binary file such as standard input. The file is opened at the request for the
+            first part.
+        window_us: length of a part, us. The first part begins at the first event (or at `start_us`). A window without
             events is an empty part.
-        count: parts of so many events, the last may be shorter. With neither, parts are as the file gives them.
-        start_us: leave out what is before.
-        stop_us: leave out what is at this time or later.
+        count: events per part; the last part may be shorter. With neither, the parts follow the blocks of the file.
+        start_us: first time, us; earlier events are dropped.
+        stop_us: end time, us; events at or after it are dropped.
         format: as for `load`.
         sensor_size: as for `load`.
         name: as for `load`.
         strict: as for `load`.
 
     Yields:
-        events in the order of time.
+        Events in the order of time.
 
     Raises:
-        ModelError: at once, where an argument is wrong, or both `window_us` and `count` are given.
-        EventFileError: as for `load`, when the damage is reached; also where time runs back, and where more than 10^6
-            windows in a row have no events.
+        ModelError: an argument is invalid, or both `window_us` and `count` are given. Raised by the call itself.
+        EventFileError: as for `load`, when the damage is reached; also if time runs back, or if more than 10^6 windows
+            in a row have no events.
     """
-    check_given(source)
+    check_input(source)
     strict = argument("strict", strict, kind="boolean")
     size = None if sensor_size is None else checked_size(sensor_size)
     start = argument("start_us", start_us, kind="microseconds", optional=True)
@@ -150,7 +153,7 @@ def stream(
 
 
 def _parts(file: Opened, size: tuple[int, int] | None, start_us: int | None, strict: bool) -> Iterator[Events]:
-    """The parts of a file as they come, not those that can be left out before a time."""
+    """Yield the parts of a file as stored, from `start_us` on if the reader can seek."""
     size = size or file.sensor_size or file.scanned(BLOCK)
     if start_us is None or not strict or not file.can_seek():
         yield from _decoded(file, size, None, strict)
@@ -158,20 +161,20 @@ def _parts(file: Opened, size: tuple[int, int] | None, start_us: int | None, str
     try:
         yield from _decoded(file, size, start_us, strict)
     except EventFileError:
-        # What is wrong is reported as if all had been read: with the number of its event, and the first fault first.
+        # Decode from the beginning, so that the error names the number of the event, and the first fault is reported.
         for _ in _decoded(file, size, None, strict):
             pass
         raise
 
 
 def _decoded(file: Opened, size: tuple[int, int], start_us: int | None, strict: bool) -> Iterator[Events]:
-    checked = Checked(file.name, size, strict, sort=False, way_out=file.way_out)
+    checker = Checker(file.name, size, strict, sort=False, way_out=file.way_out)
     for piece in file.pieces(BLOCK, strict, start_us):
-        arrays = checked.piece(piece)
+        arrays = checker.check(piece)
         if arrays[0].size:
             yield Events._trusted(*arrays, size, {"format": file.format.name, **file.reader.metadata})
     if not strict:
-        checked.warn()
+        checker.warn()
 
 
 def save(
@@ -184,33 +187,32 @@ def save(
 ) -> None:
     """Write events in the format of the name's ending.
 
-    The file takes its name when it is whole, so a failure leaves no half of one, except with `keep`.
+    The events are written under a temporary name, so a failure leaves no incomplete file (except with `keep`).
 
     Args:
-        events: what to write, or the parts of one recording in order, as `stream` gives them.
-        path: where to.
-        format: its name, where several have the ending; or the ending that only it has.
-        replace: whether to replace a file that has this name. Recordings bear no mark of their writer, so none is
-            replaced only if `replace` says so.
-        keep: for events that cannot be had again, as those of a `Listener`. They are written to `path` with ".part" at
-            its end (with a number, as walk.2.dat.part, if there is such a file), part by part. The file stays there if
-            the work fails or the process is killed, and the error says how to read it. A format that is no recording
-            until it is complete, as HDF5 and NPZ, is written as CSV and converted at the end.
+        events: a recording, or its parts in order, as from `stream`.
+        path: the file to write.
+        format: name of the format if several share the ending, or an ending that only this format has.
+        replace: replace an existing file. Recordings do not say who wrote them, so no file is replaced by default.
+        keep: keep events that cannot be received again, such as those of a `Listener`. The parts are written to `path`
+            with ".part" at its end (with a number if that file exists, as in walk.2.dat.part). The file stays if the
+            work fails or the process is killed, and the error says how to read it. A format that is readable only when
+            complete, such as HDF5 or NPZ, is written as CSV and converted at the end.
 
     Raises:
-        EventFileError: no format has this ending, there is not one part, the format cannot hold an event, which
-            is named, or the file cannot be written; with `keep` a note says where the events up to then are.
-        ModelError: `path` is no name of a file, a flag neither True nor False, or `events` something else.
+        EventFileError: no format has this ending, there are no parts, the format cannot store an event (the message
+            names it), or the file cannot be written. With `keep` a note names the file with the events so far.
+        ModelError: `path` is not a file name, a flag is neither True nor False, or `events` has another type.
     """
     path = file_path(path, "path")
     replace, keep = argument("replace", replace, kind="boolean"), argument("keep", keep, kind="boolean")
     chosen = writer(path, format)
-    given = _parts_of(events)
-    first = next(given, None)
+    remaining = _parts_of(events)
+    first = next(remaining, None)
     if first is None:
-        empty = "a recording without events is one, Events([], [], [], [], (width, height))"
+        empty = "Events([], [], [], [], (width, height)) is a recording without events"
         raise EventFileError(str(path), f"no parts to save, expected at least one: {empty}")
-    parts = (part for _, part in in_order(chain([first], given)))
+    parts = (part for _, part in in_order(chain([first], remaining)))
     try:
         if keep:
             _record(parts, path, chosen, replace)
@@ -225,36 +227,37 @@ def save(
 
 
 def _record(parts: Iterator[Events], path: Path, chosen: Format, replace: bool) -> None:
-    """Write parts that cannot be had again. A failure leaves what came before, and notes on the error where it is."""
-    grown, kept = chosen if chosen.grows else TABLE, path
+    """Write parts that cannot be received again. After a failure, a note on the error names the file with the parts."""
+    readable_as, kept_file = chosen if chosen.grows else TABLE, path
     try:
         with output(path, RECORDING, replace, keep=True) as part:
-            kept = part
+            kept_file = part
             if chosen.grows:
                 _write(chosen, parts, part)
             else:
                 _write_at_the_end(parts, part, chosen)
     except BaseException as error:
-        if kept != path and kept.exists():
-            error.add_note(f"what came before is kept: 'neuro events info {kept} --from {grown.name}' reads {kept}")
+        if kept_file != path and kept_file.exists():
+            command = f"neuro events info {kept_file} --from {readable_as.name}"
+            error.add_note(f"the events before the error are in {kept_file}: '{command}' reads them")
         raise
 
 
 def _write_at_the_end(parts: Iterator[Events], part: Path, chosen: Format) -> None:
-    """Write parts in a format that is no recording until it is complete; up to then the file is CSV."""
+    """Write parts in a format that is readable only when complete: as CSV first, and converted at the end."""
     metadata: dict[str, Any] = {}
 
-    def noted() -> Iterator[Events]:
+    def with_metadata() -> Iterator[Events]:
         for each in parts:
             metadata.update(each.metadata)
             yield each
 
-    _write(TABLE, noted(), part)
-    again = stream(part, format=TABLE.name)
-    first = next(again, None)
-    whole = chain([load(part, format=TABLE.name) if first is None else first], again)
+    _write(TABLE, with_metadata(), part)
+    written_parts = stream(part, format=TABLE.name)
+    first = next(written_parts, None)
+    all_parts = chain([load(part, format=TABLE.name) if first is None else first], written_parts)
     with output(part, RECORDING, replace=True) as target:
-        _write(chosen, (Events._trusted(e.t, e.x, e.y, e.p, e.sensor_size, metadata) for e in whole), target)
+        _write(chosen, (Events._trusted(e.t, e.x, e.y, e.p, e.sensor_size, metadata) for e in all_parts), target)
 
 
 def _write(format: Format, parts: Iterator[Events], path: Path) -> None:
@@ -263,7 +266,7 @@ def _write(format: Format, parts: Iterator[Events], path: Path) -> None:
 
 
 def _parts_of(events: object) -> Iterator[Events]:
-    """The parts of a recording, each looked at."""
+    """Yield the parts of a recording, each checked to be `Events`."""
     if isinstance(events, Events):
         yield events
         return
@@ -276,10 +279,10 @@ def _parts_of(events: object) -> Iterator[Events]:
 
 
 def writer(path: Path, format: str | None) -> Format:
-    """The format to write: by its name, else by the ending of the file's name.
+    """Return the format to write: by `format` if given, else by the ending of the file's name.
 
     Raises:
-        EventFileError: there is none that can be written.
+        EventFileError: no writable format matches.
     """
     if format is not None:
         if not isinstance(format, str) or (chosen := called(format, written())) is None:

@@ -1,4 +1,4 @@
-"""What a recording is: counts, rates, gaps, hot pixels, and what its file says of itself."""
+"""Properties of a recording: counts, rates, gaps, hot pixels, and the metadata of its file."""
 
 from __future__ import annotations
 
@@ -11,43 +11,47 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_events.files import BLOCK
-from neuro_events.opening import Checked, opened, smallest
-from neuro_events.source import EventFileError, EventFileWarning, Given
+from neuro_events.opening import Checker, opened, smallest
+from neuro_events.source import EventFileError, EventFileWarning, FileInput
 
 BIN_US = 10_000
-"""In which the highest rate is counted."""
+"""Bin for the highest rate, us."""
 GAPS = 3
+"""Number of gaps that `Info` lists."""
 HOT = 10
-"""Most gaps and hot pixels that are named."""
+"""Number of hot pixels that `Info` lists."""
 PIXELS = 1 << 24
-"""On larger sensors, 16 times those that are sold, the events of single pixels are not counted."""
+"""Largest sensor whose events are counted per pixel, px. Sensors on the market have up to a sixteenth of it."""
 
-FOUND_WHILE_READING = ("format", "t0")
+OWN_METADATA = ("format", "t0")
+"""Metadata that the readers add. `Info` states both elsewhere."""
 
 
 @dataclass(slots=True)
 class Info:
-    """A recording as `info` sees it.
+    """Properties of a recording, as from `info`.
 
     Attributes:
-        path: the file, as it is called in messages.
-        format: its name.
-        title: what the format is called.
-        untested: why readers of this format were not tried on real files, "" where they were.
-        bytes: of the file, None where they came through a pipe.
+        path: the file, as named in messages.
+        format: name of the format.
+        title: title of the format.
+        untested: reason why the format was not tested on real files, "" if it was.
+        bytes: size of the file, None for a pipe.
         sensor_size: width and height, px.
-        sensor_told: whether the file states the sensor; else it is the smallest or usual one that holds all events.
-        events: how many.
-        on: how many are ON.
-        start_us: time of the first event, None without events.
-        stop_us: time of the last.
+        sensor_told: True if the file states the sensor. Otherwise the sensor is the usual or smallest one that contains
+            all events.
+        events: number of events.
+        on: number of ON events.
+        start_us: time of the first event, us, None without events.
+        stop_us: time of the last event, us, None without events.
         peak_hz: highest rate in 10 ms, events/s.
-        active_pixels: how many pixels have events; None: not counted on a sensor of more than 2^24 px.
-        gaps: the longest times without events, each (from us, how long us), longest first.
-        hot: columns, rows and counts of pixels with more than 10 times the events of their busiest neighbour.
-        hot_pixels: how many there are; `hot` has the busiest.
-        damage: what is wrong with the file; counts are those of what is whole.
-        metadata: what else the file states, such as other streams.
+        active_pixels: number of pixels with events, None for a sensor of more than 2^24 px.
+        gaps: the longest times without events, longest first, each as (start, duration) in us.
+        hot: (column, row, count) of the busiest hot pixels. A hot pixel has more than 10 times the events of its
+            busiest neighbour.
+        hot_pixels: number of all hot pixels.
+        damage: faults of the file. The counts cover the readable part.
+        metadata: further properties that the file states, such as other streams.
     """
 
     path: str
@@ -71,79 +75,79 @@ class Info:
 
     @property
     def duration_us(self) -> int:
-        """From the first to the last event, us."""
+        """Time from the first to the last event, us."""
         return 0 if self.start_us is None or self.stop_us is None else self.stop_us - self.start_us
 
     @property
     def rate_hz(self) -> float | None:
-        """Mean rate, events/s; None without duration."""
+        """Mean rate, events/s, or None without duration."""
         return self.events * 1e6 / self.duration_us if self.duration_us else None
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it, for JSON."""
+        """Return all attributes and the derived rates as a dictionary for JSON."""
         share = self.on / self.events if self.events else None
         facts = {"duration_us": self.duration_us, "rate_hz": self.rate_hz, "on_share": share}
         return {**asdict(self), **facts}
 
 
 def info(
-    source: Given,
+    source: FileInput,
     *,
     format: str | None = None,
     sensor_size: tuple[int, int] | None = None,
     name: str | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Info:
-    """Look through a recording once, in constant memory.
+    """Read a recording once, in constant memory, and return its properties.
 
-    Damage is reported in the result and not raised, as long as the file can be opened.
+    Damage is listed in the result and raises no error, as long as the file can be opened.
 
     Args:
         source: a path, the bytes of a file, or an open binary file such as standard input.
-        format: its name, where neither content nor ending shows it.
+        format: its name, if neither content nor ending shows it.
         sensor_size: as for `neuro.events.load`.
-        name: what to call bytes or an open file.
-        report: called with the number of events seen so far.
+        name: name of bytes or of an open file.
+        report: called with the number of events read so far.
 
     Raises:
-        EventFileError: there is no such file, or it is of no known kind.
+        EventFileError: no such file, or an unknown format.
     """
     with opened(source, format, name, sensor_size) as file:
-        kind, told_size = file.format, None
+        kind, stated_size = file.format, None
         try:
-            told_size = file.sensor_size
+            stated_size = file.sensor_size
         except EventFileError:
-            if sensor_size is None:  # else it does not matter that the file states one that may mean two things
+            if sensor_size is None:  # the user's sensor takes precedence over an ambiguous one in the file
                 raise
-        size = sensor_size or told_size
+        size = sensor_size or stated_size
         untested = kind.untested or getattr(file.reader, "untested", "")
-        is_told = told_size is not None
-        out = Info(file.name, kind.name, kind.title, untested, file.source.size, size or (1, 1), is_told)
+        is_stated = stated_size is not None
+        out = Info(file.name, kind.name, kind.title, untested, file.source.size, size or (1, 1), is_stated)
         pixels, peak = _Pixels(size or (0, 0)), _Peak()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", EventFileWarning)
-            checked = Checked(file.name, size, strict=False, sort=False)
+            checker = Checker(file.name, size, strict=False, sort=False)
             for piece in file.pieces(BLOCK, False):
-                t, x, y, p = checked.piece(piece)
+                t, x, y, p = checker.check(piece)
                 if t.size:
                     _add(out, t, p)
                     pixels.add(x, y)
                     peak.add(t)
                 if report is not None:
                     report(out.events)
-            checked.warn()
+            checker.warn()
         out.peak_hz = peak.most * 1e6 / BIN_US
         out.active_pixels, hot = pixels.active(), pixels.hot()
         out.hot, out.hot_pixels = hot[:HOT], len(hot)
         out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
         out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in caught]
-        out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
+        out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in OWN_METADATA}
     return out
 
 
 def _add(out: Info, t: npt.NDArray[np.int64], p: npt.NDArray[np.uint8]) -> None:
     before = np.concatenate((t[:1] if out.stop_us is None else np.array([out.stop_us], np.int64), t[:-1]))
-    pauses = t.view(np.uint64) - before.view(np.uint64)  # right beyond 2^63 us, too
+    pauses = t.view(np.uint64) - before.view(np.uint64)  # unsigned, so that gaps of more than 2^63 us are right
     longest = np.argsort(~pauses, kind="stable")[:GAPS]
     more = [(int(t[k]) - int(pauses[k]), int(pauses[k])) for k in longest if pauses[k]]
     out.gaps = sorted(out.gaps + more, key=lambda gap: -gap[1])[:GAPS]
@@ -154,10 +158,10 @@ def _add(out: Info, t: npt.NDArray[np.int64], p: npt.NDArray[np.uint8]) -> None:
 
 
 class _Pixels:
-    """Events of each pixel, of a sensor that grows with them.
+    """Event counts of each pixel. The sensor grows with the positions of the events.
 
     Attributes:
-        width, height: px.
+        width, height: current size of the sensor, px.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
@@ -184,28 +188,29 @@ class _Pixels:
             self._counts.reshape(-1)[: more.size] += more
 
     def active(self) -> int | None:
-        """How many have events."""
+        """Return the number of pixels with events, None for a sensor of more than `PIXELS`."""
         return int(np.count_nonzero(self._counts)) if self._counted else None
 
     def hot(self) -> list[tuple[int, int, int]]:
-        """Columns, rows and counts of those that never rest, the busiest first."""
-        from neuro_events.filters.noise import alone
+        """Return column, row and count of each hot pixel, the busiest first."""
+        from neuro_events.filters.noise import busier_than_neighbours
 
-        found = ((int(x), int(y), int(self._counts[y, x])) for y, x in np.argwhere(alone(self._counts)))
-        return sorted(found, key=lambda pixel: -pixel[2])
+        positions = np.argwhere(busier_than_neighbours(self._counts))
+        pixels = ((int(x), int(y), int(self._counts[y, x])) for y, x in positions)
+        return sorted(pixels, key=lambda pixel: -pixel[2])
 
 
 class _Peak:
-    """The most events in one bin of time."""
+    """Counter of the largest number of events in one time bin."""
 
     def __init__(self) -> None:
         self.most = 0
-        self._bin, self._held = np.iinfo(np.int64).min, 0
+        self._bin, self._bin_count = np.iinfo(np.int64).min, 0
 
     def add(self, t: Any) -> None:
         """Count events by their times, us."""
         bins, counts = np.unique(t // BIN_US, return_counts=True)
         if bins[0] == self._bin:
-            counts[0] += self._held
+            counts[0] += self._bin_count
         self.most = max(self.most, int(counts.max()))
-        self._bin, self._held = int(bins[-1]), int(counts[-1])
+        self._bin, self._bin_count = int(bins[-1]), int(counts[-1])

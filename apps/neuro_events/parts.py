@@ -1,4 +1,4 @@
-"""Parts of one recording, cut anew or put together."""
+"""Cut a recording into windows, or join its parts."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from neuro_events._events import Events, joined_columns
 from neuro_events.source import EventFileError
 
 MOST_EMPTY = 10**6
-"""Windows without events between two events; more are a jump in the times of a damaged file."""
+"""Largest number of empty windows between two events. More are taken as a jump in the times of a damaged file."""
 
 
 def between(parts: Iterable[Events], start_us: int | None, stop_us: int | None) -> Iterator[Events]:
-    """Leave out what is before a time, and what is at or after another.
+    """Yield the events from a start time up to an end time.
 
     Args:
-        parts: of one recording, in order.
-        start_us: the first time, us; None: from the first event on.
-        stop_us: the time after the last, us; None: up to the last event. No later part is asked for.
+        parts: the parts of one recording, in order.
+        start_us: first time, us. None: from the first event on.
+        stop_us: end time, us, exclusive. None: up to the last event. Parts after the end are not requested.
     """
     for part in parts:
         if stop_us is not None and len(part) and part.t[0] >= stop_us:
@@ -39,15 +39,15 @@ def windows(
     """Cut ordered parts of a recording into windows of equal length.
 
     Args:
-        parts: of one recording, in order.
+        parts: the parts of one recording, in order.
         window_us: length of a window, us.
-        start_us: where the first begins; None: at the first event.
+        start_us: start of the first window, us. None: at the first event.
         path: the file, for the message.
 
     Raises:
         EventFileError: more than 10^6 windows in a row have no events.
     """
-    held: list[Events] = []
+    pending: list[Events] = []
     begin = start_us
     for part in parts:
         if not len(part):
@@ -58,17 +58,17 @@ def windows(
             empty = (int(part.t[0]) - begin) // window_us
             if empty > MOST_EMPTY:
                 message = f"{empty} windows of {window_us} us without events before {part.t[0]} us, "
-                hint = "look for a jump in the times, or take longer windows"
+                hint = "look for a jump in the times, or use longer windows"
                 raise EventFileError(path, f"{message}expected at most {MOST_EMPTY}: {hint}")
-            yield together([*held, part[:cut]])
-            held, part, begin = [], part[cut:], begin + window_us
-        held.append(part)
-    if held:
-        yield together(held)
+            yield joined_parts([*pending, part[:cut]])
+            pending, part, begin = [], part[cut:], begin + window_us
+        pending.append(part)
+    if pending:
+        yield joined_parts(pending)
 
 
-def together(parts: list[Events]) -> Events:
-    """Parts of one recording as one."""
+def joined_parts(parts: list[Events]) -> Events:
+    """Join the parts of one recording."""
     if len(parts) == 1:
         return parts[0]
     columns = joined_columns(part._columns for part in parts)
@@ -76,37 +76,39 @@ def together(parts: list[Events]) -> Events:
 
 
 MAX_OUTSIDE = 0.05
-"""Share of a recording's events that may lie outside of the window and be left out."""
+"""Largest share of a recording's events outside the window. These events are dropped."""
 
 EDGES = (0.01, 0.99)
-"""Shares of the events between whose columns, and rows, lies what a recording shows: a few of noise do not count."""
+"""Quantiles of the columns, and of the rows, that bound the object in a recording. A few noise events do not count."""
 
 
 def windowed(
     events: Events, size: tuple[int, int], at: tuple[int, int] | None, start: float, duration: float, name: str
 ) -> Events:
-    """The events inside a window, as of a sensor of its size.
+    """Return the events inside a window of the sensor, as events of a sensor with the window's size.
 
     Args:
         events: a recording.
         size: width and height of the window, px.
-        at: its first column and row, px; round the middle of the events that are seen if None. It may reach
-            beyond the sensor: those pixels are silent.
-        start: ms from the first event to what is seen.
-        duration: of what is seen, ms.
-        name: of the recording.
+        at: first column and row of the window, px. None: centred on the events in the time span. The window may extend
+            beyond the sensor; pixels outside are silent.
+        start: start of the time span, ms after the first event.
+        duration: length of the time span, ms.
+        name: name of the recording, for messages.
 
     Raises:
-        ModelError: more than `MAX_OUTSIDE` of the events that are seen lie outside of it.
+        ModelError: more than `MAX_OUTSIDE` of the events in the time span lie outside the window.
     """
     since = events.t - (events.t[0] if len(events.t) else 0) - round(1000.0 * start)
-    seen = (since >= 0) & (since < round(1000.0 * duration))
-    left, top = at or (_first(each[seen], side) for each, side in zip((events.x, events.y), size, strict=True))
-    x, y = events.x.astype(np.int64) - left, events.y.astype(np.int64) - top
+    in_span = (since >= 0) & (since < round(1000.0 * duration))
+    first_column, first_row = at or (
+        _first_line(each[in_span], side) for each, side in zip((events.x, events.y), size, strict=True)
+    )
+    x, y = events.x.astype(np.int64) - first_column, events.y.astype(np.int64) - first_row
     inside = (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1])
-    outside, total = int((seen & ~inside).sum()), int(seen.sum())
+    outside, total = int((in_span & ~inside).sum()), int(in_span.sum())
     if outside > MAX_OUTSIDE * total:
-        window = f"the window of {size[0]}x{size[1]} px at {left},{top}"
+        window = f"the window of {size[0]}x{size[1]} px at {first_column},{first_row}"
         message = f"{name}: {outside} of {total} events lie outside of {window}"
         hint = "another window, a larger scale or population of pixels, or recordings without noise"
         raise ModelError(f"{message}: expected at most {MAX_OUTSIDE:.0%}", hint=hint)
@@ -114,9 +116,12 @@ def windowed(
     return Events(events.t[inside], *places, events.p[inside], size)
 
 
-def _first(places: npt.NDArray[np.uint16], side: int) -> int:
-    """The first of so many columns, or rows, whose middle is that of what is shown; 0 where that is nothing."""
-    if not len(places):
+def _first_line(lines: npt.NDArray[np.uint16], side: int) -> int:
+    """Return the first of `side` columns (or rows) centred on the events between the quantiles `EDGES`.
+
+    Without events the result is 0. Example: columns mostly from 10 to 19 and side = 4 give 13.
+    """
+    if not len(lines):
         return 0
-    low, high = (float(place) for place in np.quantile(places, EDGES))
+    low, high = (float(place) for place in np.quantile(lines, EDGES))
     return math.floor((low + high - side) / 2.0 + 1.0)

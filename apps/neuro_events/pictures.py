@@ -1,4 +1,4 @@
-"""Recordings as moving pictures."""
+"""Recordings as animated GIFs and as pages with a player."""
 
 from __future__ import annotations
 
@@ -19,36 +19,37 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import argument, file_path, html, marked, output, sealed, write_text
 from neuro_events._events import Events
-from neuro_events.parts import together, windows
+from neuro_events.parts import joined_parts, windows
 
 COLOURS = ("#0072B2", "#D55E00", "#FFFFFF")
-"""ON, OFF and background: Okabe and Ito's blue and vermilion, which colour-blind readers tell apart."""
+"""Colours of ON, OFF and background: Okabe and Ito's blue and vermilion, which colour-blind readers can distinguish."""
 TALL = 240
-"""Small sensors are enlarged by a whole number until their longer side has so many px."""
+"""Smallest longer side of a picture, px. Small sensors are enlarged by a whole number to reach it."""
 LEAST_FPS, MOST_FPS = 0.1, 50.0
-"""A GIF stores a time in 16 bits, in units of 10 ms; programs that show GIFs slow down shorter pauses than 20 ms."""
+"""Range of frames per second. A GIF stores delays in 16 bits in units of 10 ms; viewers lengthen delays below 20 ms."""
 LARGEST, LARGEST_SCALED = 65_535, 8192
-"""px; a GIF stores its sides in 16 bits, and no one enlarges so far on purpose."""
+"""Largest side of a picture, px, without and with enlargement. A GIF stores its sides in 16 bits; the second limit
+catches a mistaken `scale`."""
 STILL = 25
-"""Frames in a row that are the same, one second by default; more are left out."""
-WINDOW_US, FRAMES, HELD = 40_000, 25, 1 << 22
-"""Where no window is given: its length, and how many windows there shall be at least of a recording that is short and
-has not more than so many events, which have to be held for that (55 MB)."""
+"""Number of equal frames in a row that are kept, one second by default. Further equal frames are skipped."""
+WINDOW_US, FRAMES, LONGEST_LOOK_AHEAD = 40_000, 25, 1 << 22
+"""Default length of a window, us; smallest number of windows for a short recording; and number of events (55 MB) that
+are held to find out whether a recording is short."""
 MARK = "neuro events gif"
 GIF = marked("a GIF of 'neuro events gif'", MARK, "replace=True")
 MOST_FRAMES = 10_000
-"""More are a mistake: seven minutes by default, and a file of hundreds of MB."""
+"""Largest number of frames: seven minutes by default, and a file of hundreds of MB."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gif:
-    """What `gif` wrote.
+    """Properties of the file that `gif` wrote.
 
     Attributes:
-        frames: how many.
-        window_us: time of a frame, us.
-        left_out: frames left out, since nothing changed for long.
-        fps: frames per second as they are shown; pauses are whole multiples of 10 ms.
+        frames: number of frames.
+        window_us: time per frame, us.
+        left_out: number of frames skipped because they repeat the frames before.
+        fps: frames per second as shown; delays are multiples of 10 ms.
         size: width and height of the picture, px.
     """
 
@@ -72,22 +73,22 @@ def gif(
 ) -> Gif:
     """Draw a recording as an animated GIF, in constant memory.
 
-    A frame shows the last event of each pixel in a window of time; windows follow each other. Where more than 25 frames
-    in a row are the same, as in a pause, the others are left out.
+    A frame shows the last event of each pixel in a time window; the windows are consecutive. If more than 25 frames in
+    a row are equal, as in a pause, the further ones are skipped.
 
     Args:
         parts: a recording, or its parts in order.
         path: the file to write.
-        fps: frames per second, 0.1 to 50; with windows of 1e6 / fps us, time runs as it did.
-        window_us: time of a frame, us; None: 40,000, or less so that a short recording gives 25 frames.
-        colours: of ON, of OFF and of the background, by name or as ``#rrggbb``.
-        scale: px of the picture per px of the sensor; None: so that the picture is at least 240 px high or wide.
-        name: what to call the recording in messages.
-        replace: whether to replace a file that is no such GIF.
+        fps: frames per second, 0.1 to 50. With windows of 1e6 / fps us the GIF plays in real time.
+        window_us: time per frame, us. None: 40,000, or less so that a short recording has 25 frames.
+        colours: colours of ON, OFF and background, as names or ``#rrggbb``.
+        scale: side of a sensor pixel in the picture, px. None: the longer side of the picture has at least 240 px.
+        name: name of the recording in messages.
+        replace: replace an existing file that is not a GIF of this function.
 
     Raises:
-        ModelError: there are no events, more than 10,000 frames, or an argument is wrong, which the message names, or
-            the file cannot be written.
+        ModelError: no events, more than 10,000 frames, an invalid argument (the message names it), or the file cannot
+            be written.
         EventFileError: time jumps over more than 10^6 windows.
     """
     from PIL import Image
@@ -97,8 +98,8 @@ def gif(
     window_us = argument("window_us", window_us, kind="microseconds", at_least=1, optional=True)
     scale = argument("scale", scale, kind="integer", at_least=1, optional=True)
     palette = [value for colour in (colours[2], colours[1], colours[0]) for value in _rgb(colour)]
-    given = iter([parts] if isinstance(parts, Events) else parts)
-    first, duration = _beginning(given, WINDOW_US * FRAMES if window_us is None else 0)
+    remaining = iter([parts] if isinstance(parts, Events) else parts)
+    first, duration = _beginning(remaining, WINDOW_US * FRAMES if window_us is None else 0)
     if not first:
         raise ModelError(f"{name} has no events: nothing to draw")
     window_us = window_us or min(WINDOW_US, duration // FRAMES + 1)
@@ -109,45 +110,49 @@ def gif(
         raise ModelError(
             f"scale = {scale}: the picture has {width * scale}x{height * scale} px, expected at most {most}"
         )
-    drawn = _Frames(windows(chain(first, given), window_us, path=name), (width, height))
+    frames = _Frames(windows(chain(first, remaining), window_us, path=name), (width, height))
 
     def pictures() -> Iterator[Any]:
-        for pixels in drawn:
+        for pixels in frames:
             picture = Image.fromarray(np.kron(pixels, np.ones((scale, scale), np.uint8)), "P")
             picture.putpalette(palette)
             yield picture
 
-    pause = max(2, round(100 / fps))
-    made = pictures()
+    delay = max(2, round(100 / fps))
+    images = pictures()
     with output(path, GIF, replace) as part:
-        next(made).save(
-            part, "GIF", save_all=True, append_images=made, duration=10 * pause, loop=0, optimize=False, disposal=1,
+        next(images).save(
+            part, "GIF", save_all=True, append_images=images, duration=10 * delay, loop=0, optimize=False, disposal=1,
             comment=MARK,
         )  # fmt: skip
-    return Gif(drawn.count, window_us, drawn.left_out, 100 / pause, (width * scale, height * scale))
+    return Gif(frames.count, window_us, frames.left_out, 100 / delay, (width * scale, height * scale))
 
 
-def _beginning(parts: Iterator[Events], long_us: int) -> tuple[list[Events], int]:
-    """The first parts with events, and how long they last, us: all if they do not last so long, else some."""
-    held: list[Events] = []
+def _beginning(parts: Iterator[Events], enough_us: int) -> tuple[list[Events], int]:
+    """Return the first non-empty parts, and their duration, us, at most `enough_us`.
+
+    All parts are returned if the recording is shorter than `enough_us`. If the first parts have more than
+    `LONGEST_LOOK_AHEAD` events, the recording counts as long and its duration is given as `enough_us`.
+    """
+    pending: list[Events] = []
     duration = 0
     for part in parts:
         if len(part):
-            held.append(part)
-            duration = int(part.t[-1]) - int(held[0].t[0])
-            if duration >= long_us:
+            pending.append(part)
+            duration = int(part.t[-1]) - int(pending[0].t[0])
+            if duration >= enough_us:
                 break
-            if sum(map(len, held)) > HELD:
-                return held, long_us
-    return held, duration
+            if sum(map(len, pending)) > LONGEST_LOOK_AHEAD:
+                return pending, enough_us
+    return pending, duration
 
 
 class _Frames:
-    """The pixels of each frame: 0 without event, 1 for OFF, 2 for ON.
+    """Iterator over the pixels of each frame: 0 without an event, 1 for OFF, 2 for ON.
 
     Attributes:
-        count: frames so far.
-        left_out: frames that were left out.
+        count: number of frames so far.
+        left_out: number of skipped frames.
     """
 
     def __init__(self, parts: Iterator[Events], size: tuple[int, int]) -> None:
@@ -155,20 +160,22 @@ class _Frames:
         self._parts, self._blank = parts, np.zeros((size[1], size[0]), np.uint8)
 
     def __iter__(self) -> Iterator[npt.NDArray[np.uint8]]:
-        before, same = None, 0
+        previous, n_equal = None, 0
         for events in self._parts:
             pixels = self._blank
             if len(events):
                 pixels = pixels.copy()
                 pixels[events.y, events.x] = events.p + 1
-            same = same + 1 if pixels is before or (before is not None and np.array_equal(pixels, before)) else 1
-            before = pixels
-            if same > STILL:
+            n_equal = (
+                n_equal + 1 if pixels is previous or (previous is not None and np.array_equal(pixels, previous)) else 1
+            )
+            previous = pixels
+            if n_equal > STILL:
                 self.left_out += 1
                 continue
             if self.count == MOST_FRAMES:
                 raise ModelError(
-                    f"more than {MOST_FRAMES:,} frames", hint="take longer windows, or split the recording"
+                    f"more than {MOST_FRAMES:,} frames", hint="use longer windows, or split the recording"
                 )  # fmt: skip
             self.count += 1
             yield pixels
@@ -184,9 +191,9 @@ def _rgb(colour: str) -> tuple[int, ...]:
 
 
 MOST = 500_000
-"""Events of a page; 9 bytes each, so a page has at most 6 MB."""
+"""Default number of events on a page; at 9 bytes each, a page has at most 6 MB."""
 PIXELS = 1 << 26
-"""Browsers have no larger canvas."""
+"""Largest canvas of common browsers, px."""
 PAGE = sealed(
     "a page of 'neuro events view'",
     '<meta name="generator" content="neuro events view">',
@@ -194,7 +201,7 @@ PAGE = sealed(
     "replace=True",
 )
 BARS = 400
-"""Bars of the rate along the time line."""
+"""Number of bars in the chart of the event rate."""
 
 
 def view(
@@ -205,25 +212,25 @@ def view(
     most: int = MOST,
     replace: bool = False,
 ) -> int:
-    """Write the page of a recording, in constant memory.
+    """Write a page that plays a recording, in constant memory.
 
     Args:
         parts: a recording, or its parts in order.
         path: the file to write.
-        title: what to call the recording.
-        most: events that are shown; of more, one of every 2, 4, 8, ..., from the first on.
-        replace: whether to replace a file that is no such page.
+        title: name of the recording.
+        most: largest number of events on the page. A longer recording is thinned to one of every 2, 4, 8, ... events,
+            beginning with the first.
+        replace: replace an existing file that is not such a page.
 
     Returns:
-        Of how many events one is shown.
+        The step n: one of every n events is shown.
 
     Raises:
-        ModelError: there are no events, the sensor has more than 2^26 px, `most` is less than 1, or the file cannot be
-            written.
+        ModelError: no events, a sensor of more than 2^26 px, `most` below 1, or the file cannot be written.
     """
     replace = argument("replace", replace, kind="boolean")
     most = argument("most", most, kind="integer", at_least=1)
-    events, total, step = _chosen([parts] if isinstance(parts, Events) else parts, most)
+    events, total, step = _thinned([parts] if isinstance(parts, Events) else parts, most)
     if events is None:
         raise ModelError(f"{title}: the recording has no events: nothing to show")
     width, height = events.sensor_size
@@ -233,28 +240,31 @@ def view(
     return step
 
 
-def _chosen(parts: Iterable[Events], most: int) -> tuple[Events | None, int, int]:
-    """An even choice of the events, how many there are, and of how many one is chosen."""
-    held: list[Events] = []
+def _thinned(parts: Iterable[Events], most: int) -> tuple[Events | None, int, int]:
+    """Return evenly thinned events, the total number of events, and the step n (one of every n events is kept).
+
+    The step doubles whenever more than `most` events are held. Example: 10 events and most = 4 keep events 0, 4 and 8.
+    """
+    selected: list[Events] = []
     total, step = 0, 1
     for part in parts:
-        held.append(part[-total % step :: step])
+        selected.append(part[-total % step :: step])
         total += len(part)
-        while sum(map(len, held)) > most:
+        while sum(map(len, selected)) > most:
             step *= 2
-            held = [together(held)[::2]]
-    held = [part for part in held if len(part)]
-    return (together(held) if held else None), total, step
+            selected = [joined_parts(selected)[::2]]
+    selected = [part for part in selected if len(part)]
+    return (joined_parts(selected) if selected else None), total, step
 
 
 def page(events: Events, title: str, total: int, step: int) -> str:
-    """The page as text.
+    """Return the page as text.
 
     Args:
-        events: what to show, at least one.
-        title: what to call the recording.
-        total: events of the recording.
-        step: of how many events one is shown.
+        events: the events to show, at least one.
+        title: name of the recording.
+        total: number of events in the recording.
+        step: one of every `step` events is shown.
     """
     since = events.t - events.t[0]
     unit = 1 + int(since[-1]) // (1 << 32)
@@ -266,15 +276,15 @@ def page(events: Events, title: str, total: int, step: int) -> str:
     }  # fmt: skip
     width, height = events.sensor_size
     seconds = int(since[-1]) / 1e6
-    message = f"{total:,} events, {width}×{height} px, {seconds:,.3f} s"
+    summary = f"{total:,} events, {width}×{height} px, {seconds:,.3f} s"
     if step > 1:
-        message += f" · one of every {step:,} events is shown ({len(events):,})"
+        summary += f" · 1 of every {step:,} events is shown ({len(events):,})"
     template = Template(files("neuro_events").joinpath("view.html").read_text("utf-8"))
     return template.substitute(
         head=html.head("neuro events view", title),
         script=html.player_script(),
         title=escape(title),
-        told=escape(message),
+        summary=escape(summary),
         data=json.dumps(data).replace("<", "\\u003c"),
     )
 

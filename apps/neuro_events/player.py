@@ -1,4 +1,4 @@
-"""A recording that is played at the clock's pace, a source of live events."""
+"""A source of live events that plays a recording in real time."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from neuro_events.files import size_of, stream
 
 _NONE = np.zeros(0, dtype=np.int64)
 _PART = 1 << 13
-"""Events of a file that are decoded at once, in about 0.1 ms."""
+"""Events of a file that are decoded at a time; decoding takes about 0.1 ms."""
 
 
 class Player:
-    """Plays a recording at the clock's pace, from the first `take` on.
+    """Player of a recording in real time, starting at the first call of `take`.
 
     Args:
-        recording: Events, or the path of a file, of which little is in memory.
-        speed: 2 plays it twice as fast.
-        format: of a file, where neither content nor ending shows it.
+        recording: Events, or the path of a file, which is decoded while it plays.
+        speed: playing speed relative to real time; 2 plays twice as fast.
+        format: format of a file, if neither content nor ending shows it.
 
     Attributes:
         sensor_size: width and height in px.
-        received_ns: when each of the events last taken was due, in ns of `time.monotonic_ns`.
-        ended: whether all have been taken.
+        received_ns: due time of each event of the last `take`, in ns of `time.monotonic_ns`.
+        ended: True once all events have been returned.
 
     Raises:
         ModelError: the speed is not above 0, or there is no such recording.
@@ -53,34 +53,36 @@ class Player:
         first = next((part for part in self._parts if len(part)), None)
         self.ended = first is None
         self._origin = 0 if first is None else int(first.t[0])
-        self._part, self._at = self._of(first) if first is not None else (_none(self.sensor_size), _NONE)
+        self._part, self._due_ns = (
+            self._with_due_times(first) if first is not None else (_none(self.sensor_size), _NONE)
+        )
         self._begin: int | None = None
         self.received_ns: NDArray[np.int64] = _NONE
 
-    def _of(self, part: Events) -> tuple[Events, NDArray[np.int64]]:
-        """A part, and when its events are due after the begin, ns."""
+    def _with_due_times(self, part: Events) -> tuple[Events, NDArray[np.int64]]:
+        """Return a part and the due times of its events, ns after the start."""
         return part, ((part.t - self._origin) * self._ns).astype(np.int64)
 
     def take(self) -> Events:
-        """The events that were due since this was last called; the first call begins, and has none."""
+        """Return the events due since the last call. The first call starts the recording and returns no events."""
         now = time.monotonic_ns()
         if self._begin is None:
             self._begin, self.received_ns = now, _NONE
             return _none(self.sensor_size)
         parts, received = [], []
         while True:
-            n = int(np.searchsorted(self._at, now - self._begin, side="right"))
+            n = int(np.searchsorted(self._due_ns, now - self._begin, side="right"))
             if n:
                 parts.append(self._part[:n])
-                received.append(self._at[:n] + self._begin)
-                self._part, self._at = self._part[n:], self._at[n:]
+                received.append(self._due_ns[:n] + self._begin)
+                self._part, self._due_ns = self._part[n:], self._due_ns[n:]
             if len(self._part):
                 break
             following = next((part for part in self._parts if len(part)), None)
             if following is None:
                 self.ended = True
                 break
-            self._part, self._at = self._of(following)
+            self._part, self._due_ns = self._with_due_times(following)
         self.received_ns = received[0] if len(received) == 1 else np.concatenate([_NONE, *received])
         return sum(parts[1:], parts[0]) if parts else _none(self.sensor_size)
 

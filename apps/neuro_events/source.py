@@ -1,4 +1,4 @@
-"""Where the bytes of a file come from: a path (mapped, not read), bytes, a pipe, or an open file as standard input."""
+"""Sources of a file's bytes: a path (memory-mapped), bytes, a pipe, or an open file such as standard input."""
 
 from __future__ import annotations
 
@@ -18,70 +18,70 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import Where, file_path
 
-Given = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
+FileInput = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 Bytes = npt.NDArray[np.uint8]
 WHOLE = 1 << 62
-"""A block that holds any file."""
+"""Block size that exceeds any file, so that a file is read as one block."""
 
 
 class Source:
     """The bytes of one file.
 
     Args:
-        given: a path, bytes, or an open binary file, which is read from where it stands.
-        name: what to call it; the path or the file's own name if not given.
+        file: a path, bytes, or an open binary file, which is read from its current position.
+        name: name for messages. Default: the path, or the file's own name.
 
     Attributes:
-        name: for messages and the ending.
-        path: where it lies on the disk, None for bytes, open files and pipes.
+        name: name in messages; its ending may decide the format.
+        path: path on disk, None for bytes, open files and pipes.
 
     Raises:
         OSError: the path cannot be opened.
     """
 
-    def __init__(self, given: Given, name: str | None = None) -> None:
+    def __init__(self, file: FileInput, name: str | None = None) -> None:
         self.path: Path | None = None
         self._file: BinaryIO | None = None
         self._pipe: BinaryIO | None = None
         self._bytes: Bytes = np.zeros(0, np.uint8)
         self._head = b""
-        if isinstance(given, bytes | bytearray | memoryview):
+        if isinstance(file, bytes | bytearray | memoryview):
             self.name = name or "<bytes>"
-            self._bytes = np.frombuffer(given, np.uint8)
-        elif isinstance(given, str | os.PathLike):
-            self.name = name or os.fspath(given)
-            path = Path(given)
+            self._bytes = np.frombuffer(file, np.uint8)
+        elif isinstance(file, str | os.PathLike):
+            self.name = name or os.fspath(file)
+            path = Path(file)
             if path.is_file() or not path.exists():
                 self.path, self._bytes = path, _mapped(path)
             else:
                 self._file = self._pipe = path.open("rb")
         else:
-            own = getattr(given, "name", None)
-            self.name = name or (own if isinstance(own, str) else "<file>")
-            self._file = given
+            own_name = getattr(file, "name", None)
+            self.name = name or (own_name if isinstance(own_name, str) else "<file>")
+            self._file = file
 
     def __enter__(self) -> Source:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        """Close it; an error about what it holds, which is a `ValueError`, keeps nothing of it."""
+        """Close the source. The frames of a `ValueError` are cleared, so that a stored error keeps no file open."""
         if isinstance(error, ValueError):
-            let_go(error)
+            clear_frames(error)
         self.close()
 
     def close(self) -> None:
-        """Let go of the bytes, so that a mapped file is open no more; what was given open stays open."""
+        """Release the bytes and close a mapped file. A file that the caller opened stays open."""
         if self._pipe is not None:
             self._pipe.close()
         self._bytes, self._head, self._file, self._pipe = np.zeros(0, np.uint8), b"", None, None
 
     @property
     def size(self) -> int | None:
-        """Number of bytes, None where it is not known before the end."""
+        """Number of bytes, or None if the size is unknown until the end is read."""
         return None if self._file is not None else self._bytes.size
 
     def head(self, count: int) -> bytes:
-        """The first bytes, as many as there are; they are not used up."""
+        """Return up to `count` bytes from the beginning without consuming them."""
         if self._file is None:
             return self._bytes[:count].tobytes()
         while len(self._head) < count and (more := self._file.read(count - len(self._head))):
@@ -89,19 +89,19 @@ class Source:
         return self._head[:count]
 
     def all(self) -> Bytes:
-        """All bytes; those of a path are mapped."""
+        """Return all bytes, memory-mapped if the source is a path."""
         if self._file is not None:
             self._bytes = np.frombuffer(self._head + self._file.read(), np.uint8)
             self._file = None
         return self._bytes
 
     def blocks(self, start: int, size: int, unit: int = 1) -> Iterator[tuple[int, Bytes]]:
-        """The bytes from `start` on in blocks, each with its place.
+        """Yield the bytes from `start` on in blocks, each with its offset.
 
         Args:
-            start: first byte.
-            size: bytes of a block; rounded up to a multiple of `unit`.
-            unit: bytes of a word; only the last block may end within one.
+            start: offset of the first byte.
+            size: bytes per block, rounded up to a multiple of `unit`.
+            unit: bytes per word. Only the last block may end within a word.
         """
         size = step(size, unit)
         if self.path is not None and size < self._bytes.size:
@@ -122,12 +122,12 @@ class Source:
             rest = self._read(rest[size:], size)
 
     def samples(self, start: int, step: int, size: int) -> Iterator[tuple[int, Bytes]]:
-        """Some bytes at equal distances, each with their place, of a file whose size is known.
+        """Yield samples of the bytes at equal distances, each with its offset. The size of the file must be known.
 
         Args:
-            start: first byte.
-            step: bytes from one to the next.
-            size: how many, up to `step`; at the end of the file fewer.
+            start: offset of the first sample.
+            step: distance between samples, bytes.
+            size: bytes per sample, at most `step`. The sample at the end of the file may be shorter.
         """
         with ExitStack() as stack:
             file = stack.enter_context(self.path.open("rb", buffering=0)) if self.path is not None else None
@@ -138,7 +138,7 @@ class Source:
                     yield at, np.frombuffer(os.pread(file.fileno(), size, at), np.uint8)
 
     def _read_blocks(self, start: int, size: int) -> Iterator[tuple[int, Bytes]]:
-        """The bytes of a path, read and not mapped: mapped pages would count as memory until the end."""
+        """Yield the bytes of a path in blocks by reading, since mapped pages would count as memory until the end."""
         assert self.path is not None
         with self.path.open("rb") as file:
             file.seek(start)
@@ -147,61 +147,61 @@ class Source:
                 yield at, block
                 at += block.size
 
-    def _read(self, begun: bytes, size: int) -> bytes:
-        """Read on until there are `size` bytes, or the end."""
+    def _read(self, data: bytes, size: int) -> bytes:
+        """Extend `data` to `size` bytes, or to the end of the file."""
         assert self._file is not None
-        while len(begun) < size and (more := self._file.read(size - len(begun))):
-            begun += more
-        return begun
+        while len(data) < size and (more := self._file.read(size - len(data))):
+            data += more
+        return data
 
 
 def step(size: int, unit: int) -> int:
-    """Bytes of the blocks in which a file is read: a multiple of a word, at least one."""
+    """Return the block size in bytes: `size` rounded up to a multiple of a word, at least one word."""
     return max(unit, -(-size // unit) * unit)
 
 
 def _mapped(path: Path) -> Bytes:
-    """The bytes of a file in the page cache; an empty one cannot be mapped."""
+    """Map a file into memory. An empty file cannot be mapped."""
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size == 0:
             return np.zeros(0, np.uint8)
         return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
 
 
-def opened_source(source: Given, name: str | None) -> Source:
-    """The bytes of a file.
+def opened_source(source: FileInput, name: str | None) -> Source:
+    """Open a source of bytes.
 
     Raises:
-        EventFileError: there is no such file.
+        EventFileError: no such file, or the file cannot be read.
         ModelError: `source` is neither a path, nor bytes, nor an open binary file.
     """
-    check_given(source)
+    check_input(source)
     try:
         return Source(source, name)
     except FileNotFoundError:
         path = os.fspath(source)  # type: ignore[arg-type]
-        raise EventFileError(path, "no such file", hint=_beside(path)) from None
+        raise EventFileError(path, "no such file", hint=_similar_name_hint(path)) from None
     except IsADirectoryError:
         raise EventFileError(os.fspath(source), "is a folder, expected a file") from None  # type: ignore[arg-type]
     except OSError as error:
         raise EventFileError(os.fspath(source), f"cannot read: {error.strerror}") from None  # type: ignore[arg-type]
 
 
-def _beside(path: str) -> str:
-    """A hint at the file of the nearest name in its folder, "" if none is near."""
+def _similar_name_hint(path: str) -> str:
+    """Return a hint at the file with the most similar name in the same folder, or "" if none is similar."""
     folder, name = os.path.split(path)
     try:
-        found = difflib.get_close_matches(name, os.listdir(folder or "."), n=1, cutoff=0.8)
+        matches = difflib.get_close_matches(name, os.listdir(folder or "."), n=1, cutoff=0.8)
     except OSError:
         return ""
-    return f"did you mean '{found[0]}'?" if found else ""
+    return f"did you mean '{matches[0]}'?" if matches else ""
 
 
-def check_given(source: object) -> None:
-    """Refuse what cannot be a file.
+def check_input(source: object) -> None:
+    """Check that an argument can be a file.
 
     Raises:
-        ModelError: it is neither a path that a file can have, nor bytes, nor an open binary file.
+        ModelError: the argument is neither a valid path, nor bytes, nor an open binary file.
     """
     if isinstance(source, io.TextIOBase):
         hint = "open it as binary: open(path, 'rb')"
@@ -214,21 +214,21 @@ def check_given(source: object) -> None:
 
 
 class EventFileWarning(UserWarning):
-    """A damaged event file was read as far as it is whole, or some of its events were left out."""
+    """Warning that a damaged event file was read only in part, or that events were dropped."""
 
 
 class EventFileError(ModelError):
-    """An event file is damaged, unknown, missing, or cannot hold what should be saved.
+    """Error about an event file: damaged, unknown or missing, or unable to store an event.
 
-    The message reads ``PATH: byte OFFSET: what is wrong, and what was expected``.
+    The message reads ``PATH: byte OFFSET: what was found, and what was expected``.
 
     Attributes:
-        path: the file, as the user named it; ``<bytes>`` for data without a name.
-        what: the message without the place.
-        offset: the byte at which the fault was seen; None where no byte is to blame.
+        path: the file as the user named it, or ``<bytes>`` for data without a name.
+        what: the message without the path and the offset.
+        offset: offset of the fault in bytes, None if no single byte is at fault.
     """
 
-    path: str  # type: ignore[assignment]  # of the file, not of words inside a part of a network
+    path: str  # type: ignore[assignment]  # the path of a file; `ModelError.path` holds words that lead to a value
 
     def __init__(self, path: str, what: str, offset: int | None = None, hint: str = "") -> None:
         place = path if offset is None else f"{path}: byte {offset}"
@@ -238,23 +238,26 @@ class EventFileError(ModelError):
         self.offset = offset
 
     def at(self, where: Where | None, context: str = "") -> EventFileError:
-        """The same error: its file is the place."""
+        """Return the error unchanged, because its message already names the file."""
         return self
 
     def __reduce__(self) -> tuple[type[EventFileError], tuple[str, str, int | None, str]]:
         return (EventFileError, (self.path, self.what, self.offset, self.hint))
 
 
-def let_go(error: BaseException) -> None:
-    """Clear the frames of an error, and of those behind it: a kept error would keep mapped and open files."""
-    behind: BaseException | None = error
-    while behind is not None:
-        traceback.clear_frames(behind.__traceback__)
-        behind = behind.__context__
+def clear_frames(error: BaseException) -> None:
+    """Clear the frames of an error and of the errors in its context.
+
+    A stored error would otherwise keep mapped and open files alive through the variables of its frames.
+    """
+    chained: BaseException | None = error
+    while chained is not None:
+        traceback.clear_frames(chained.__traceback__)
+        chained = chained.__context__
 
 
-def with_notes(error: EventFileError, cause: BaseException) -> EventFileError:
-    """Return an error with the notes of the one that it stands for."""
-    for note in getattr(cause, "__notes__", ()):
+def with_notes(error: EventFileError, original: BaseException) -> EventFileError:
+    """Copy the notes of the original error to the error that replaces it."""
+    for note in getattr(original, "__notes__", ()):
         error.add_note(note)
     return error

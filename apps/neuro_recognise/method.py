@@ -20,7 +20,7 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import Registry, Settings, find_backend, setting, unknown
 from neuro_events import Events
-from neuro_events.parts import together
+from neuro_events.parts import joined_parts
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:
@@ -404,7 +404,7 @@ class Whole(Observer):
     def evidence(self) -> Evidence:
         """Observe what was kept."""
         none: Any = []
-        seen = together(self._parts) if self._parts else Events(none, none, none, none, self._size)
+        seen = joined_parts(self._parts) if self._parts else Events(none, none, none, none, self._size)
         self._parts = [seen] if len(seen) else []
         return self._observe(seen)
 

@@ -30,7 +30,7 @@ from neuro.events.filters import (
     chain,
     hot_pixels,
 )
-from neuro.events.parts import together
+from neuro.events.parts import joined_parts
 from neuro.events.representations import event_frame
 
 SIZE, WIDE = (7, 5), (9, 6)
@@ -283,7 +283,7 @@ MADE = [
 
 
 def joined(parts):
-    return together(list(parts))
+    return joined_parts(list(parts))
 
 
 @st.composite

@@ -1,4 +1,4 @@
-"""Look at, convert, filter, cut, draw, gather, receive and send the events of cameras."""
+"""Inspect, convert, filter, cut, draw, pack, receive and send recordings of event cameras."""
 
 from __future__ import annotations
 

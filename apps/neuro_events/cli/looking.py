@@ -1,4 +1,4 @@
-"""`neuro events info`, `formats`, `gif` and `view`: recordings looked at."""
+"""The commands `neuro events info`, `formats`, `gif` and `view`, which inspect and draw recordings."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from neuro_events.cli.options import (
     In,
     Lenient,
     Sensor,
+    base_name,
     count,
     events_so_far,
-    going,
     microseconds,
-    named,
+    progress,
     spare,
-    watched,
+    with_progress,
 )
 
 if TYPE_CHECKING:
     from neuro_events.info import Info
-    from neuro_events.source import Given
+    from neuro_events.source import FileInput
 
 File = Annotated[
     Path,
@@ -38,11 +38,11 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 
 
 def info(file: File, from_format: From = None, sensor: Sensor = None, as_json: Json = False) -> None:
-    """Tell what a recording is: format, sensor, counts, rates, gaps, hot pixels, other streams; or a data set."""
+    """Show a recording's format, sensor, counts, rates, gaps, hot pixels and other streams, or a data set's classes."""
     if file.is_dir() or file.suffix.lower() == ".zip":
-        facts, rows = _of_dataset(file)
+        facts, rows = _summarise_dataset(file)
     else:
-        facts, rows = _of_recording(file, from_format, sensor)
+        facts, rows = _summarise_recording(file, from_format, sensor)
     if as_json:
         typer.echo(json.dumps(facts, indent=2, default=str))
         return
@@ -51,65 +51,66 @@ def info(file: File, from_format: From = None, sensor: Sensor = None, as_json: J
         typer.echo(f"{name:<{width}}  {value}")
 
 
-Told = tuple[dict[str, Any], list[tuple[str, str]]]
+Summary = tuple[dict[str, Any], list[tuple[str, str]]]
+"""Properties of a file, as a dictionary for JSON and as rows of names and values for a table."""
 
 
-def _of_recording(file: Path, from_format: str | None, sensor: Any) -> Told:
-    """Counts of a recording, also of generic events; or of a data set in an HDF5 file."""
-    from neuro_events.convert import given
-    from neuro_events.info import info as look
+def _summarise_recording(file: Path, from_format: str | None, sensor: Any) -> Summary:
+    """Summarise a recording, a file of generic events, or a data set in an HDF5 file."""
+    from neuro_events.convert import named_input
+    from neuro_events.info import info as summarise
     from neuro_events.source import EventFileError
 
-    source, name = given(file)
-    if from_format in (None, "event_stream", "es") and begins_generic(source):
-        return of_generic(source, str(name or source))
+    source, name = named_input(file)
+    if from_format in (None, "event_stream", "es") and _is_generic(source):
+        return _summarise_generic(source, str(name or source))
     try:
-        with going("nothing is reported") as bar:
-            found = look(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))
+        with progress("nothing is reported") as bar:
+            summary = summarise(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))
     except EventFileError:
         if file.suffix.lower() not in (".h5", ".hdf5"):
             raise
         try:
-            return _of_dataset(file)
+            return _summarise_dataset(file)
         except EventFileError:
             pass
         raise
-    return found.as_dict(), _rows(found)
+    return summary.as_dict(), _rows(summary)
 
 
-def _rows(found: Info) -> list[tuple[str, str]]:
-    """What is printed."""
-    width, height = found.sensor_size
-    size = "" if found.bytes is None else f", {found.bytes:,} bytes"
-    rows = [("file", f"{found.path}{size}"), ("format", found.title)]
-    if found.untested:
-        rows.append(("", f"untested on a real file: {found.untested}"))
-    rows.append(("sensor", f"{width}x{height}" + ("" if found.sensor_told else ", not stated by the file")))
-    rows.append(("events", f"{found.events:,}"))
-    if found.events:
-        rows += _counts(found, width * height)
-    rows += [("damage", text) for text in found.damage]
-    rows += [(name.replace("_", " "), _plain(value)) for name, value in found.metadata.items()]
+def _rows(summary: Info) -> list[tuple[str, str]]:
+    """Return the rows of the table."""
+    width, height = summary.sensor_size
+    size = "" if summary.bytes is None else f", {summary.bytes:,} bytes"
+    rows = [("file", f"{summary.path}{size}"), ("format", summary.title)]
+    if summary.untested:
+        rows.append(("", f"untested on a real file: {summary.untested}"))
+    rows.append(("sensor", f"{width}x{height}" + ("" if summary.sensor_told else ", not stated by the file")))
+    rows.append(("events", f"{summary.events:,}"))
+    if summary.events:
+        rows += _counts(summary, width * height)
+    rows += [("damage", text) for text in summary.damage]
+    rows += [(name.replace("_", " "), _plain(value)) for name, value in summary.metadata.items()]
     return rows
 
 
-def _counts(found: Info, pixels: int) -> list[tuple[str, str]]:
-    on = found.on / found.events
-    seconds = f"{found.duration_us / 1e6:,.6f}".rstrip("0").rstrip(".")
+def _counts(summary: Info, pixels: int) -> list[tuple[str, str]]:
+    on = summary.on / summary.events
+    seconds = f"{summary.duration_us / 1e6:,.6f}".rstrip("0").rstrip(".")
     rows = [("polarity", f"{on:.1%} ON, {1 - on:.1%} OFF")]
-    rows.append(("time", f"{found.start_us} to {found.stop_us} us, {seconds} s"))
-    if found.rate_hz is not None:
-        peak = f", at most {found.peak_hz:,.0f} in 10 ms" if found.peak_hz > found.rate_hz else ""
-        rate = f"{found.rate_hz:,.0f}" if found.rate_hz >= 10 else f"{found.rate_hz:.3g}"
+    rows.append(("time", f"{summary.start_us} to {summary.stop_us} us, {seconds} s"))
+    if summary.rate_hz is not None:
+        peak = f", at most {summary.peak_hz:,.0f} in 10 ms" if summary.peak_hz > summary.rate_hz else ""
+        rate = f"{summary.rate_hz:,.0f}" if summary.rate_hz >= 10 else f"{summary.rate_hz:.3g}"
         rows.append(("rate", f"{rate} events/s{peak}"))
-    if found.gaps:
-        gaps = ", ".join(f"{long:,} us from {since}" for since, long in found.gaps)
+    if summary.gaps:
+        gaps = ", ".join(f"{long:,} us from {since}" for since, long in summary.gaps)
         rows.append(("longest gaps", gaps))
-    if found.active_pixels is None:
+    if summary.active_pixels is None:
         return [*rows, ("pixels", f"not counted, since there are {pixels:,}")]
-    rows.append(("pixels", f"{found.active_pixels:,} of {pixels:,} have events"))
-    hot = ", ".join(f"({x}, {y}): {n:,}" for x, y, n in found.hot) or "none"
-    more = found.hot_pixels - len(found.hot)
+    rows.append(("pixels", f"{summary.active_pixels:,} of {pixels:,} have events"))
+    hot = ", ".join(f"({x}, {y}): {n:,}" for x, y, n in summary.hot) or "none"
+    more = summary.hot_pixels - len(summary.hot)
     rows.append(("hot pixels", hot + (f" and {more} more" if more > 0 else "")))
     return rows
 
@@ -119,8 +120,8 @@ def _plain(value: Any) -> str:
     return text if len(text) <= 200 else f"{text[:200]} ... (--json has all)"
 
 
-def _of_dataset(path: Path) -> Told:
-    """Classes and counts of a data set."""
+def _summarise_dataset(path: Path) -> Summary:
+    """Summarise a data set: its layout, classes and counts."""
     from neuro_events.dataset import LAYOUTS, Dataset
 
     data = Dataset(path)
@@ -132,13 +133,13 @@ def _of_dataset(path: Path) -> Told:
 
 
 SHOWN = 40
-"""Bytes of the first event that are shown."""
+"""Number of bytes of the first event in the summary."""
 HEAD = 16
-"""Bytes that tell the type."""
+"""Number of bytes at the beginning of a file that state its type."""
 
 
-def begins_generic(source: Given) -> bool:
-    """Whether a path or standard input is such a file; what is looked at is not used up."""
+def _is_generic(source: FileInput) -> bool:
+    """Return whether a file holds generic events of Event Stream. Nothing is consumed from standard input."""
     from neuro_events.formats.event_stream import is_generic
 
     if not isinstance(source, str | os.PathLike):
@@ -151,12 +152,12 @@ def begins_generic(source: Given) -> bool:
         return False
 
 
-def of_generic(source: Given, name: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
-    """Counts, times and sizes, for JSON and as rows.
+def _summarise_generic(source: FileInput, name: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Summarise a file of generic events: counts, times and sizes.
 
     Args:
         source: a path or standard input.
-        name: what to call it.
+        name: name for messages.
     """
     from neuro_events.formats.event_stream import generic
     from neuro_events.source import EventFileWarning
@@ -171,25 +172,25 @@ def of_generic(source: Given, name: str) -> tuple[dict[str, Any], list[tuple[str
         "stop_us": stop, "smallest_bytes": min(sizes, default=None), "largest_bytes": max(sizes, default=None),
         "total_bytes": sum(sizes), "damage": [str(one.message).removeprefix(f"{name}: ") for one in damage],
     }  # fmt: skip
-    rows = [("file", name), ("format", "Event Stream, generic: times with bytes, no pixels")]
+    rows = [("file", name), ("format", "Event Stream, generic: a time and some bytes per event, no pixels")]
     rows.append(("events", f"{len(events):,}"))
     if events:
         seconds = f"{(events[-1][0] - events[0][0]) / 1e6:,.6f}".rstrip("0").rstrip(".")
         rows.append(("time", f"{start} to {stop} us, {seconds} s"))
-        rows.append(("bytes", f"{min(sizes):,} to {max(sizes):,} an event, {sum(sizes):,} in all"))
-        rows.append(("first", _shown(events[0][1])))
+        rows.append(("bytes", f"{min(sizes):,} to {max(sizes):,} per event, {sum(sizes):,} in total"))
+        rows.append(("first", _excerpt(events[0][1])))
     return facts, rows + [("damage", text) for text in facts["damage"]]
 
 
-def _shown(content: bytes) -> str:
-    """Text where it is, else hexadecimal; the beginning of much."""
+def _excerpt(content: bytes) -> str:
+    """Return the beginning of the content, as text if printable, else in hexadecimal."""
     more = " ..." if len(content) > SHOWN else ""
     text = content[:SHOWN].decode("utf-8", "replace")
     return (repr(text) if text.isprintable() and "\ufffd" not in text else content[:SHOWN].hex(" ")) + more
 
 
 def formats() -> None:
-    """List the file formats, and whether they were tried on real recordings."""
+    """List the file formats, with their endings and whether each was tested on real recordings."""
     from neuro.apps import console, table
     from neuro_events.formats import FORMATS
 
@@ -204,18 +205,32 @@ Fps = Annotated[float, typer.Option("--fps", metavar="N", help="Frames per secon
 FrameTime = Annotated[
     Any,
     typer.Option(
-        "--frame", metavar="MS", parser=milliseconds, help="Of a frame; 40 ms, or less for 25 frames at least."
+        "--frame",
+        metavar="MS",
+        parser=milliseconds,
+        help="Time per frame, ms. Default: 40, or less so that the GIF has at least 25 frames.",
     ),
 ]
-Zoom = Annotated[Any, typer.Option("--zoom", metavar="N", parser=count, help="Size of a pixel; else 240 px or more.")]
+Zoom = Annotated[
+    Any,
+    typer.Option(
+        "--zoom",
+        metavar="N",
+        parser=count,
+        help="Side of a sensor pixel in the GIF, px. Default: at least 240 px in all.",
+    ),
+]
 Colours = Annotated[
-    str, typer.Option("--colours", metavar="ON,OFF,BACK", help="Of ON, OFF and the background: names or #rrggbb.")
+    str,
+    typer.Option("--colours", metavar="ON,OFF,BACK", help="Colours of ON, OFF and the background: names or #rrggbb."),
 ]
 
 
 def gif(
     source: In,
-    out: Annotated[str | None, typer.Argument(metavar="OUT", help="The GIF; IN.gif in the current folder.")] = None,
+    out: Annotated[
+        str | None, typer.Argument(metavar="OUT", help="The GIF. Default: IN.gif in the current folder.")
+    ] = None,
     fps: Fps = 25.0,
     frame: FrameTime = None,
     colours: Colours = "#0072B2,#D55E00,#FFFFFF",
@@ -225,7 +240,10 @@ def gif(
     lenient: Lenient = False,
     force: Force = False,
 ) -> None:
-    """Draw a recording as a GIF; with --frame 40 and --fps 25 time runs as it did, save long pauses, left out."""
+    """Draw a recording as a GIF. Long pauses are skipped.
+
+    With --frame 40 and --fps 25 the GIF plays in real time.
+    """
     from neuro_events.convert import read
     from neuro_events.pictures import GIF, gif as draw
 
@@ -233,13 +251,13 @@ def gif(
     if len(names) != 3:
         raise typer.BadParameter(f"'{colours}': expected three colours, ON,OFF,BACK", param_hint="'--colours'")
     window_us = None if frame is None else microseconds(frame, "'--frame'")
-    target = f"{named(source)}.gif" if out is None else out
+    target = f"{base_name(source)}.gif" if out is None else out
     if not target.lower().endswith(".gif"):
         raise typer.BadParameter(f"'{target}': expected a name that ends in .gif", param_hint="OUT")
     spare(source, target, GIF, force)
-    with going(f"{target} is not written") as bar:
-        parts = watched(read(source, from_format, sensor, not lenient), bar)
-        made = draw(
+    with progress(f"{target} is not written") as bar:
+        parts = with_progress(read(source, from_format, sensor, not lenient), bar)
+        drawing = draw(
             parts,
             target,
             fps=fps,
@@ -249,15 +267,18 @@ def gif(
             name=source,
             replace=force,
         )
-    speed = made.window_us * made.fps / 1e6
-    message = "as fast as it was" if abs(speed - 1) < 0.005 else f"{speed:.3g} times as fast as it was"
-    frames = "1 frame" if made.frames == 1 else f"{made.frames:,} frames"
-    without = f"; {made.left_out:,} still frames left out" if made.left_out else ""
-    typer.echo(f"{target}: {frames} of {made.size[0]}x{made.size[1]} px, {made.fps:.4g} a second, {message}{without}")
+    speed = drawing.window_us * drawing.fps / 1e6
+    message = "in real time" if abs(speed - 1) < 0.005 else f"at {speed:.3g} times real time"
+    frames = "1 frame" if drawing.frames == 1 else f"{drawing.frames:,} frames"
+    skipped = f"; {drawing.left_out:,} still frames skipped" if drawing.left_out else ""
+    size = f"{drawing.size[0]}x{drawing.size[1]} px"
+    typer.echo(f"{target}: {frames} of {size}, {drawing.fps:.4g} per second, {message}{skipped}")
 
 
-PageOut = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="The page; IN.html in the current folder.")]
-Most = Annotated[Any, typer.Option("--most", metavar="N", parser=count, help="Show at most so many events.")]
+PageOut = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="The page. Default: IN.html in the current folder.")
+]
+Most = Annotated[Any, typer.Option("--most", metavar="N", parser=count, help="Largest number of events on the page.")]
 
 
 def view(
@@ -269,15 +290,15 @@ def view(
     lenient: Lenient = False,
     force: Force = False,
 ) -> None:
-    """Write a page on which a browser plays the recording; the page needs nothing else."""
+    """Write a page that plays a recording in the browser. The page is one file and works offline."""
     from neuro_events.convert import read
     from neuro_events.pictures import PAGE, view as write
 
-    name = named(source)
+    name = base_name(source)
     target = Path(f"{name}.html") if out is None else out
     spare(source, target, PAGE, force)
-    with going(f"{target} is not written") as bar:
-        parts = watched(read(source, from_format, sensor, not lenient), bar)
+    with progress(f"{target} is not written") as bar:
+        parts = with_progress(read(source, from_format, sensor, not lenient), bar)
         step = write(parts, target, title=name, most=most, replace=force)
-    shown = "all events" if step == 1 else f"one of every {step:,} events; --most shows more"
-    typer.echo(f"{target}: {shown}")
+    share = "all events" if step == 1 else f"1 of every {step:,} events; --most shows more"
+    typer.echo(f"{target}: {share}")

@@ -1,4 +1,4 @@
-"""`neuro events convert`, `filter`, `split`, `frames` and `tohdf5`: recordings made into other files."""
+"""The commands `neuro events convert`, `filter`, `split`, `frames` and `tohdf5`, which write files from recordings."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from neuro_events.cli.options import (
     Out,
     Sensor,
     To,
+    base_name,
     chosen,
     count,
     events_so_far,
-    going,
     list_parts,
     microseconds,
-    named,
+    progress,
     spare,
 )
 
@@ -42,21 +42,21 @@ def convert(
     lenient: Lenient = False,
     force: Force = False,
 ) -> None:
-    """Write a recording in another format, chosen by the ending of OUT."""
+    """Convert a recording to another format, chosen by the ending of OUT."""
     from neuro_events.convert import comes_once, convert as write
     from neuro_events.files import RECORDING
 
     spare(source, target, RECORDING, force)
-    with going(f"{target} is not written") as bar:
-        done = write(
+    with progress(f"{target} is not written") as bar:
+        n_events = write(
             source, target, from_format=from_format, to_format=to_format, sensor_size=sensor, strict=not lenient,
             report=events_so_far(bar), replace=force, keep=comes_once(source),
         )  # fmt: skip
-    typer.echo(f"{target}: {done:,} events", err=target == "-")
+    typer.echo(f"{target}: {n_events:,} events", err=target == "-")
 
 
 Filters = Annotated[
-    list[str], typer.Argument(metavar="FILTER...", help="A name, or 'name: {parameter: value}'; see --list.")
+    list[str], typer.Argument(metavar="FILTER...", help="Name of a filter, or 'name: {parameter: value}'; see --list.")
 ]
 
 
@@ -70,62 +70,65 @@ def filter(
     lenient: Lenient = False,
     force: Force = False,
     list_all: Annotated[
-        bool, typer.Option("--list", callback=lambda given: _list_filters(given), help="List all filters.")
+        bool, typer.Option("--list", callback=lambda wanted: _list_filters(wanted), help="List the filters and exit.")
     ] = False,
 ) -> None:
-    """Write a recording through filters, one after the other: 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
+    """Filter a recording with one or more filters in order, e.g. 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
     from neuro_events.convert import comes_once, read, write
     from neuro_events.files import RECORDING
     from neuro_events.filters import Filter, chain
 
     spare(source, target, RECORDING, force)
     parts = [_parsed(text) for text in filters]
-    seen = 0
+    n_read = 0
 
-    def through() -> Iterator[Events]:
-        nonlocal seen
-        made: Chain | None = None
+    def filtered() -> Iterator[Events]:
+        nonlocal n_read
+        steps_in_order: Chain | None = None
         for part in read(source, from_format, sensor, not lenient):
-            if made is None:
+            if steps_in_order is None:
                 size, steps = part.sensor_size, list[Filter]()
                 for kind, values in parts:
                     steps.append(kind(size, **values))
                     size = steps[-1].out_size
-                made = chain(*steps)
-            seen += len(part)
-            yield made(part)
-        if made is not None:
-            yield made.finish()
+                steps_in_order = chain(*steps)
+            n_read += len(part)
+            yield steps_in_order(part)
+        if steps_in_order is not None:
+            yield steps_in_order.finish()
 
-    with going(f"{target} is not written") as bar:
-        done = write(through(), target, to_format, events_so_far(bar), force, comes_once(source))
-    typer.echo(f"{target}: {done:,} of {seen:,} events", err=target == "-")
+    with progress(f"{target} is not written") as bar:
+        n_written = write(filtered(), target, to_format, events_so_far(bar), force, comes_once(source))
+    typer.echo(f"{target}: {n_written:,} of {n_read:,} events", err=target == "-")
 
 
 def _parsed(text: str) -> tuple[type[Filter], dict[str, Any]]:
-    """A filter and its parameters, written as any choice in a network is."""
+    """Parse a filter and its parameters."""
     from neuro import ModelError
     from neuro_events.filters import FILTERS
 
     kind, values = chosen(text, FILTERS, "filter", "FILTER")
     if kind is FILTERS["hot"] and not values.get("pixels"):
         example = "such as 'hot: {pixels: [[8, 1], [205, 59]]}'"
-        raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists the hot ones")
+        raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists hot pixels")
     return kind, values
 
 
-def _list_filters(given: bool) -> None:
-    if given:
+def _list_filters(wanted: bool) -> None:
+    if wanted:
         from neuro_events.filters import FILTERS
 
         list_parts(filter=FILTERS)
 
 
-Every = Annotated[Any, typer.Option("--every", metavar="MS", parser=milliseconds, help="Cut after so many ms.")]
-Count = Annotated[Any, typer.Option("--count", metavar="N", parser=count, help="Cut after so many events.")]
-Folder = Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where to; the current folder.")]
+Every = Annotated[Any, typer.Option("--every", metavar="MS", parser=milliseconds, help="Length of a file, ms.")]
+Count = Annotated[Any, typer.Option("--count", metavar="N", parser=count, help="Number of events per file.")]
+Folder = Annotated[
+    Path, typer.Option("--out", metavar="FOLDER", help="Folder for the files. Default: the current folder.")
+]
 Ending = Annotated[
-    str | None, typer.Option("--to", metavar="FORMAT", help="An ending such as .h5; that of IN if not given.")
+    str | None,
+    typer.Option("--to", metavar="FORMAT", help="Ending of the files, such as .h5. Default: the ending of IN."),
 ]
 
 
@@ -140,25 +143,25 @@ def split(
     lenient: Lenient = False,
     force: Force = False,
 ) -> None:
-    """Cut a recording into files of equal time or equally many events; windows without events give no file."""
+    """Cut a recording into files of equal duration or of equal numbers of events. Empty windows give no file."""
     from neuro import ModelError
     from neuro.apps import make_folder
     from neuro_events import save, stream
-    from neuro_events.convert import given
+    from neuro_events.convert import named_input
     from neuro_events.files import RECORDING
 
     if (every is None) == (count is None):
         raise typer.BadParameter("expected one of the two", param_hint="'--every' / '--count'")
     window = None if every is None else microseconds(every, "'--every'")
-    name = Path(named(source))
+    name = Path(base_name(source))
     suffix = name.suffix.lower() if to_ending is None else f".{to_ending.lstrip('.')}"
-    _room(out, name.stem, suffix, force)
-    file, called = given(source)
+    _check_targets(out, name.stem, suffix, force)
+    file, input_name = named_input(source)
     parts = stream(
-        file, window_us=window, count=count, format=from_format, sensor_size=sensor, name=called, strict=not lenient
+        file, window_us=window, count=count, format=from_format, sensor_size=sensor, name=input_name, strict=not lenient
     )  # fmt: skip
     written = empty = 0
-    with going("files written so far are whole") as bar:
+    with progress("the files written so far are complete") as bar:
         for k, part in enumerate(parts):
             if not len(part):
                 empty += 1
@@ -170,32 +173,35 @@ def split(
             written += 1
             bar.say(f"{written:,} files")
     if not written:
-        raise ModelError(f"{source}: the recording has no events: nothing to cut")
+        raise ModelError(f"{source}: the recording has no events: nothing to split")
     files = "1 file" if written == 1 else f"{written:,} files"
-    without = f"; {empty:,} windows without events" if empty else ""
-    typer.echo(f"{out / name.stem}-*{suffix}: {files}{without}")
+    skipped = f"; {empty:,} windows without events" if empty else ""
+    typer.echo(f"{out / name.stem}-*{suffix}: {files}{skipped}")
 
 
-def _room(out: Path, stem: str, suffix: str, force: bool) -> None:
-    """Refuse at once what would be refused after a part of the work."""
+def _check_targets(out: Path, stem: str, suffix: str, force: bool) -> None:
+    """Check the ending and the existing files before any work begins."""
     from neuro_events.files import RECORDING
     from neuro_events.formats import written as formats
 
-    written = list(dict.fromkeys(ending for f in formats() for ending in f.suffixes))
-    if suffix not in written:
-        raise typer.BadParameter(f"'{suffix}': cannot be written, expected {', '.join(written)}", param_hint="'--to'")
-    for there in sorted(out.iterdir()) if out.is_dir() else ():
-        number = there.name.removeprefix(f"{stem}-").removesuffix(suffix)
-        if there.name == f"{stem}-{number}{suffix}" and number.isdecimal():
-            spare("-", there, RECORDING, force)
+    endings = list(dict.fromkeys(ending for f in formats() for ending in f.suffixes))
+    if suffix not in endings:
+        raise typer.BadParameter(f"'{suffix}': cannot be written, expected {', '.join(endings)}", param_hint="'--to'")
+    for existing in sorted(out.iterdir()) if out.is_dir() else ():
+        number = existing.name.removeprefix(f"{stem}-").removesuffix(suffix)
+        if existing.name == f"{stem}-{number}{suffix}" and number.isdecimal():
+            spare("-", existing, RECORDING, force)
 
 
-ArraysOut = Annotated[Path, typer.Argument(metavar="OUT.npz", help="The arrays: 'frames' and 'bounds'.")]
+ArraysOut = Annotated[
+    Path, typer.Argument(metavar="OUT.npz", help="NPZ file to write, with arrays 'frames' and 'bounds'.")
+]
 Representation = Annotated[
-    str, typer.Option("--as", metavar="NAME", help="A representation, or 'name: {parameter: value}'.")
+    str, typer.Option("--as", metavar="NAME", help="Name of a representation, or 'name: {parameter: value}'.")
 ]
 Cut = Annotated[
-    str | None, typer.Option("--cut", metavar="NAME", help="A segmenter, likewise; the whole if not given.")
+    str | None,
+    typer.Option("--cut", metavar="NAME", help="Name of a segmenter, or 'name: {parameter: value}'. Default: no cuts."),
 ]
 
 
@@ -210,10 +216,15 @@ def frames(
     force: Force = False,
     list_all: Annotated[
         bool,
-        typer.Option("--list", callback=lambda given: _list_arrays(given), is_eager=True, help="List what there is."),
+        typer.Option(
+            "--list",
+            callback=lambda wanted: _list_arrays(wanted),
+            is_eager=True,
+            help="List the representations and segmenters and exit.",
+        ),
     ] = False,
 ) -> None:
-    """Make arrays of a recording, one of each segment: --cut 'count_segments: {count: 5000}' --as hats."""
+    """Turn a recording into arrays, one per segment, e.g. --cut 'count_segments: {count: 5000}' --as hats."""
     import numpy as np
 
     from neuro import ModelError
@@ -238,22 +249,31 @@ def frames(
     typer.echo(f"{target}: {len(arrays):,} of {representation}, {list(arrays.shape[1:])} {arrays.dtype}")
 
 
-def _list_arrays(given: bool) -> None:
-    if given:
+def _list_arrays(wanted: bool) -> None:
+    if wanted:
         from neuro_events.representations import REPRESENTATIONS
         from neuro_events.segmentation import SEGMENTERS
 
         list_parts(representation=REPRESENTATIONS, segmenter=SEGMENTERS)
 
 
-DataFolder = Annotated[Path, typer.Option("--data", "-f", metavar="FOLDER", help="Recordings, a folder or zip.")]
-OnlyEnding = Annotated[str | None, typer.Option("--ending", "-e", metavar="ENDING", help="Only such files, as bin.")]
+DataFolder = Annotated[Path, typer.Option("--data", "-f", metavar="FOLDER", help="Folder or zip of recordings.")]
+OnlyEnding = Annotated[
+    str | None, typer.Option("--ending", "-e", metavar="ENDING", help="Ending of the files to read, such as bin.")
+]
 StoreOut = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The HDF5 file to write.")]
-Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Only this part, such as Train.")]
-LayoutName = Annotated[str | None, typer.Option("--layout", metavar="NAME", help="Such as nmnist, instead of looking.")]
-Workers = Annotated[Any, typer.Option("--workers", metavar="N", parser=count, help="Processes; one for each core.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Stop at a damaged file instead of leaving it out.")]
-Mend = Annotated[bool, typer.Option("--lenient", help="Take what is whole of damaged files.")]
+Part = Annotated[
+    str | None, typer.Option("--part", metavar="NAME", help="Part of the data set to read, such as Train.")
+]
+LayoutName = Annotated[
+    str | None,
+    typer.Option("--layout", metavar="NAME", help="Layout of the data set, such as nmnist. Default: detected."),
+]
+Workers = Annotated[
+    Any, typer.Option("--workers", metavar="N", parser=count, help="Number of processes. Default: one per core.")
+]
+Strict = Annotated[bool, typer.Option("--strict", help="Stop at a damaged file. Default: skip it.")]
+Mend = Annotated[bool, typer.Option("--lenient", help="Read damaged files up to the damage.")]
 
 
 def tohdf5(
@@ -267,7 +287,7 @@ def tohdf5(
     strict: Strict = False,
     lenient: Mend = False,
 ) -> None:
-    """Gather a data set into one HDF5 file, /class/sample; after a kill the same command goes on where it was."""
+    """Pack a data set into one HDF5 file, /class/sample. Run the same command again to resume after an interruption."""
     from neuro import ModelError
     from neuro_events.dataset import Dataset
 
@@ -276,20 +296,20 @@ def tohdf5(
     if strict and lenient:
         raise typer.BadParameter("expected one of the two", param_hint="'--strict' / '--lenient'")
     choice = "stop" if strict else "mend" if lenient else "skip"
-    found = Dataset(data, part=part, layout=layout, ending=ending, sensor_size=sensor)
-    with going("the same command goes on where it was") as bar:
+    dataset = Dataset(data, part=part, layout=layout, ending=ending, sensor_size=sensor)
+    with progress("run the same command again to resume") as bar:
 
-        def report(what: str, done: int, total: int) -> None:
-            bar.show(done, total, f"{what}: {done:,} of {total:,}")
+        def report(what: str, n_done: int, total: int) -> None:
+            bar.show(n_done, total, f"{what}: {n_done:,} of {total:,}")
 
-        done = found.to_hdf5(out, jobs=workers, damaged=choice, report=report)
-    typer.echo(f"{out}: {done.samples:,} recordings of {len(found.classes)} classes")
-    if done.damaged:
-        files = f"{len(done.damaged):,} damaged file{'s' if len(done.damaged) > 1 else ''}"
+        conversion = dataset.to_hdf5(out, jobs=workers, damaged=choice, report=report)
+    typer.echo(f"{out}: {conversion.samples:,} recordings of {len(dataset.classes)} classes")
+    if conversion.damaged:
+        files = f"{len(conversion.damaged):,} damaged file{'s' if len(conversion.damaged) > 1 else ''}"
         typer.echo(f"{files}, {_FATE[choice]}:", err=True)
-        for path, what in done.damaged.items():
+        for path, what in conversion.damaged.items():
             typer.echo(f"  {path}: {what}", err=True)
         raise typer.Exit(1)
 
 
-_FATE = {"skip": "left out", "mend": "read as far as they are whole"}
+_FATE = {"skip": "skipped", "mend": "read up to the damage"}

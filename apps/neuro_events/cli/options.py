@@ -1,4 +1,4 @@
-"""Options that the commands for event files share."""
+"""Options and helpers shared by the commands for event files."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 
 def sensor(text: str) -> tuple[int, int]:
-    """Width and height, such as 346x260."""
-    found = re.fullmatch(r"([1-9]\d{0,4})[x×]([1-9]\d{0,4})", text)
-    if found is None:
+    """Parse a width and height such as 346x260."""
+    sides = re.fullmatch(r"([1-9]\d{0,4})[x×]([1-9]\d{0,4})", text)
+    if sides is None:
         raise typer.BadParameter(f"'{text}': expected WIDTHxHEIGHT in px, such as 346x260")
-    return int(found[1]), int(found[2])
+    return int(sides[1]), int(sides[2])
 
 
 def count(text: str) -> int:
-    """A whole number >= 1."""
+    """Parse a whole number >= 1."""
     return whole(text, 1)
 
 
 def microseconds(ms: float, option: str) -> int:
-    """A time in us; a part of one is refused."""
+    """Convert ms to whole us. A fraction of a microsecond is an error."""
     us = ms * 1000.0
     if abs(us - round(us)) > 1e-6 or round(us) < 1:
         raise typer.BadParameter(f"'{ms:g}': expected a whole number of us, such as 0.001 or 40 ms", param_hint=option)
@@ -42,17 +42,21 @@ def microseconds(ms: float, option: str) -> int:
 
 In = Annotated[str, typer.Argument(metavar="IN", help="A recording, - for standard input.")]
 Out = Annotated[str, typer.Argument(metavar="OUT", help="The file to write, - for standard output.")]
-From = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help="What IN is, where it does not tell.")]
-To = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help="What to write, where OUT does not tell.")]
-Lenient = Annotated[bool, typer.Option("--lenient", help="Take what is whole of a damaged file.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace what stands at OUT.")]
+From = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help="Format of IN. Default: detected.")]
+To = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help="Format of OUT. Default: by its ending.")]
+Lenient = Annotated[bool, typer.Option("--lenient", help="Read a damaged file up to the damage.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing OUT.")]
 Sensor = Annotated[
-    Any, typer.Option("--sensor", metavar="WxH", parser=sensor, help="Sensor, where the file does not tell it.")
+    Any, typer.Option("--sensor", metavar="WxH", parser=sensor, help="Sensor size, px. Default: as the file states.")
 ]
 
 
 def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> None:
-    """Refuse to write over the recording itself, or over what is not ours unless that is wanted; or into no folder."""
+    """Check that the output may be written.
+
+    Raises:
+        ModelError: the folder is missing, the target is the source itself, or the target exists and `force` is not set.
+    """
     from dataclasses import replace
 
     from neuro import ModelError
@@ -69,13 +73,13 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
 
 
 def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[Any, dict[str, Any]]:
-    """A part of a registry and values of its parameters, written as any choice in a network is.
+    """Parse the choice of a part, such as 'crop: {x: [0, 300]}', to the registered part and its parameters.
 
     Args:
-        text: what was given.
-        registry: where names are looked up.
-        what: a part is called, for messages.
-        hint: the argument or option.
+        text: the user's text, a name or a YAML mapping from a name to its parameters.
+        registry: the parts by name.
+        what: noun for the parts, for messages.
+        hint: the argument or option, for messages.
     """
     import yaml
 
@@ -83,26 +87,26 @@ def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tupl
 
     hint = f"'{hint}'" if hint.startswith("-") else hint
     try:
-        given = yaml.safe_load(text)
+        choice = yaml.safe_load(text)
     except yaml.YAMLError:
         raise typer.BadParameter(f"'{text}': is not YAML", param_hint=hint) from None
-    given = {given: {}} if isinstance(given, str) else given
-    if not isinstance(given, dict) or len(given) != 1 or not isinstance(next(iter(given.values())), dict):
+    choice = {choice: {}} if isinstance(choice, str) else choice
+    if not isinstance(choice, dict) or len(choice) != 1 or not isinstance(next(iter(choice.values())), dict):
         raise typer.BadParameter(f"'{text}': expected a name, or 'name: {{parameter: value}}'", param_hint=hint)
-    name, values = next(iter(given.items()))
+    name, values = next(iter(choice.items()))
     if name not in registry:
         raise unknown(what, str(name), registry)
-    known = parameters_of(registry[name])
+    signature = parameters_of(registry[name])
     for key in values:
-        if key not in known:
-            raise unknown(f"parameter of {what} '{name}'", str(key), known)
-    if any(word.split()[0] == key and key not in values for key, word in known.items()):
-        raise typer.BadParameter(f"'{text}': expected all of {', '.join(known.values())}", param_hint=hint)
+        if key not in signature:
+            raise unknown(f"parameter of {what} '{name}'", str(key), signature)
+    if any(word.split()[0] == key and key not in values for key, word in signature.items()):
+        raise typer.BadParameter(f"'{text}': expected all of {', '.join(signature.values())}", param_hint=hint)
     return registry[name], {key: options.number(value) for key, value in values.items()}
 
 
 def parameters_of(part: Any) -> dict[str, str]:
-    """Each parameter behind the first, with its default, and its unit where its name does not tell it."""
+    """Return each parameter but the first as text: name, default, and unit unless in the name, e.g. "tau=0.08 s"."""
     from dataclasses import fields, is_dataclass
 
     own = fields(part) if is_dataclass(part) else ()
@@ -110,15 +114,16 @@ def parameters_of(part: Any) -> dict[str, str]:
     units |= dict(getattr(part, "units", {}))
     _, *others = inspect.signature(part).parameters.values()
     words = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
-    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in words.items() if name not in _OF_PROGRAMS}
+    shown = {name: text for name, text in words.items() if name not in _ONLY_IN_PYTHON}
+    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in shown.items()}
 
 
-_OF_PROGRAMS = ("segments", "as_torch", "dtype")
-"""Parameters that only programs have a use for."""
+_ONLY_IN_PYTHON = ("segments", "as_torch", "dtype")
+"""Parameters of the Python functions without use on the command line."""
 
 
 def list_parts(**registries: Mapping[str, Any]) -> None:
-    """Print all parts of some kinds with their parameters, and leave."""
+    """Print the parts of each registry with their parameters, and exit."""
     from neuro.apps import console, table
 
     for what, registry in registries.items():
@@ -130,32 +135,32 @@ def list_parts(**registries: Mapping[str, Any]) -> None:
     raise typer.Exit
 
 
-def named(source: str) -> str:
-    """What to call what is made of a recording, in the current folder: the name of its file."""
+def base_name(source: str) -> str:
+    """Return the base name of the output: the name of the recording's file, or "events" for standard input."""
     return "events" if source == "-" else Path(source).name
 
 
 @contextmanager
-def going(left: str) -> Iterator[Bar]:
-    """A bar; Ctrl-C takes it away and says what is left.
+def progress(on_interrupt: str) -> Iterator[Bar]:
+    """Show a progress bar. Ctrl-C removes the bar and prints a message.
 
     Args:
-        left: what to say.
+        on_interrupt: the message for Ctrl-C, such as "out.h5 is not written".
     """
-    with stoppable(left) as bar:
+    with stoppable(on_interrupt) as bar:
         bar.say("reading")
         yield bar
 
 
 def events_so_far(bar: Bar) -> Callable[[int], None]:
-    """A report that shows how many events are done."""
-    return lambda done: bar.say(f"{done:,} events")
+    """Return a report function that shows the number of events on the bar."""
+    return lambda n_events: bar.say(f"{n_events:,} events")
 
 
-def watched(parts: Iterable[Events], bar: Bar) -> Iterator[Events]:
-    """Parts of a recording, with the bar showing how many events were taken."""
-    done = 0
+def with_progress(parts: Iterable[Events], bar: Bar) -> Iterator[Events]:
+    """Yield the parts of a recording, with the number of events so far on the bar."""
+    n_events = 0
     for part in parts:
         yield part
-        done += len(part)
-        bar.say(f"{done:,} events")
+        n_events += len(part)
+        bar.say(f"{n_events:,} events")

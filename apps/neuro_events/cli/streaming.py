@@ -1,4 +1,4 @@
-"""`neuro events listen` and `send`: streams by the network."""
+"""The commands `neuro events listen` and `send`, which receive and send events over the network."""
 
 from __future__ import annotations
 
@@ -12,36 +12,41 @@ import typer
 
 from neuro import ModelError
 from neuro.apps import NoBrowser, app, ending_by, milliseconds, refuse_unused
-from neuro_events.cli.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, going, spare
+from neuro_events.cli.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, progress, spare
 
 if TYPE_CHECKING:
     from neuro.apps import Bar, NoBrowser, app
     from neuro_events import Events, Listener
 
-_STREAMED = "spif, spif-timed, faery13, faery8, raw-evt3; by tcp:// aedat4."
-Received = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help=f"What comes: {_STREAMED}")]
-Sent = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help=f"What is sent: {_STREAMED}")]
+_STREAMED = "spif, spif-timed, faery13, faery8 or raw-evt3; aedat4 for tcp://."
+Received = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help=f"Format of the stream: {_STREAMED}")]
+Sent = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help=f"Format of the stream: {_STREAMED}")]
 ListenAt = Annotated[
     str,
-    typer.Argument(metavar="URL", help="udp://HOST:PORT of this machine, or tcp://HOST:PORT of a sender of AEDAT 4."),
+    typer.Argument(metavar="URL", help="udp://HOST:PORT of this machine, or tcp://HOST:PORT of an AEDAT 4 sender."),
 ]
 SendTo = Annotated[
     str,
-    typer.Argument(metavar="URL", help="udp://HOST:PORT of a receiver, or tcp://HOST:PORT to serve AEDAT 4 at."),
+    typer.Argument(
+        metavar="URL", help="udp://HOST:PORT of a receiver, or tcp://HOST:PORT of this machine to serve AEDAT 4."
+    ),
 ]
 OutFile = Annotated[
-    str | None, typer.Argument(metavar="OUT", help="The recording to write, - for standard output; none: only counts.")
+    str | None,
+    typer.Argument(metavar="OUT", help="The recording to write, - for standard output. Default: only counts."),
 ]
 TIME = {"metavar": "MS", "parser": milliseconds}
 Silent = Annotated[
-    Any, typer.Option("--until-silent", help="End when nothing came for so long after something.", **TIME)
+    Any, typer.Option("--until-silent", help="Longest silence after the first data, ms; then the command ends.", **TIME)
 ]
-First = Annotated[Any, typer.Option("--first-within", help="End when nothing at all came for so long.", **TIME)]
-For = Annotated[Any, typer.Option("--for", help="End after so long.", **TIME)]
+First = Annotated[
+    Any, typer.Option("--first-within", help="Longest wait for the first data, ms; then the command ends.", **TIME)
+]
+For = Annotated[Any, typer.Option("--for", help="Duration, ms. Default: until Ctrl-C.", **TIME)]
 
-ShowStream = Annotated[bool, typer.Option("--page", help="Show the events in the browser, and write none.")]
+ShowStream = Annotated[bool, typer.Option("--page", help="Show the events in the browser instead of writing a file.")]
 FOR_EVER = 1e11
-"""ms of a stream that is shown until Ctrl-C."""
+"""Duration of a page without --for, ms, which ends at Ctrl-C."""
 
 
 def listen(
@@ -58,7 +63,7 @@ def listen(
     page: ShowStream = False,
     no_browser: NoBrowser = False,
 ) -> None:
-    """Receive events from the network, count them, and write them to a file; Ctrl-C or a kill ends and keeps it."""
+    """Receive events from the network, count them, and write a file. Ctrl-C or a kill ends the file properly."""
     from neuro_events import listen as open_stream
     from neuro_events.convert import write
     from neuro_events.files import RECORDING
@@ -67,7 +72,7 @@ def listen(
     seconds = {word: ms / 1000.0 for word, ms in ends.items() if ms is not None}
     if page and (target is not None or seconds):
         message = "--page: expected neither OUT nor --until-silent nor --first-within"
-        raise ModelError(message, hint="neuro live --page --out FILE keeps events")
+        raise ModelError(message, hint="neuro live --page --out FILE also writes the events")
     if not page:
         refuse_unused(context, "--page", "no_browser")
     if target is not None:
@@ -76,7 +81,7 @@ def listen(
         refuse_unused(context, "OUT", "to_format", "force")
     with (
         open_stream(url, format=from_format, sensor=sensor, **seconds) as stream,
-        going("nothing is written") as bar,
+        progress("nothing is written") as bar,
     ):
         if stream.url != url:
             typer.echo(f"listening at {stream.url}", err=True)
@@ -85,54 +90,59 @@ def listen(
             app("neuro_live.cli", "the page").show_stream(
                 stream, FOR_EVER if duration is None else duration, no_browser
             )
-            _tell(stream, time.monotonic() - begin, err=False)
+            _print_counts(stream, time.monotonic() - begin, err=False)
             return
         stopped = threading.Event()
-        no_room: list[int] = []
+        dropped: list[int] = []
 
         def left_out(count: int) -> None:
-            if not no_room:
-                what = "has no room for the time or place of an event: such events are left out and counted"
-                typer.echo(f"{target}: the format {what}; .aedat4 and .h5 have more room", err=True)
-            no_room.append(count)
+            if not dropped:
+                what = "cannot store the time or position of an event; such events are dropped and counted"
+                typer.echo(f"{target}: the format {what}. .aedat4 and .h5 have wider ranges", err=True)
+            dropped.append(count)
 
-        parts = _until(stopped, stream, math.inf if duration is None else begin + duration / 1000.0, bar)
+        parts = _received_parts(stopped, stream, math.inf if duration is None else begin + duration / 1000.0, bar)
         with ending_by(stopped.set):
             if target is None:
                 for _ in parts:
                     pass
             else:
                 write(parts, target, to_format, replace=force, keep=True, left_out=left_out)
-        _tell(stream, time.monotonic() - begin, target == "-", sum(no_room))
+        _print_counts(stream, time.monotonic() - begin, target == "-", sum(dropped))
 
 
-def _until(stopped: threading.Event, stream: Listener, end: float, bar: Bar) -> Iterator[Events]:
-    """Parts of a stream, one at least, until it is stopped, a time, or its end."""
-    say = events_so_far(bar)
+def _received_parts(stopped: threading.Event, stream: Listener, end: float, bar: Bar) -> Iterator[Events]:
+    """Yield the parts of a stream, at least one, until the stop signal, the end time or the end of the stream."""
+    report = events_so_far(bar)
     yield stream.take()
-    while not stream.ended and not stopped.is_set() and (left := end - time.monotonic()) > 0:
-        if stream.wait(min(left, 0.1)):
+    while not stream.ended and not stopped.is_set() and (remaining_s := end - time.monotonic()) > 0:
+        if stream.wait(min(remaining_s, 0.1)):
             yield stream.take()
-            say(stream.counts.events)
+            report(stream.counts.events)
             stopped.wait(0.01)
     yield stream.take()
 
 
-def _tell(stream: Listener, seconds: float, err: bool, no_room: int = 0) -> None:
+def _print_counts(stream: Listener, seconds: float, err: bool, no_room: int = 0) -> None:
     counts = stream.counts
     pieces = "pieces" if stream.format == "aedat4" else "datagrams"
-    found = f"{counts.events:,} events in {counts.datagrams:,} {pieces}, {seconds:.1f} s"
+    received = f"{counts.events:,} events in {counts.datagrams:,} {pieces}, {seconds:.1f} s"
     lost_counts = counts.lost | ({"no_room": no_room} if no_room else {})
     lost = "".join(f"; {name.replace('_', ' ')}: {count:,}" for name, count in lost_counts.items())
-    typer.echo(f"{stream.url}: {found}{lost}", err=err)
+    typer.echo(f"{stream.url}: {received}{lost}", err=err)
 
 
 Speed = Annotated[
-    float, typer.Option("--speed", metavar="X", help="Times as fast as it was recorded; inf: as fast as it goes.")
+    float, typer.Option("--speed", metavar="X", help="Speed relative to real time; inf: as fast as possible.")
 ]
 Bytes = Annotated[
     Any,
-    typer.Option("--datagram", metavar="BYTES", parser=count, help="Of a datagram, at most; 512 for SPIF, else 1400."),
+    typer.Option(
+        "--datagram",
+        metavar="BYTES",
+        parser=count,
+        help="Largest size of a datagram, bytes. Default: 512 for SPIF, else 1400.",
+    ),
 ]
 
 
@@ -146,12 +156,12 @@ def send(
     sensor: Sensor = None,
     lenient: Lenient = False,
 ) -> None:
-    """Send a recording by the network, each event at its time."""
+    """Send a recording over the network in real time."""
     from neuro_events import send as send_events
     from neuro_events.convert import read
 
-    with going("the rest is not sent") as bar:
+    with progress("the rest is not sent") as bar:
         parts = read(source, from_format, sensor, not lenient)
-        sent = send_events(url, parts, format=to_format, speed=speed, datagram=datagram, report=events_so_far(bar))
-    late = f", at most {sent.latest_ms:.1f} ms late" if sent.latest_ms else ""
-    typer.echo(f"{url}: {sent.events:,} events in {sent.datagrams:,} datagrams, {sent.seconds:.1f} s{late}")
+        counts = send_events(url, parts, format=to_format, speed=speed, datagram=datagram, report=events_so_far(bar))
+    delay = f", at most {counts.latest_ms:.1f} ms late" if counts.latest_ms else ""
+    typer.echo(f"{url}: {counts.events:,} events in {counts.datagrams:,} datagrams, {counts.seconds:.1f} s{delay}")

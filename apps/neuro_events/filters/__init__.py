@@ -1,8 +1,8 @@
-"""Filters of events: noise out, noise in, parts of the sensor, other times and places.
+"""Filters of events: remove or add noise, select part of the sensor, change times and positions.
 
-A filter is made for a sensor size with its parameters, called with a recording or part after part of one, and goes on
-where it was: cut anywhere, the parts give what the whole gives. `chain` puts filters one behind the other.
-`FILTERS` has them by name.
+A filter is created for a sensor size with its parameters, and called with a recording or with one part after another.
+The state carries over, so the output does not depend on how the recording is divided into parts. `chain` applies
+filters in sequence. `FILTERS` lists the filters by name.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FILTERS: Registry[type[Filter]] = Registry(
     group="neuro.filters",
     complete=complete,
 )
-"""All filters by a short name, for command lines; their parameters are the fields of the class."""
+"""Filters by their short names on the command line. The parameters of a filter are the fields of its class."""
 
 __all__ = [
     "FILTERS",

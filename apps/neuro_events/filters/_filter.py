@@ -1,4 +1,4 @@
-"""What all filters share: parameters that stay, a state that goes on from part to part, and checks of what comes in."""
+"""Base classes of filters: fixed parameters, a state that carries over between parts, and checks of the input."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro.apps import LazyModule, Quantity, check
 from neuro_events._events import Events, checked_size, empty_columns
-from neuro_events.parts import together
+from neuro_events.parts import joined_parts
 
 kernels = LazyModule("neuro_events._kernels")
 
 Size = tuple[int, int]
 State = tuple[Any, ...]
-"""What a filter remembers; a kernel writes into its arrays."""
+"""State of a filter. Kernels write into its arrays."""
 
 NEVER = np.iinfo(np.int64).min
-"""A time before all others, us."""
+"""A time before all others, us, for pixels without an event so far."""
 
 
 class FilterError(ModelError):
-    """A filter was given a parameter or events that it cannot work with.
+    """Error about a parameter or about events that a filter cannot process.
 
     The message reads ``FILTER: what was found, and what was expected``.
     """
@@ -35,19 +35,19 @@ class FilterError(ModelError):
 
 @dataclass(frozen=True, eq=False)
 class Filter(ABC):
-    """Events in, events out, part by part.
+    """Base class of filters, which transform events part by part.
 
-    The parameters are fixed; the state goes on from one part to the next, so that the parts of a recording, cut
-    anywhere, give what the whole gives::
+    The parameters are fixed. The state carries over from part to part, so the output does not depend on how the
+    recording is divided into parts::
 
         tar = TAR((34, 34), tau=0.08, theta=2.4)
         for part in tar.stream(neuro.events.stream(path)):
             ...
 
     Attributes:
-        word: a short name for command lines; the name of the class where it is not given.
-        units: of parameters that are no `quantity`, where their names do not tell them.
-        sensor_size: width and height of the events that come in, px.
+        word: short name for the command line. Default: the name of the class.
+        units: units of parameters without a `quantity` whose names do not state the unit.
+        sensor_size: width and height of the input sensor, px.
     """
 
     word: ClassVar[str] = ""
@@ -73,16 +73,16 @@ class Filter(ABC):
 
     @classmethod
     def called(cls) -> str:
-        """The name on the command line: `word` of this very class, or the name of the class."""
+        """Return the name on the command line: the class's own `word`, or the name of the class."""
         return str(cls.__dict__.get("word") or cls.__name__)
 
     @property
     def out_size(self) -> Size:
-        """Width and height of the events that come out, px."""
+        """Width and height of the output sensor, px."""
         return self.sensor_size
 
     def reset(self) -> None:
-        """Forget all events; the filter is as new."""
+        """Reset the filter to its initial state."""
         object.__setattr__(self, "_clock", np.full(1, NEVER, np.int64))
         self._hold(*self._fresh())
 
@@ -90,10 +90,10 @@ class Filter(ABC):
         """Filter the next part of a recording.
 
         Args:
-            events: of this sensor, not before those of the part before.
+            events: a part from this sensor, not earlier than the part before.
 
         Returns:
-            The events that come out so far; `finish` gives those that are held back.
+            The output that is final so far. `finish` returns the remaining events.
 
         Raises:
             FilterError: another sensor, or time runs back from the part before.
@@ -113,30 +113,30 @@ class Filter(ABC):
         return out
 
     def finish(self) -> Events:
-        """End the recording: the events that were held back, if the filter holds any. It is as new thereafter."""
+        """End the recording: return the remaining events, and reset the filter."""
         rest = self._rest()
         self.reset()
         return rest
 
     def apply(self, events: Events) -> Events:
-        """Filter a whole recording, forgetting what came before it.
+        """Reset the filter, and filter a complete recording.
 
         Args:
-            events: the recording, of this sensor.
+            events: the recording, from this sensor.
         """
         self.reset()
         first = self(events)
         rest = self.finish()
-        return together([first, rest]) if len(rest) else first
+        return joined_parts([first, rest]) if len(rest) else first
 
     def stream(self, parts: Iterable[Events]) -> Iterator[Events]:
-        """Filter the parts of one recording, forgetting what came before it.
+        """Reset the filter, and filter the parts of one recording.
 
         Args:
-            parts: in order, as `neuro.events.stream` gives them.
+            parts: the parts in order, as from `neuro.events.stream`.
 
         Yields:
-            What comes out of each part, and last what was held back, if there is anything.
+            The output of each part, and at the end the remaining events, if any.
         """
         self.reset()
         for part in parts:
@@ -146,29 +146,29 @@ class Filter(ABC):
             yield rest
 
     def fresh(self) -> Self:
-        """Another filter with the same parameters and an empty state, for another recording at the same time."""
+        """Return a new filter with the same parameters and an empty state, for another recording at the same time."""
         return replace(self)
 
     @abstractmethod
     def _part(self, events: Events) -> Events:
-        """What comes out of a part that is not empty."""
+        """Filter a non-empty part."""
 
     def _check(self) -> None:  # noqa: B027 (not every filter has parameters)
-        """Refuse impossible parameters that their quantities do not."""
+        """Check parameters beyond the ranges that their quantities state."""
 
     def _fresh(self) -> State:
-        """The state before any event."""
+        """Return the initial state."""
         return ()
 
     def _rest(self) -> Events:
-        """What is held back."""
+        """Return the remaining events at the end of a recording."""
         return Events._trusted(*empty_columns(0), self.out_size, {})
 
     def _hold(self, *state: Any) -> None:
         object.__setattr__(self, "_state", state)
 
     def _of(self, source: Events, arrays: tuple[npt.NDArray[Any], ...]) -> Events:
-        """Events of the outgoing sensor, which need no check."""
+        """Build events of the output sensor without a second check."""
         t, x, y, p = arrays
         return Events._trusted(t, x, y, p, self.out_size, source.metadata)
 
@@ -176,47 +176,51 @@ class Filter(ABC):
     def _name(self) -> str:
         return type(self).__name__
 
-    def _expect(self, right: bool, name: str, value: object, expected: str) -> None:
-        if not right:
+    def _expect(self, is_valid: bool, name: str, value: object, expected: str) -> None:
+        if not is_valid:
             raise FilterError(f"{self._name}: {name} = {value!r:.60}: expected {expected}")
 
 
 def complete(kind: type[Filter]) -> type[Filter]:
-    """Return a kind of filter if it can be made with its parameters, and raise `TypeError` if not."""
+    """Check that a filter class is complete, and return it.
+
+    Raises:
+        TypeError: a method is missing, or an annotated attribute is not a parameter because the decorator is missing.
+    """
     if missing := sorted(kind.__abstractmethods__):
         raise TypeError(f"filter '{kind.called()}' has no method '{missing[0]}'")
-    known = {one.name for one in fields(kind)}
+    parameters = {one.name for one in fields(kind)}
     own = (name for name, what in get_annotations(kind).items() if "ClassVar" not in str(what))
-    if lost := [name for name in own if name not in known]:
+    if undeclared := [name for name in own if name not in parameters]:
         above = "expected @dataclass(frozen=True, eq=False) above the class"
-        raise TypeError(f"filter '{kind.called()}': '{lost[0]}' is no parameter: {above}")
+        raise TypeError(f"filter '{kind.called()}': '{undeclared[0]}' is no parameter: {above}")
     return kind
 
 
 class Sieve(Filter):
-    """A filter that lets events through or not, and changes none."""
+    """A filter that passes or drops events without changing them."""
 
     @abstractmethod
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        """Say of each event whether it passes.
+        """Decide for each event whether it passes.
 
         Args:
-            events: a part that is not empty.
-            keep: (n,) to be written.
+            events: a non-empty part.
+            keep: (n,) output, True for events that pass.
         """
 
     def _part(self, events: Events) -> Events:
         keep = np.zeros(len(events), np.bool_)
         self._keep(events, keep)
-        return self._of(events, kept(events, keep))
+        return self._of(events, selected_columns(events, keep))
 
 
-def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], ...]:
-    """The times, columns, rows and polarities of some events.
+def selected_columns(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], ...]:
+    """Return the times, columns, rows and polarities of the selected events.
 
     Args:
-        events: from which to take.
-        keep: (n,) whether to.
+        events: the events to select from.
+        keep: (n,) True for the events to select.
     """
     n = int(np.count_nonzero(keep))
     if n == len(events):
@@ -228,10 +232,10 @@ def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any],
 
 
 def _quantity_of(entry: Field[Any]) -> Quantity | None:
-    """What a parameter may be: as said by `quantity`, else by its annotation, if that is the type of a number."""
+    """Return the range of a parameter, from its `quantity`, else from its annotation if a number, else None."""
     kind = str(getattr(entry.type, "__name__", entry.type))
-    known: Quantity | None = entry.metadata.get("quantity")
-    return known or _PLAIN.get(kind)
+    quantity: Quantity | None = entry.metadata.get("quantity")
+    return quantity or _PLAIN.get(kind)
 
 
 _PLAIN = {"int": Quantity(kind="integer"), "float": Quantity(infinite=True), "bool": Quantity(kind="boolean")}
@@ -239,10 +243,10 @@ _PLAIN = {"int": Quantity(kind="integer"), "float": Quantity(infinite=True), "bo
 
 @dataclass(frozen=True, eq=False)
 class Chain(Filter):
-    """Filters of which each takes what the one before gives; made by `chain`.
+    """Filters applied in sequence, made by `chain`.
 
     Attributes:
-        filters: in order. The chain has copies of its own with their own state.
+        filters: the filters in order. The chain works on copies with their own states.
     """
 
     filters: tuple[Filter, ...] = ()
@@ -260,7 +264,7 @@ class Chain(Filter):
 
     @property
     def out_size(self) -> Size:
-        """That of the last filter."""
+        """Width and height of the last filter's output, px."""
         return self.filters[-1].out_size
 
     def _fresh(self) -> State:
@@ -274,23 +278,23 @@ class Chain(Filter):
     def _rest(self) -> Events:
         rest: Events | None = None
         for one in self._state:
-            through = [] if rest is None else [one(rest)]
-            parts = [part for part in (*through, one.finish()) if len(part)]
-            rest = together(parts) if parts else None
+            filtered = [] if rest is None else [one(rest)]
+            parts = [part for part in (*filtered, one.finish()) if len(part)]
+            rest = joined_parts(parts) if parts else None
         return super()._rest() if rest is None else rest
 
 
 def chain(*filters: Filter) -> Chain:
-    """Put filters one behind the other.
+    """Combine filters into one that applies them in sequence.
 
     Args:
-        filters: at least one; each is for the sensor size that the one before gives.
+        filters: at least one filter. The sensor size of each is the output size of the filter before.
 
     Returns:
-        A filter that is called like each of them. What was done with the given ones before does not matter to it.
+        A filter with its own state, independent of the states of `filters`.
 
     Raises:
-        FilterError: there is none, or sizes do not fit.
+        FilterError: no filters, or sizes that do not match.
 
     Example:
         >>> clean = chain(Crop((346, 260), x=(0, 300)), TAR((300, 260)))

@@ -1,4 +1,4 @@
-"""Filters of noise: events of single pixels, of quiet regions and of one polarity out, shot noise in."""
+"""Filters that remove noise (isolated events, hot pixels, refractory periods, one polarity) or add shot noise."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ kernels = LazyModule("neuro_events._kernels")
 
 @dataclass(frozen=True, eq=False)
 class BackgroundActivity(Sieve):
-    """Keep events that had an event in one of the 8 neighbouring pixels a short while before.
+    """Keep events with a recent event in one of the 8 neighbouring pixels.
 
-    The pixel itself does not support its events, and an event that does not pass still supports those after it.
+    An event of the same pixel does not count. A dropped event still counts for later events of its neighbours.
 
     Attributes:
-        dt_us: longest time since the neighbour's event, us; that time itself counts.
+        dt_us: longest time since the neighbour's event, us, inclusive.
 
     Source: Delbruck, Frame-free dynamic digital vision, Int. Symp. Secure-Life Electronics, 2008.
     """
@@ -41,12 +41,12 @@ class BackgroundActivity(Sieve):
 
 @dataclass(frozen=True, eq=False)
 class Refractory(Sieve):
-    """After an event that passes, a pixel is silent for a while.
+    """Drop events of a pixel during a refractory period after an event that passed.
 
     Attributes:
-        period_us: time to the next event that can pass, us.
-        extend: whether an event that does not pass begins the time anew, as in jAER's RefractoryFilter (which lets
-            pass only after more than the period); otherwise it does not, as in a pixel that is held in reset.
+        period_us: shortest time between events that pass, us.
+        extend: restart the period at a dropped event too, as jAER's RefractoryFilter does (which passes only after more
+            than the period). False: a dropped event has no effect, as in a pixel held in reset.
 
     Source: dead time of the pixel, Lichtsteiner et al., IEEE JSSC 43:566, 2008.
     """
@@ -64,10 +64,10 @@ class Refractory(Sieve):
 
 @dataclass(frozen=True, eq=False)
 class HotPixels(Sieve):
-    """Leave out all events of some pixels.
+    """Drop all events of given pixels.
 
     Attributes:
-        pixels: (n, 2) their columns and rows, as `hot_pixels` finds them or as a list.
+        pixels: (n, 2) columns and rows, a list or the result of `hot_pixels`.
     """
 
     word = "hot"
@@ -78,11 +78,11 @@ class HotPixels(Sieve):
         pixels = np.asarray(self.pixels)
         shaped = pixels.size == 0 or (pixels.ndim == 2 and pixels.shape[1] == 2 and pixels.dtype.kind in "iu")
         self._expect(shaped, "pixels", self.pixels, "pairs of column and row, whole numbers")
-        listed = pixels.reshape(-1, 2).astype(np.int64)
+        positions = pixels.reshape(-1, 2).astype(np.int64)
         width, height = self.sensor_size
-        for x, y in listed[((listed < 0) | (listed >= self.sensor_size)).any(1)][:1]:
+        for x, y in positions[((positions < 0) | (positions >= self.sensor_size)).any(1)][:1]:
             raise FilterError(f"{self._name}: pixel ({x}, {y}), expected one of the {width}x{height} sensor")
-        object.__setattr__(self, "pixels", listed)
+        object.__setattr__(self, "pixels", positions)
 
     def _fresh(self) -> State:
         good = np.ones((self.sensor_size[1], self.sensor_size[0]), np.bool_)
@@ -97,56 +97,56 @@ class HotPixels(Sieve):
 def hot_pixels(
     events: Events | Iterable[Events], *, above_hz: float | None = None, times: float = 10.0
 ) -> npt.NDArray[np.int64]:
-    """Find the pixels that send too much.
+    """Find the pixels with too many events.
 
     Args:
         events: a recording or its parts.
-        above_hz: pixels with more events a second between the first and the last event of the recording are hot.
-        times: without `above_hz`, pixels are hot that have more than so many times the events of the busiest of their
-            8 neighbours, which counts as 1 at least: the edge of an object passes over neighbours too, a fault is
-            alone. 10 is this library's choice.
+        above_hz: highest rate of a normal pixel, events/s, from the first to the last event of the recording.
+        times: without `above_hz`, a pixel is hot if it has more than `times` the events of the busiest of its
+            8 neighbours, which counts as at least 1. The edge of an object passes over neighbours too, while a defect
+            affects one pixel. The default of 10 is this library's choice.
 
     Returns:
-        (n, 2) columns and rows, by rows.
+        (n, 2) columns and rows, ordered by row.
 
     Raises:
-        FilterError: a limit is not positive, parts are of different sensors, or the recording has no duration and
-            `above_hz` is given.
+        FilterError: a limit is not positive, parts have different sensors, or `above_hz` is given and the recording
+            has no duration.
     """
     for name, value in (("above_hz", above_hz), ("times", times)):
         if value is not None and not 0 < value < np.inf:
             raise FilterError(f"hot_pixels: {name} = {value!r}: expected a number > 0")
-    counts, span_us = _counted([events] if isinstance(events, Events) else events)
+    counts, span_us = _counts_and_span([events] if isinstance(events, Events) else events)
     if above_hz is None:
-        hot = alone(counts, times)
+        hot = busier_than_neighbours(counts, times)
     else:
         if not span_us and counts.any():
-            raise FilterError("hot_pixels: all events have one time, expected a recording that lasts, for above_hz")
+            raise FilterError("hot_pixels: all events have one time, expected a recording with a duration for above_hz")
         hot = counts * 1e6 > above_hz * span_us
     return np.argwhere(hot)[:, ::-1]
 
 
-def alone(counts: npt.NDArray[np.int64], times: float = 10.0) -> npt.NDArray[np.bool_]:
-    """Which pixels have more than so many times the events of the busiest of their 8 neighbours, or of 1.
+def busier_than_neighbours(counts: npt.NDArray[np.int64], times: float = 10.0) -> npt.NDArray[np.bool_]:
+    """Return the pixels with more than `times` the events of the busiest of their 8 neighbours (at least 1).
 
     Args:
         counts: (height, width) events of each pixel.
         times: as for `hot_pixels`.
 
     Returns:
-        (height, width).
+        (height, width) True for hot pixels.
     """
     rows, columns = counts.shape
-    around = np.pad(counts, 1)
+    padded = np.pad(counts, 1)
     busiest = np.ones_like(counts)
     for i, j in ((i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)):
-        np.maximum(busiest, around[i : i + rows, j : j + columns], out=busiest)
+        np.maximum(busiest, padded[i : i + rows, j : j + columns], out=busiest)
     hot: npt.NDArray[np.bool_] = counts > times * busiest
     return hot
 
 
-def _counted(parts: Iterable[Events]) -> tuple[npt.NDArray[np.int64], int]:
-    """Events of each pixel (height, width), and the time from the first to the last, us."""
+def _counts_and_span(parts: Iterable[Events]) -> tuple[npt.NDArray[np.int64], int]:
+    """Return the number of events of each pixel (height, width), and the time from the first to the last event, us."""
     counts, size, first, last = np.zeros((0, 0), np.int64), None, None, 0
     for part in parts:
         width, height = part.sensor_size
@@ -177,19 +177,19 @@ class Polarity(Sieve):
 
 
 MOST = 1 << 28
-"""Noise events that may be asked of one part; they take 6 GB."""
+"""Largest number of noise events in one part; their arrays have 6 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShotNoise(Filter):
-    """Add events at random times and pixels, ON and OFF alike, from the first event of a recording to its last.
+    """Add random events, ON and OFF equally likely, between the first and the last event of a recording.
 
-    The noise is a Poisson process; what it does at a time depends on the seed, the sensor, the rate and that time only,
-    so a recording that is read from the middle gets the same noise there. It comes before other events of its time.
+    The noise is a Poisson process. The noise at a time depends only on the seed, the sensor, the rate and that time, so
+    a recording that is read from the middle gets the same noise. At equal times, noise precedes the recorded events.
 
     Attributes:
-        rate_hz: noise events of each pixel, Hz.
-        seed: of the noise, not negative.
+        rate_hz: rate of noise events per pixel, Hz.
+        seed: seed of the noise, not negative.
 
     Source: shot noise as independent Poisson events per pixel, Hu, Liu, Delbruck, v2e, CVPR Workshops 2021,
         section 3.
@@ -203,13 +203,13 @@ class ShotNoise(Filter):
         return (None,)
 
     def _part(self, events: Events) -> Events:
-        (done,) = self._state
-        first = int(events.t[0]) if done is None else done + 1
+        (last_us,) = self._state
+        first = int(events.t[0]) if last_us is None else last_us + 1
         last = int(events.t[-1])
         width, height = self.sensor_size
         mean_us = 1e6 / (self.rate_hz * width * height)
-        room = self._room(last - first + 1, mean_us)
-        t, pixel, p = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.uint8)
+        capacity = self._capacity(last - first + 1, mean_us)
+        t, pixel, p = np.empty(capacity, np.int64), np.empty(capacity, np.int64), np.empty(capacity, np.uint8)
         word = np.uint64(key(self.seed, "events", "noise"))
         n = kernels.sprinkle(first, last, word, mean_us, width * height, t, pixel, p)
         out = empty_columns(n + len(events))
@@ -217,8 +217,8 @@ class ShotNoise(Filter):
         self._hold(last)
         return self._of(events, out)
 
-    def _room(self, span_us: int, mean_us: float) -> int:
-        """Room for the noise; 12 standard deviations more than expected do not happen."""
+    def _capacity(self, span_us: int, mean_us: float) -> int:
+        """Return the size of the noise arrays: 12 standard deviations above the mean are never exceeded in practice."""
         expected = span_us / mean_us
         if expected > MOST:
             raise FilterError(
@@ -232,18 +232,20 @@ class ShotNoise(Filter):
 class TAR(Sieve):
     """Keep events in temporal active regions.
 
-    Every event, whether it passes or not and of either polarity, adds 1 to a mask in the square of side
-    ``2 radius + 1`` round its pixel; the mask decays exponentially. The event passes if the mask at its pixel, its own
-    1 included, is then above `theta`. A mask value is decayed when it is next touched, by the time since the last.
+    Every event, of either polarity and whether it passes or not, adds 1 to a mask in the square of side
+    ``2 radius + 1`` around its pixel. The mask decays exponentially. An event passes if the mask at its pixel,
+    including the event's own 1, exceeds `theta`. A mask value is decayed only when it is next updated, by the time
+    since then.
 
     Attributes:
         tau: decay time constant, s.
-        theta: the mask value that must be exceeded, events; below 1 everything passes.
+        theta: threshold of the mask, exclusive, events. Below 1 every event passes.
         radius: R of the neighbourhood, px.
-        first: so many events of a recording pass whatever the mask, against the cold start (B.3: about 10).
+        first: number of events at the start of a recording that pass regardless of the mask, since the mask starts
+            empty (B.3: about 10).
 
-    Source: thesis appendix B, algorithm 14, lines 3278-3310; B.3 for `first`. The text lets an event pass at exactly
-        `theta`, the algorithm does not; the algorithm is followed. Defaults: those for N-MNIST, figure 85.
+    Source: thesis appendix B, algorithm 14, lines 3278-3310; B.3 for `first`. In the text an event passes at exactly
+        `theta`, in the algorithm it does not; this class follows the algorithm. Defaults: for N-MNIST, figure 85.
     """
 
     word = "tar"
@@ -257,30 +259,31 @@ class TAR(Sieve):
         return np.zeros(shape), np.zeros(shape, np.int64), np.zeros(1, np.int64)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        mask, touched, seen = self._state
-        if not seen[0]:
-            touched.fill(events.t[0])
-        kernels.tar(events.t, events.x, events.y, 1e6 * self.tau, self.theta, self.radius, mask, touched, keep)
-        keep[: max(0, self.first - int(seen[0]))] = True
-        seen[0] += len(events)
+        mask, last_update, n_events = self._state
+        if not n_events[0]:
+            last_update.fill(events.t[0])
+        kernels.tar(events.t, events.x, events.y, 1e6 * self.tau, self.theta, self.radius, mask, last_update, keep)
+        keep[: max(0, self.first - int(n_events[0]))] = True
+        n_events[0] += len(events)
 
 
 @dataclass(frozen=True, eq=False)
 class TARSurfaces(Sieve):
-    """Filter as `TAR` does and sum up the surfaces round the events that pass, as HATS does.
+    """Filter as `TAR` does, and sum the time surfaces around the events that pass, as HATS does.
 
-    HATS keeps the last events of each cell in memory to sum their decayed influence on a new one. Here one leaky value
-    per pixel and polarity holds that sum, and no event is stored. The surface of an event is what its neighbours of
-    the same polarity in the same cell hold just before it; the sum of what all neighbours hold, plus 1, is TAR's mask
-    and decides whether the event counts. With ``theta`` below 1 this is HATS with an endless memory.
+    HATS stores the last events of each cell to sum their decayed influence on a new event. Here one leaky value per
+    pixel and polarity holds that sum, and no event is stored. The surface of an event consists of the values of its
+    neighbours of the same polarity in the same cell just before the event. The sum of all neighbours' values, plus 1,
+    is TAR's mask and decides whether the event counts. With ``theta`` below 1 the result is HATS with an infinite
+    memory.
 
     Attributes:
         tau: decay time constant, s.
-        theta: activity that must be exceeded, events.
+        theta: threshold of the activity, exclusive, events.
         radius: R of the neighbourhood, px.
-        cell: side of the square cells that share a histogram, px; those at the right and lower edge may be cut.
+        cell: side of the square cells that share a histogram, px. Cells at the right and lower edges may be incomplete.
 
-    Source: thesis B.4, line 3356, which tells the idea only; that the mask is the sum of the surface follows from
+    Source: thesis B.4, line 3356, which states only the idea; that the mask is the sum of the surface follows from
         algorithm 14. HATS: Sironi et al., CVPR 2018, eqs 5-7. Defaults: tau, theta and radius as `TAR`; cell of 10 px
         as HATS on N-CARS.
     """
@@ -299,19 +302,20 @@ class TARSurfaces(Sieve):
         return np.full(1, NEVER, np.int64), np.zeros(pixels), counts, sums
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
-        origin, held, counts, sums = self._state
+        origin, values, counts, sums = self._state
         if origin[0] == NEVER:
             origin[0] = events.t[0]
         constants = (1e6 * self.tau, self.theta, self.radius, self.cell)
-        kernels.surfaces(events._columns, *constants, origin, held, counts, sums, keep)
+        kernels.surfaces(events._columns, *constants, origin, values, counts, sums, keep)
 
     def histograms(self) -> npt.NDArray[np.float64]:
-        """The averaged surfaces so far; ask before `finish`.
+        """Return the averaged surfaces so far. Call before `finish`, which resets them.
 
         Returns:
-            (rows, columns, 2, 2 radius + 1, 2 radius + 1): of each cell, for OFF and ON, the sum of the surfaces of
-            its events that passed, by rows and columns from the event, over the number of these events of either
-            polarity; 0 where there was none.
+            (rows, columns, 2, 2 radius + 1, 2 radius + 1): for each cell, and for OFF and ON, the sum of the surfaces
+                of
+            the events that passed, by rows and columns relative to the event, divided by the number of these events of
+            either polarity. 0 for cells without such events.
         """
         _, _, counts, sums = self._state
         averages: npt.NDArray[np.float64] = sums / np.maximum(counts, 1)[:, :, None, None, None]

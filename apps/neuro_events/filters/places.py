@@ -1,4 +1,4 @@
-"""Filters that move events: to other places, or to other times."""
+"""Filters that move events to other positions or times."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from neuro.apps import LazyModule, key
 from neuro.extend import quantity
 from neuro_events._events import Events, empty_columns
 from neuro_events.filters._filter import Filter, FilterError, Sieve, Size, State
-from neuro_events.parts import together
+from neuro_events.parts import joined_parts
 
 kernels = LazyModule("neuro_events._kernels")
 
 
 @dataclass(frozen=True, eq=False)
 class Flip(Filter):
-    """Mirror.
+    """Mirror the sensor.
 
     Attributes:
         axis: "x" exchanges left and right (``frame[:, ::-1]``), "y" top and bottom (``frame[::-1]``).
@@ -44,7 +44,7 @@ class Transpose(Filter):
 
     @property
     def out_size(self) -> Size:
-        """Height and width of what comes in, px."""
+        """Height and width of the input sensor, px."""
         return self.sensor_size[1], self.sensor_size[0]
 
     def _part(self, events: Events) -> Events:
@@ -53,10 +53,10 @@ class Transpose(Filter):
 
 @dataclass(frozen=True, eq=False)
 class Rotate90(Filter):
-    """Turn by right angles.
+    """Rotate the sensor by right angles.
 
     Attributes:
-        turns: quarters of a turn, counter-clockwise as the picture is seen (``numpy.rot90(frame, turns)``).
+        turns: number of quarter turns, counter-clockwise as seen (``numpy.rot90(frame, turns)``).
     """
 
     word = "rotate"
@@ -64,7 +64,7 @@ class Rotate90(Filter):
 
     @property
     def out_size(self) -> Size:
-        """Width and height of the turned sensor, px."""
+        """Width and height of the rotated sensor, px."""
         width, height = self.sensor_size
         return (height, width) if self.turns % 2 else (width, height)
 
@@ -80,13 +80,13 @@ class Rotate90(Filter):
 
 @dataclass(frozen=True, eq=False)
 class Crop(Sieve):
-    """Keep events of a rectangle.
+    """Keep the events of a rectangle.
 
     Attributes:
-        x: first column and the column after the last, px; None keeps all.
-        y: first row and the row after the last, px; None keeps all.
-        move: whether the rectangle becomes the sensor, with its upper left pixel at (0, 0); otherwise events stay
-            where they are and so does the sensor's size.
+        x: first column and end column (exclusive), px. None: all columns.
+        y: first row and end row (exclusive), px. None: all rows.
+        move: make the rectangle the new sensor, with its upper left pixel at (0, 0). False keeps the positions and the
+            sensor size.
     """
 
     word = "crop"
@@ -98,14 +98,14 @@ class Crop(Sieve):
     def _check(self) -> None:
         for name, limit in zip("xy", self.sensor_size, strict=True):
             sides = getattr(self, name) or (0, limit)
-            whole = len(sides) == 2 and all(isinstance(side, int | np.integer) for side in sides)
-            right = whole and 0 <= sides[0] < sides[1] <= limit
-            self._expect(right, name, sides, f"(first, after the last) within 0 to {limit} px")
+            is_pair = len(sides) == 2 and all(isinstance(side, int | np.integer) for side in sides)
+            is_valid = is_pair and 0 <= sides[0] < sides[1] <= limit
+            self._expect(is_valid, name, sides, f"(first, after the last) within 0 to {limit} px")
             object.__setattr__(self, name, (int(sides[0]), int(sides[1])))
 
     @property
     def out_size(self) -> Size:
-        """Width and height of the events that come out, px."""
+        """Width and height of the output sensor, px."""
         assert self.x is not None
         assert self.y is not None
         return (self.x[1] - self.x[0], self.y[1] - self.y[0]) if self.move else self.sensor_size
@@ -131,15 +131,16 @@ class Crop(Sieve):
 
 @dataclass(frozen=True, eq=False)
 class Downsample(Filter):
-    """Join blocks of pixels to one.
+    """Merge blocks of pixels into one pixel each.
 
-    A block adds up its events, ON as +1 and OFF as -1. When the sum reaches `integrate` or its negative, the block
-    sends an event of that sign at the time of the last one, and begins at 0. With 1 every event passes.
+    Each block sums its events, ON as +1 and OFF as -1. When the sum reaches `integrate` or its negative, the block
+    sends an event of that sign at the time of the last event, and the sum is reset to 0. With ``integrate=1`` every
+    event passes.
 
     Attributes:
-        factor: columns and rows of a block, or one number for both, px.
-        integrate: net events of a block that make one of its own; columns times rows is what one pixel that sees the
-            mean log intensity of the block would send.
+        factor: columns and rows of a block, px, or one number for both.
+        integrate: net number of events in a block for one output event. With columns times rows, a block behaves like
+            one pixel that sees the mean log intensity of the block.
 
     Source: equations 20-21 of the thesis, averaged over a block; Cohen et al., Spatial and temporal downsampling
         in event-based visual classification, IEEE TNNLS, 2018, for downsampling without the sum.
@@ -152,13 +153,13 @@ class Downsample(Filter):
 
     def _check(self) -> None:
         factors = self.factor if isinstance(self.factor, tuple) else (self.factor, self.factor)
-        right = len(factors) == 2 and all(isinstance(f, int | np.integer) and f >= 1 for f in factors)
-        self._expect(right, "factor", self.factor, "a whole number >= 1 or a pair of them")
+        is_valid = len(factors) == 2 and all(isinstance(f, int | np.integer) and f >= 1 for f in factors)
+        self._expect(is_valid, "factor", self.factor, "a whole number >= 1 or a pair of them")
         object.__setattr__(self, "factor", factors)
 
     @property
     def out_size(self) -> Size:
-        """Blocks across and down; those at the right and lower edge may be cut."""
+        """Number of blocks across and down. Blocks at the right and lower edges may be incomplete."""
         assert isinstance(self.factor, tuple)
         return -(-self.sensor_size[0] // self.factor[0]), -(-self.sensor_size[1] // self.factor[1])
 
@@ -177,11 +178,11 @@ class Downsample(Filter):
 
 @dataclass(frozen=True, eq=False)
 class Shift(Filter):
-    """Move all times by the same.
+    """Shift all times by a constant.
 
     Attributes:
         by_us: added to each time, us.
-        to_us: instead, the time that the first event of the recording gets, us.
+        to_us: new time of the first event of the recording, us, instead of `by_us`.
     """
 
     word = "shift"
@@ -190,7 +191,7 @@ class Shift(Filter):
 
     def _check(self) -> None:
         if self.to_us is not None:
-            self._expect(self.by_us == 0, "by_us", self.by_us, "0 where to_us is given")
+            self._expect(self.by_us == 0, "by_us", self.by_us, "0 if to_us is given")
 
     def _fresh(self) -> State:
         return (self.by_us if self.to_us is None else None,)
@@ -203,23 +204,23 @@ class Shift(Filter):
             self._hold(by)
         for end in (int(events.t[0]), int(events.t[-1])):
             if not -(1 << 63) <= end + by < 1 << 63 or abs(by) >= 1 << 63:
-                raise FilterError(f"Shift: {end} us moved by {by} us, expected a time that 64 bits can hold")
+                raise FilterError(f"Shift: {end} us moved by {by} us, expected a time within 64 bits")
         return self._of(events, (events.t + np.int64(by), events.x, events.y, events.p))
 
 
 EXACT = 1 << 53
-"""Whole numbers below this are exact in float64."""
+"""Limit below which float64 represents whole numbers exactly."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scale(Filter):
     """Stretch the times from an origin.
 
-    A time becomes ``origin + (t - origin) factor``, rounded to whole us, halves to the even one.
+    A time becomes ``origin + (t - origin) factor``, rounded to whole us (half to even).
 
     Attributes:
-        factor: above 1 is slow motion.
-        origin_us: the time that stays, us; None takes that of the recording's first event.
+        factor: stretch factor; above 1 is slow motion.
+        origin_us: the time that stays the same, us. None: the time of the recording's first event.
     """
 
     word = "scale"
@@ -246,12 +247,12 @@ class Scale(Filter):
 
 @dataclass(frozen=True, eq=False)
 class Reverse(Filter):
-    """Play backwards: the last event comes first, and the recording begins and ends at the same times as before.
+    """Play a recording backwards. The recording begins and ends at the same times as before.
 
     All events are held until `finish`, so the memory is not constant.
 
     Attributes:
-        invert: whether ON becomes OFF and OFF becomes ON, since a rise played backwards is a fall.
+        invert: exchange ON and OFF, since a rise in brightness played backwards is a fall.
     """
 
     word = "reverse"
@@ -264,7 +265,7 @@ class Reverse(Filter):
     def _rest(self) -> Events:
         if not self._state:
             return super()._rest()
-        events = together(list(self._state))
+        events = joined_parts(list(self._state))
         t = events.t[0] + (events.t[-1] - events.t[::-1])
         p = 1 - events.p if self.invert else events.p
         return self._of(events, (t, *(np.ascontiguousarray(a[::-1]) for a in (events.x, events.y, p))))
@@ -272,15 +273,15 @@ class Reverse(Filter):
 
 @dataclass(frozen=True, eq=False)
 class Jitter(Filter):
-    """Add a random whole number of us to each time and sort anew.
+    """Add a random whole number of us to each time, and sort again.
 
-    The numbers from ``-amount_us`` to ``amount_us`` are equally likely (standard deviation about ``amount_us / 1.73``);
-    that of an event depends on the seed and its number in the recording only. An event is held back until no later
-    one can come before it, so `finish` gives the last ones. Events of one time keep their order.
+    Offsets from ``-amount_us`` to ``amount_us`` are equally likely (standard deviation about ``amount_us / 1.73``). The
+    offset of an event depends only on the seed and on the event's number in the recording. An event is held back until
+    no later event can precede it; `finish` returns the last ones. Events at equal times keep their order.
 
     Attributes:
-        amount_us: the largest change, us.
-        seed: of the changes, not negative.
+        amount_us: largest offset, us.
+        seed: seed of the offsets, not negative.
     """
 
     word = "jitter"
@@ -291,23 +292,23 @@ class Jitter(Filter):
         return 0, ()
 
     def _part(self, events: Events) -> Events:
-        seen, held = self._state
+        n_events, pending = self._state
         t = np.empty(len(events), np.int64)
-        kernels.shake(events.t, np.uint64(key(self.seed, "events", "jitter")), seen, self.amount_us, t)
-        shaken = together([*held, self._of(events, (t, events.x, events.y, events.p))])
-        order = sorting(shaken.t)
-        ready = self._of(events, (shaken.t[order], shaken.x[order], shaken.y[order], shaken.p[order]))
-        n = int(np.searchsorted(ready.t, int(events.t[-1]) - self.amount_us, side="right"))
-        self._hold(seen + len(events), (ready[n:],))
-        return ready[:n]
+        kernels.shake(events.t, np.uint64(key(self.seed, "events", "jitter")), n_events, self.amount_us, t)
+        shaken = joined_parts([*pending, self._of(events, (t, events.x, events.y, events.p))])
+        order = stable_order(shaken.t)
+        ordered = self._of(events, (shaken.t[order], shaken.x[order], shaken.y[order], shaken.p[order]))
+        n = int(np.searchsorted(ordered.t, int(events.t[-1]) - self.amount_us, side="right"))
+        self._hold(n_events + len(events), (ordered[n:],))
+        return ordered[:n]
 
     def _rest(self) -> Events:
-        _, held = self._state
-        return held[0] if held else super()._rest()
+        _, pending = self._state
+        return pending[0] if pending else super()._rest()
 
 
-def sorting(t: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """The stable order of some times, faster than a comparing sort where they span little.
+def stable_order(t: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the stable order of times by radix sort, which is faster than a comparison sort for short spans.
 
     Args:
         t: (n,) us, n > 0.

@@ -29,7 +29,7 @@ from neuro_events._events import Events
 from neuro_events.formats._format import SMALLER, Damage, Format, Room, Size, Unsavable, refuse
 from neuro_events.formats._reading import write_words
 from neuro_events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_writer
-from neuro_events.source import Bytes, EventFileError, EventFileWarning, Given, Source, opened_source
+from neuro_events.source import Bytes, EventFileError, EventFileWarning, FileInput, Source, opened_source
 
 word_kernels = LazyModule("neuro_events.formats._word_kernels")
 
@@ -101,7 +101,7 @@ def is_generic(head: bytes) -> bool:
     return head.startswith(MAGIC) and len(head) >= HEADER and head[12] == VERSION[0] and head[15] == GENERIC
 
 
-def generic(source: Given, *, name: str | None = None, strict: bool = True) -> list[tuple[int, bytes]]:
+def generic(source: FileInput, *, name: str | None = None, strict: bool = True) -> list[tuple[int, bytes]]:
     """Read the events of a generic Event Stream file.
 
     Args:

@@ -34,7 +34,7 @@ from neuro_events._events import Events
 from neuro_events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro_events.formats._format import Damage, Format, Found
 from neuro_events.formats._hdf5_recording import FAILURES, believable
-from neuro_events.source import WHOLE, EventFileError, Given, Source
+from neuro_events.source import WHOLE, EventFileError, FileInput, Source
 
 h5py = LazyModule("h5py")
 
@@ -59,7 +59,7 @@ def open_mat(source: Source) -> Found:
     return _recording(*found[0])
 
 
-def samples(given: Given) -> dict[str, Events]:
+def samples(given: FileInput) -> dict[str, Events]:
     """All recordings of a ``.mat``, such as the cells of DVS-BARREL's ``ROI``.
 
     Args:

@@ -1,19 +1,19 @@
-"""Events as arrays: what networks and other programs take in.
+"""Representations of events as arrays, for networks and other programs.
 
-| function | shape, type | holds |
+| function | shape, type | values |
 | --- | --- | --- |
-| `event_frame` | ([segments,] [2,] height, width) int32 | how many events |
-| `binary_frame` | ([segments,] [2,] height, width) bool | whether there was an event |
-| `time_surface` | ([times,] [2,] height, width) float32 | how long ago the last event was |
-| `leaky_surface` | ([times,] [2,] height, width) float32 | events that are forgotten by and by |
-| `voxel_grid` | ([2,] bins, height, width) float32 | events by place and time, signed |
-| `event_spike_tensor` | (2, bins, height, width) float32 | what events measure, by polarity, time and place |
+| `event_frame` | ([segments,] [2,] height, width) int32 | number of events |
+| `binary_frame` | ([segments,] [2,] height, width) bool | True for pixels with an event |
+| `time_surface` | ([times,] [2,] height, width) float32 | decayed age of the last event |
+| `leaky_surface` | ([times,] [2,] height, width) float32 | leaky sum of events |
+| `voxel_grid` | ([2,] bins, height, width) float32 | signed sum of events by time bin and pixel |
+| `event_spike_tensor` | (2, bins, height, width) float32 | sum of a measurement by polarity, time bin and pixel |
 | `hats` | (rows, columns, 2, size, size) float32 | averaged time surfaces of cells |
 
-An axis of 2 is the polarity: 0 = OFF, 1 = ON. Rows grow downwards. `polarity` says what becomes of it:
-``"separate"`` (the axis of 2), ``"signed"`` (ON counts +1, OFF -1) or ``"ignored"``.
+An axis of size 2 is the polarity: 0 = OFF, 1 = ON. Row 0 is at the top. `polarity` selects the treatment of polarity:
+``"separate"`` (an axis of size 2), ``"signed"`` (ON counts +1, OFF -1) or ``"ignored"``.
 With ``as_torch=True`` the result is a torch tensor that shares the array's memory.
-Without events all is 0. Times count from the recording's own, so that shifting all of them changes nothing.
+Without events all values are 0. Times are relative to the recording, so a shift of all times changes nothing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ REPRESENTATIONS: Registry[Callable[..., Any]] = Registry(
     (event_frame, binary_frame, time_surface, leaky_surface, voxel_grid, event_spike_tensor, hats),
     group="neuro.representations",
 )
-"""All representations by name: functions of `Events` and named parameters that give an array."""
+"""Representations by name: functions from `Events` and keyword parameters to an array."""
 
 __all__ = [
     "REPRESENTATIONS",

@@ -1,4 +1,4 @@
-"""Events counted per pixel, of a whole recording or of each of its segments."""
+"""Representations that count events per pixel, for a recording or for each of its segments."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ kernels = LazyModule("neuro_events._kernels")
 
 Polarity = Literal["separate", "signed", "ignored"]
 Representation = npt.NDArray[Any] | Any
-"""An array, or a torch tensor where it was asked for."""
+"""An array, or a torch tensor with ``as_torch=True``."""
 
 
-def given(array: npt.NDArray[Any], as_torch: bool) -> Representation:
-    """The array, or a tensor that shares its memory.
+def array_or_tensor(array: npt.NDArray[Any], as_torch: bool) -> Representation:
+    """Return the array, or with `as_torch` a torch tensor that shares its memory.
 
     Raises:
-        ModelError: torch is asked for and missing.
+        ModelError: torch is not installed.
     """
     if not as_torch:
         return array
     return needed("torch", "torch", "as_torch=True: torch is not installed").from_numpy(array)
 
 
-def real(dtype: npt.DTypeLike) -> np.dtype[Any]:
-    """float32 or float64.
+def float_type(dtype: npt.DTypeLike) -> np.dtype[Any]:
+    """Return the dtype if it is float32 or float64.
 
     Raises:
-        ModelError: it is another type.
+        ModelError: another dtype.
     """
     kind = np.dtype(dtype)
     if kind not in (np.dtype(np.float32), np.dtype(np.float64)):
@@ -42,10 +42,10 @@ def real(dtype: npt.DTypeLike) -> np.dtype[Any]:
 
 
 def span(events: Events, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
-    """The first and last time that are looked at: those given, else of the first and last event.
+    """Return the start and stop time, us: the arguments, or the times of the first and last event.
 
     Raises:
-        ModelError: the last is before the first.
+        ModelError: the stop is before the start.
     """
     first, last = (int(events.t[0]), int(events.t[-1])) if len(events) else (0, 0)
     start = first if start_us is None else argument("start_us", start_us, kind="microseconds")
@@ -65,20 +65,20 @@ def event_frame(
     """Count the events of each pixel.
 
     Args:
-        events: what to count.
+        events: the events to count.
         polarity: ``"separate"``, ``"signed"`` (ON minus OFF) or ``"ignored"``.
-        segments: (n + 1,) bounds, as the functions of `neuro.events.segmentation` give them, or (n, 2) ranges of
-            events, which may overlap; one frame each.
-        as_torch: give a torch tensor.
+        segments: (n + 1,) bounds, as from the functions of `neuro.events.segmentation`, or (n, 2) ranges of event
+            indices, which may overlap. The result has one frame per segment.
+        as_torch: return a torch tensor.
 
     Returns:
         int32 ([n,] [2,] height, width): the first axis with `segments`, the second with separate polarities.
 
     Raises:
-        ModelError: an argument is wrong, or torch is missing; the message says which.
+        ModelError: an argument is invalid (the message names it), or torch is not installed.
     """
     argument("polarity", polarity, words=("separate", "signed", "ignored"))
-    return given(_counted(events, polarity, segments), as_torch)
+    return array_or_tensor(_event_counts(events, polarity, segments), as_torch)
 
 
 def binary_frame(
@@ -88,25 +88,25 @@ def binary_frame(
     segments: npt.ArrayLike | None = None,
     as_torch: bool = False,
 ) -> Representation:
-    """Say of each pixel whether it had an event.
+    """Mark the pixels with at least one event.
 
     Args:
-        events: where to look.
+        events: the events.
         polarity: ``"separate"`` or ``"ignored"``.
         segments: as for `event_frame`.
-        as_torch: give a torch tensor.
+        as_torch: return a torch tensor.
 
     Returns:
         bool ([n,] [2,] height, width): the first axis with `segments`, the second with separate polarities.
 
     Raises:
-        ModelError: an argument is wrong, or torch is missing; the message says which.
+        ModelError: an argument is invalid (the message names it), or torch is not installed.
     """
     argument("polarity", polarity, words=("separate", "ignored"))
-    return given(_counted(events, polarity, segments) > 0, as_torch)
+    return array_or_tensor(_event_counts(events, polarity, segments) > 0, as_torch)
 
 
-def _counted(events: Events, polarity: str, segments: npt.ArrayLike | None) -> npt.NDArray[np.int32]:
+def _event_counts(events: Events, polarity: str, segments: npt.ArrayLike | None) -> npt.NDArray[np.int32]:
     ranges = np.array([[0, len(events)]]) if segments is None else _ranges(segments, len(events))
     width, height = events.sensor_size
     separate = polarity == "separate"
@@ -117,15 +117,15 @@ def _counted(events: Events, polarity: str, segments: npt.ArrayLike | None) -> n
 
 
 def _ranges(segments: npt.ArrayLike, n: int) -> npt.NDArray[np.int64]:
-    """(segments, 2) first event and the one after the last."""
-    given: npt.NDArray[Any] = np.asarray(segments)
-    pairs = given.ndim == 2 and given.shape[1] == 2
-    if given.dtype.kind not in "iu" or not (pairs or (given.ndim == 1 and given.size)):
+    """Convert bounds or ranges to (segments, 2): the first event and the end (exclusive) of each segment."""
+    bounds: npt.NDArray[Any] = np.asarray(segments)
+    are_pairs = bounds.ndim == 2 and bounds.shape[1] == 2
+    if bounds.dtype.kind not in "iu" or not (are_pairs or (bounds.ndim == 1 and bounds.size)):
         raise ModelError(
-            f"segments is {given.dtype} of shape {given.shape}, expected whole numbers (n + 1,) or (n, 2)",
+            f"segments is {bounds.dtype} of shape {bounds.shape}, expected whole numbers (n + 1,) or (n, 2)",
             hint="bounds = msd_segments(events.t), or another function of neuro.events.segmentation",
         )
-    ranges = (given if pairs else np.stack([given[:-1], given[1:]], axis=1)).astype(np.int64)
+    ranges = (bounds if are_pairs else np.stack([bounds[:-1], bounds[1:]], axis=1)).astype(np.int64)
     bad = (ranges[:, 0] < 0) | (ranges[:, 1] < ranges[:, 0]) | (ranges[:, 1] > n)
     if bad.any():
         k = int(bad.argmax())
@@ -144,29 +144,30 @@ def voxel_grid(
     dtype: npt.DTypeLike = np.float32,
     as_torch: bool = False,
 ) -> Representation:
-    """Spread each event over the two bins that are next in time, the nearer one getting more.
+    """Distribute each event over the two nearest time bins by linear interpolation.
 
     V[b, y, x] is the sum over the pixel's events of s max(0, 1 - |b - t*|), where s is the sign and
-    t* = (bins - 1) (t - start) / (stop - start). So bin 0 is at the start and the last bin is at the stop, both
-    included, and no part of an event between them is lost. With one bin, or where all times are equal, t* = 0.
+    t* = (bins - 1) (t - start) / (stop - start). Bin 0 is at the start and the last bin is at the stop, both
+    included, and no part of an event between them is lost. With one bin, or if all times are equal, t* = 0.
+    Example: with 3 bins from 0 to 100 us, an ON event at 60 us adds 0.8 to bin 1 and 0.2 to bin 2.
 
-    tonic's ``ToVoxelGrid(n)`` puts the stop one bin later and leaves out what falls there: it equals
+    tonic's ``ToVoxelGrid(n)`` puts the stop one bin later and drops the contributions to that bin, which equals
     ``voxel_grid(events, n + 1)[:-1]``.
 
     Args:
-        events: what to spread.
-        bins: number of them.
-        start_us: where bin 0 is, us; None: at the first event. Events before it are left out.
-        stop_us: where the last bin is, us; None: at the last event. Events after it are left out.
+        events: the events.
+        bins: number of time bins.
+        start_us: time of bin 0, us. None: the first event. Earlier events are dropped.
+        stop_us: time of the last bin, us. None: the last event. Later events are dropped.
         polarity: ``"signed"`` as in the paper, ``"separate"`` or ``"ignored"``.
         dtype: float32 or float64.
-        as_torch: give a torch tensor.
+        as_torch: return a torch tensor.
 
     Returns:
         ([2,] bins, height, width): the first axis with separate polarities.
 
     Raises:
-        ModelError: an argument is wrong, or torch is missing; the message says which.
+        ModelError: an argument is invalid (the message names it), or torch is not installed.
 
     Source: Zhu et al., Unsupervised event-based learning of optical flow, depth, and egomotion, CVPR 2019, eqs 1-3.
     """
@@ -174,9 +175,9 @@ def voxel_grid(
     separate = polarity == "separate"
     start, stop = span(events, start_us, stop_us)
     width, height = events.sensor_size
-    out = np.zeros((1 + separate, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
+    out = np.zeros((1 + separate, argument("bins", bins, kind="integer", at_least=1), height, width), float_type(dtype))
     kernels.spread(events.t, events.x, events.y, events.p, start, stop, separate, polarity == "signed", False, out)
-    return given(out if separate else out[0], as_torch)
+    return array_or_tensor(out if separate else out[0], as_torch)
 
 
 Measurement = Literal["time", "polarity", "count"]
@@ -192,27 +193,27 @@ def event_spike_tensor(
     dtype: npt.DTypeLike = np.float32,
     as_torch: bool = False,
 ) -> Representation:
-    """Convolve what events measure with a triangle in time, and read it at regular times.
+    """Convolve a measurement of the events with a triangular kernel in time, sampled at regular times.
 
     S[p, b, y, x] is the sum over the pixel's events of polarity p of f max(0, 1 - |b - t*|), where f is the
-    measurement and t* = (bins - 1) (t - start) / (stop - start), as for `voxel_grid`. The kernel is fixed; the paper
-    also learns it, starting from this one.
+    measurement and t* = (bins - 1) (t - start) / (stop - start), as for `voxel_grid`. The kernel is fixed; in the
+    paper the triangle is the initial value of a kernel that is learnt.
 
     Args:
-        events: what to convolve.
-        bins: number of times at which it is read; 9 is the paper's.
+        events: the events.
+        bins: number of sampling times; the paper uses 9.
         measurement: ``"time"``, from 0 at the start to 1 at the stop (the paper's best); ``"polarity"``, 1 or -1; or
             ``"count"``, always 1, so that ON minus OFF is the voxel grid.
-        start_us: where bin 0 is, us; None: at the first event. Events before it are left out.
-        stop_us: where the last bin is, us; None: at the last event. Events after it are left out.
+        start_us: time of bin 0, us. None: the first event. Earlier events are dropped.
+        stop_us: time of the last bin, us. None: the last event. Later events are dropped.
         dtype: float32 or float64.
-        as_torch: give a torch tensor.
+        as_torch: return a torch tensor.
 
     Returns:
-        (2, bins, height, width), 0 = OFF. The authors' program gives its first two axes as one of 2 bins.
+        (2, bins, height, width), 0 = OFF. The authors' program flattens the first two axes to one of 2 bins.
 
     Raises:
-        ModelError: an argument is wrong, or torch is missing; the message says which.
+        ModelError: an argument is invalid (the message names it), or torch is not installed.
 
     Source: Gehrig et al., End-to-end learning of representations for asynchronous event-based data, ICCV 2019,
         sections 3.2-3.4; thesis section 3.4.
@@ -220,7 +221,7 @@ def event_spike_tensor(
     argument("measurement", measurement, words=("time", "polarity", "count"))
     start, stop = span(events, start_us, stop_us)
     width, height = events.sensor_size
-    out = np.zeros((2, argument("bins", bins, kind="integer", at_least=1), height, width), real(dtype))
+    out = np.zeros((2, argument("bins", bins, kind="integer", at_least=1), height, width), float_type(dtype))
     signed, timed = measurement == "polarity", measurement == "time"
     kernels.spread(events.t, events.x, events.y, events.p, start, stop, True, signed, timed, out)
-    return given(out, as_torch)
+    return array_or_tensor(out, as_torch)

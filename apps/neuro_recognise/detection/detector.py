@@ -21,7 +21,7 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Part, Registry, Settings, make_folder, part, setting
 from neuro_events import Events, representations, save
-from neuro_events.parts import together
+from neuro_events.parts import joined_parts
 from neuro_recognise.detection.boxes import (
     AT_LEAST,
     UNKNOWN,
@@ -237,13 +237,13 @@ class WindowView:
     def rest(self) -> Iterator[Events]:
         """Those that are complete when no more events come, and what is left over."""
         yield from self._until(self._cutter.end())
-        if self._held and len(left := together(self._held)):
+        if self._held and len(left := joined_parts(self._held)):
             yield left
 
     def _until(self, cuts: Ints) -> Iterator[Events]:
         if not len(cuts):
             return
-        whole, ends = together(self._held), (cuts - self._cut).tolist()
+        whole, ends = joined_parts(self._held), (cuts - self._cut).tolist()
         self._cut, self._held = int(cuts[-1]), [whole[ends[-1] :]]
         for start, stop in zip([0, *ends[:-1]], ends, strict=True):
             yield whole[start:stop]
