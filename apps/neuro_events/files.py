@@ -239,7 +239,7 @@ def _record(parts: Iterator[Events], path: Path, chosen: Format, replace: bool) 
     except BaseException as error:
         if kept_file != path and kept_file.exists():
             command = f"neuro events info {kept_file} --from {readable_as.name}"
-            error.add_note(f"the events before the error are in {kept_file}: '{command}' reads them")
+            error.add_note(f"the events so far are kept: '{command}' reads {kept_file}")
         raise
 
 

@@ -189,7 +189,7 @@ class Opened:
             error = EventFileError(self.name, damage.what, damage.offset)
             if strict:
                 raise error from None
-            warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=4)
+            warnings.warn(f"{error}; the events before it were read", EventFileWarning, stacklevel=4)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             if self.format.open.__module__.startswith("neuro."):
                 raise  # a defect of this library, not of a third-party format

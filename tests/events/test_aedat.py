@@ -321,7 +321,7 @@ def test_messages(messages):
 def test_wrong_packets(wrong):
     data = ONE + packet([event(1, 2, 3)] * 2, **wrong)
     assert refusal(load, data, name="a.aedat") == f"a.aedat: byte {END}: expected the header of a packet"
-    with pytest.warns(EventFileWarning, match="what is before it was read"):
+    with pytest.warns(EventFileWarning, match="the events before it were read"):
         assert len(load(data, name="a.aedat", strict=False)) == 1
 
 
@@ -333,4 +333,4 @@ def test_what_is_whole_is_kept():
         data = chip("DVS128") + words((0, 1)) + rest
         with pytest.warns(EventFileWarning) as told:
             assert load(data, name="a.aedat", strict=False).t.tolist() == [1]
-        assert [str(warning.message) for warning in told] == [f"a.aedat: byte 59: {what}; what is before it was read"]
+        assert [str(warning.message) for warning in told] == [f"a.aedat: byte 59: {what}; the events before it were read"]

@@ -105,7 +105,7 @@ def test_damage_stops_or_is_told(events, tmp_path):
     (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-2])
     assert "byte 14995: 3 bytes left over" in refusal(convert, tmp_path / "in.bin", tmp_path / "out.h5")
     assert not (tmp_path / "out.h5").exists()
-    with pytest.warns(EventFileWarning, match="what is before it was read"):
+    with pytest.warns(EventFileWarning, match="the events before it were read"):
         assert convert(tmp_path / "in.bin", tmp_path / "out.h5", strict=False) == len(events) - 1
 
 

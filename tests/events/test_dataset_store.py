@@ -74,7 +74,7 @@ def test_damaged_samples(messages, folder, tmp_path):
     assert (skipped.samples, skipped.damaged, data.to_hdf5(tmp_path / "skip.h5", jobs=1).damaged) == (29, told, told)
     mended = data.to_hdf5(tmp_path / "mend.h5", jobs=1, damaged="mend")
     assert mended.samples == 30
-    text = "byte 5: 2 bytes left over after 1 events of 5 bytes; what is before it was read"
+    text = "byte 5: 2 bytes left over after 1 events of 5 bytes; the events before it were read"
     assert mended.damaged == {f"{folder}/Train/1/4.bin": text}
     with h5py.File(mended.path) as file:
         assert file["1/4"]["ts"].tolist() == [7]

@@ -114,4 +114,4 @@ def test_what_is_whole_is_kept(read, data, name, message, count):
         read(data, name=name)
     with pytest.warns(EventFileWarning) as told:
         assert len(read(data, name=name, strict=False)) == count
-    assert [str(warning.message) for warning in told] == [f"{name}: {message}; what is before it was read"]
+    assert [str(warning.message) for warning in told] == [f"{name}: {message}; the events before it were read"]

@@ -186,7 +186,7 @@ def test_chunks_before_a_damaged_one_are_read(tmp_path):
     with pytest.raises(EventFileError, match=f"byte {place}: event 65536 on cannot be read") as error:
         load(bytes(data))
     assert error.value.offset == place
-    with pytest.warns(EventFileWarning, match="what is before it was read"):
+    with pytest.warns(EventFileWarning, match="the events before it were read"):
         part = load(bytes(data), strict=False)
     assert part == long()[:65536]
 

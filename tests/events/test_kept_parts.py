@@ -50,7 +50,7 @@ def test_a_source_that_fails_leaves_what_came(events, tmp_path, name, error):
     part, reader = tmp_path / f"{path.name}.part", name if name in GROWING else "csv"
     assert [file.name for file in tmp_path.iterdir()] == [part.name]
     assert told.value.__notes__[-1] == (
-        f"what came before is kept: 'neuro events info {part} --from {reader}' reads {part}"
+        f"the events so far are kept: 'neuro events info {part} --from {reader}' reads {part}"
     )
     assert np.array_equal(read(part, reader).records(), events[:700].records())
     if name != "evt2" and name != "evt3":  # both end in .raw, and their header tells
@@ -123,7 +123,7 @@ def test_a_full_disk_leaves_what_fits(tmp_path):
     for (name, path), line in zip(paths.items(), told, strict=True):
         part = tmp_path / f"{path.name}.part"
         assert "cannot be written: File too large" in line
-        assert f"what came before is kept: 'neuro events info {part} --from {name}'" in line
+        assert f"the events so far are kept: 'neuro events info {part} --from {name}'" in line
         kept = read(part, name)
         assert (len(kept) >= 100, len(kept) % 100, part.stat().st_size <= 5003) == (True, 0, True)
     assert {file.name for file in tmp_path.iterdir()} == {f"{path.name}.part" for path in paths.values()}
@@ -175,7 +175,7 @@ def test_a_pipe_that_breaks_off_leaves_what_came(events, tmp_path, monkeypatch, 
         status, _, err = answer("events", *words)
         assert status == 2
         assert "5 bytes left over" in err
-        assert "what came before is kept: 'neuro events info out.es.part --from event_stream'" in err
+        assert "the events so far are kept: 'neuro events info out.es.part --from event_stream'" in err
         assert 0 < len(load(tmp_path / "out.es.part")) <= len(events) - 1
         (tmp_path / "out.es.part").unlink()
     (tmp_path / "cut.dat").write_bytes(cut)

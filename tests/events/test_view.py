@@ -48,7 +48,7 @@ def test_of_many_events_an_even_choice_is_shown_and_told(moving, tmp_path, cut):
     assert view(parts, tmp_path / "v.html", title="many", most=200) == 8
     _, columns, text = data_of(tmp_path / "v.html")
     assert np.array_equal(columns["x"], moving.x[::8])
-    assert "one of every 8 events is shown (150)" in text
+    assert "1 of every 8 events is shown (150)" in text
 
 
 def test_a_recording_of_days_has_times_that_fit(tmp_path):
@@ -137,7 +137,7 @@ def test_a_short_recording_gives_a_second(moving, tmp_path):
 
 
 def test_of_many_events_no_more_are_held(moving, tmp_path, monkeypatch):
-    monkeypatch.setattr("neuro.events.pictures.HELD", 150)
+    monkeypatch.setattr("neuro.events.pictures.LONGEST_LOOK_AHEAD", 150)
     parts = [moving[k : k + 100] for k in range(0, len(moving), 100)]
     made = gif(parts, tmp_path / "g.gif", scale=1)
     assert (made.frames, made.window_us) == (2, 40_000)
@@ -193,7 +193,7 @@ def test_info_names_hot_pixels_and_damage(tmp_path):
     (tmp_path / "x.bin").write_bytes((tmp_path / "x.bin").read_bytes() + b"ab")
     found = info(tmp_path / "x.bin")
     assert (found.hot, found.hot_pixels, found.sensor_told) == ([(6, 2, 500)], 1, False)
-    assert found.damage == ["byte 2500: 2 bytes left over after 500 events of 5 bytes; what is before it was read"]
+    assert found.damage == ["byte 2500: 2 bytes left over after 500 events of 5 bytes; the events before it were read"]
     (tmp_path / "e.bin").write_bytes(b"")
     empty = info(tmp_path / "e.bin")
     assert (empty.events, empty.rate_hz, empty.duration_us, empty.as_dict()["on_share"]) == (0, None, 0, None)

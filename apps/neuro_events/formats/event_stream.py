@@ -134,7 +134,7 @@ def _all_generic(data: Source, strict: bool) -> list[tuple[int, bytes]]:
         error = EventFileError(data.name, damage.what, damage.offset)
         if strict:
             raise error from None
-        warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=3)
+        warnings.warn(f"{error}; the events before it were read", EventFileWarning, stacklevel=3)
     return events
 
 

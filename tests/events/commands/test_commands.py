@@ -55,7 +55,7 @@ def test_lenient(run, recording, tmp_path):
     (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-1])
     text = "in.bin: byte 495: 4 bytes left over after 99 events of 5 bytes"
     assert run("convert", "in.bin", "out.h5") == (2, "", f"error: {text}\n")
-    told = f"warning: {text}; what is before it was read\n"
+    told = f"warning: {text}; the events before it were read\n"
     assert run("convert", "in.bin", "out.h5", "--lenient") == (0, "out.h5: 99 events\n", told)
 
 
@@ -88,7 +88,7 @@ def test_filter(run, recording, tmp_path):
 def test_filters_are_listed(run):
     status, out, _ = run("filter", "--list")
     assert status == 0
-    assert re.search(r"crop +x=None px, y=None px, move=True +Keep events of a rectangle\.", out)
+    assert re.search(r"crop +x=None px, y=None px, move=True +Keep the events of a rectangle\.", out)
     assert re.search(r"tar +tau=0\.08 s, theta=2\.4 events, ", out)
     assert re.search(r"background +dt_us=10000 +Keep ", out)
 
@@ -115,10 +115,10 @@ def test_split_leaves_out_windows_without_events(run, tmp_path):
 
 def test_gif(run, recording, tmp_path):
     assert run("gif", "in.bin", "out.gif", "--frame", "40") == (
-        0, "out.gif: 3 frames of 272x272 px, 25 a second, as fast as it was\n", "",
+        0, "out.gif: 3 frames of 272x272 px, 25 per second, in real time\n", "",
     )  # fmt: skip
     _, out, _ = run("gif", "in.bin", "slow.gif", "--fps", "30", "--zoom", "1")
-    assert out == "slow.gif: 25 frames of 34x34 px, 33.33 a second, 0.132 times as fast as it was\n"
+    assert out == "slow.gif: 25 frames of 34x34 px, 33.33 per second, at 0.132 times real time\n"
 
 
 def test_pauses_are_left_out_of_a_gif_and_told(run, recording, tmp_path):
@@ -127,7 +127,7 @@ def test_pauses_are_left_out_of_a_gif_and_told(run, recording, tmp_path):
     ), (34, 34))  # fmt: skip
     save(twice, tmp_path / "in.h5")
     assert run("gif", "in.h5")[1] == (
-        "in.h5.gif: 31 frames of 272x272 px, 25 a second, as fast as it was; 89,972 still frames left out\n"
+        "in.h5.gif: 31 frames of 272x272 px, 25 per second, in real time; 89,972 still frames skipped\n"
     )
 
 
@@ -136,7 +136,7 @@ def test_view(run, recording, tmp_path):
     (tmp_path / "in.bin").rename(tmp_path / "sub" / "in.bin")
     assert run("view", "sub/in.bin") == (0, "in.bin.html: all events\n", "")
     assert (tmp_path / "in.bin.html").read_text("utf-8").endswith("</html>\n")
-    told = "p.html: one of every 4 events; --most shows more\n"
+    told = "p.html: 1 of every 4 events; --most shows more\n"
     assert run("view", "sub/in.bin", "--out", "p.html", "--most", "30") == (0, told, "")
 
 
@@ -150,7 +150,7 @@ def test_interrupted(run, recording, monkeypatch, tmp_path):
     ):  # fmt: skip
         status, out, err = run(*words)
         assert (status, out) == (130, "")
-        assert re.fullmatch("interrupted: .* (is not written|are whole)\n", err)
+        assert re.fullmatch("interrupted: .* (is not written|are complete)\n", err)
     assert [path.name for path in tmp_path.iterdir()] == ["in.bin"]
 
 
@@ -166,12 +166,12 @@ def test_tohdf5_tells_damaged_files(run, data):
     (data / "Train/7/2.bin").write_bytes(b"abcdefg")
     words = ("tohdf5", "-f", "set", "--workers", "1", "-o")
     path, what = "set/Train/7/2.bin", "byte 5: 2 bytes left over after 1 events of 5 bytes"
-    told = f"1 damaged file, left out:\n  {path}: {what}\n"
+    told = f"1 damaged file, skipped:\n  {path}: {what}\n"
     assert run(*words, "a.h5") == (1, "a.h5: 5 recordings of 2 classes\n", told)
     assert run(*words, "b.h5", "--strict") == (2, "", f"error: {path}: {what}\n")
     status, out, err = run(*words, "c.h5", "--lenient")
     assert (status, out) == (1, "c.h5: 6 recordings of 2 classes\n")
-    assert err.startswith("1 damaged file, read as far as they are whole:\n")
+    assert err.startswith("1 damaged file, read up to the damage:\n")
     assert "expected one of the two" in run(*words, "d.h5", "--lenient", "--strict")[2]
 
 

@@ -76,7 +76,7 @@ def test_events_of_a_far_time_are_left_out_and_counted(walk, tmp_path, out, far)
         told, err = heard.communicate(timeout=30)
     assert heard.returncode == 0
     assert told.endswith("; no room: 7\n")
-    assert f"{out}: the format has no room for the time or place of an event" in err
+    assert f"{out}: the format cannot store the time or position of an event" in err
     assert [path.name for path in tmp_path.iterdir() if path.name != "walk.es"] == [out]
     assert len(load(tmp_path / out, sensor_size=(34, 34))) == len(walk)
 
@@ -103,7 +103,7 @@ def test_a_full_disk_leaves_what_came(walk, tmp_path):
         _, err = heard.communicate(timeout=30)
     assert heard.returncode == 2
     assert "a.dat: cannot be written: File too large" in err
-    assert "what came before is kept: 'neuro events info a.dat.part --from dat' reads a.dat.part" in err
+    assert "the events so far are kept: 'neuro events info a.dat.part --from dat' reads a.dat.part" in err
     found = load(tmp_path / "a.dat.part")
     assert 0 < len(found) <= 120
     assert found.records().tolist() == walk[: len(found)].records().tolist()
