@@ -203,7 +203,7 @@ WORDS_21 = st.lists(
 @settings(max_examples=30)
 def test_words_of_evt21_are_as_the_specification_says(some, block):
     data = words21(high(1) << 32, *some)
-    as_specified("evt21", EVT21_, data, literal2(data, wide=True), 8, block * EVT21.open(Source(EVT21_)).swell)
+    as_specified("evt21", EVT21_, data, literal2(data, wide=True), 8, block * EVT21.open(Source(EVT21_)).block_divisor)
 
 
 VALUES = st.integers(0, 4095)
@@ -222,7 +222,7 @@ WORDS_3 = st.lists(
 @settings(max_examples=150)
 def test_words_of_evt3_are_as_the_specification_says(some, block):
     data = words3(*some, HIGH | 7, ROW | 3, SINGLE | 5)
-    as_specified("evt3", EVT3, data, literal3(data), 2, block * FORMATS["evt3"].open(Source(EVT3)).swell)
+    as_specified("evt3", EVT3, data, literal3(data), 2, block * FORMATS["evt3"].open(Source(EVT3)).block_divisor)
 
 
 def test_fields_of_evt2():

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 import neuro.events.files as files
 from neuro.events import EVENT, EventFileError, Events, load, save, stream
-from neuro.events.formats._reading import Begin, begin
+from neuro.events.formats._reading import SeekPoint, seek_point
 
 SIZE = (128, 128)
 ENDINGS = {"dat": ".dat", "aedat2": ".aedat", "evt2": ".raw", "evt3": ".raw", "hdf5": ".h5"}
@@ -152,10 +152,13 @@ def test_recordings(shared, name):
 
 def test_where_to_begin():
     at = [(10, 100), (20, 200), (40, 240), (50, 3), (60, 9)]
-    assert (begin(10, at, 100, 256), begin(10, at, 101, 256)) == (Begin(10), Begin(10, 100, 0))
-    assert (begin(10, at, 250, 256), begin(10, at, 260, 256)) == (Begin(40, 240, 0), Begin(50, 3, 256))
-    assert begin(10, at, 10**9, 256) == Begin(60, 9, 256)
-    assert begin(10, [(10, 200), (20, 100), (30, 220)], 210, 256) == Begin(10)
+    assert (seek_point(10, at, 100, 256), seek_point(10, at, 101, 256)) == (SeekPoint(10), SeekPoint(10, 100, 0))
+    assert (seek_point(10, at, 250, 256), seek_point(10, at, 260, 256)) == (
+        SeekPoint(40, 240, 0),
+        SeekPoint(50, 3, 256),
+    )
+    assert seek_point(10, at, 10**9, 256) == SeekPoint(60, 9, 256)
+    assert seek_point(10, [(10, 200), (20, 100), (30, 220)], 210, 256) == SeekPoint(10)
 
 
 @pytest.mark.parametrize("name", NAMES)

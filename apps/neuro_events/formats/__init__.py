@@ -1,4 +1,4 @@
-"""The event file formats: one module each, and the registry of all."""
+"""Event file formats: one module per format, and the registry of all formats."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from neuro_events.formats.rosbag import ROS1, ROS2
 from neuro_events.formats.table import TABLE, TXT
 
 SIGNED = (ROS1, ROS2, MAT, HDF5, NPZ, AEDAT4, AEDAT2, AEDAT3, EVENT_STREAM, DAT)
-"""Formats with a signature in the file, which are asked first."""
+"""Formats with a signature in the file. Detection tries these first."""
 OTHERS = (RAW, EVT3, EVT2, EVT21, NMNIST, TABLE, TXT)
 
 FORMATS: Registry[Format] = Registry(
@@ -44,11 +44,11 @@ FORMATS: Registry[Format] = Registry(
     name=lambda part: str(part.name),
     complete=complete,
 )
-"""All formats by name."""
+"""Formats by name."""
 
 
 def written() -> Iterator[Format]:
-    """The formats that can be written."""
+    """Return the formats that can be written."""
     return (f for f in FORMATS.values() if f.write)
 
 

@@ -1,9 +1,9 @@
-"""Columns of events as tables of all kinds hold them: which is which, and their values as events.
+"""Columns of events in tables of any kind: identification by name or content, and conversion to events.
 
-Names are compared without case, signs and the word "event": ``t``, ``ts``, ``timeStamp``, ``ev_x``, ``pol`` and more.
-A name may tell the unit of time: ``t_ns``, ``timestamp [us]``, ``t (s)``. Else times that are all whole are us, and
-times with a fraction are seconds. Times finer than a us are rounded to the nearest. Of polarities 1 is ON, 0 and -1 are
-OFF. A file is asked once, at its beginning, so that all its parts are read alike.
+Names are compared without case, punctuation and the word "event": ``t``, ``ts``, ``timeStamp``, ``ev_x``, ``pol`` and
+more. A name may state the unit of time: ``t_ns``, ``timestamp [us]``, ``t (s)``. Otherwise whole times are us, and
+times with a fraction are seconds. Times finer than 1 us are rounded to the nearest us. Polarity 1 is ON, 0 and -1 are
+OFF. Columns and unit are determined once, at the beginning of a file, so that all parts are decoded in the same way.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ NAMES = {
     "p": ("p", "ps", "pol", "pols", "polarity", "polarities", "on"),
 }
 UNITS = {"s": 6, "sec": 6, "seconds": 6, "ms": 3, "us": 0, "usec": 0, "microseconds": 0, "ns": -3, "nsec": -3}
-"""Powers of ten by which a time becomes us."""
+"""Exponents e of the units: a time times 10^e is in us."""
 
 US, SECONDS = 0, 6
 ORDERS = ("txyp", "xypt", "xytp", "xtyp", "ptxy", "pxyt", "tpxy", "txpy", "xtpy", "xpty", "xpyt", "pxty")
-"""Orders of columns without names, the likelier first; x stands before y."""
+"""Orders of columns without names, the most likely first. x always precedes y."""
 
 MANY = 16
-"""Rising times that are no coincidence: of 17 distinct coordinates in random order 1 in 10^14 rises throughout."""
+"""Number of rises that identify a time: 17 distinct coordinates in random order all rise in 1 of 10^14 cases."""
 
 _LIMIT = 2.0**63
 
 
 class Ambiguous(ValueError):
-    """Raised where columns without names may be in several orders.
+    """Raised if columns without names may have several orders.
 
     Attributes:
-        orders: the orders, the likeliest first.
-        why: why the likeliest one was not taken.
+        orders: the possible orders, the most likely first.
+        why: reason against the most likely order.
     """
 
     def __init__(self, first: str, others: Sequence[str], why: str) -> None:
@@ -56,11 +56,11 @@ class Ambiguous(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """Which columns of a table hold what.
+    """Names of the columns in a table.
 
     Attributes:
-        t, x, y, p: names as the table has them.
-        unit: power of ten by which a time becomes us, None where the name has none.
+        t, x, y, p: the names in the table.
+        unit: exponent of the unit of time (see `UNITS`), None if the name states none.
     """
 
     t: str
@@ -71,52 +71,51 @@ class Names:
 
 
 def find_names(names: Iterable[str]) -> Names | None:
-    """The columns among the names of a table, None where one is missing; of several the first counts."""
-    found: dict[str, str] = {}
+    """Return the columns of t, x, y and p among a table's names, or None if one is missing. The first match counts."""
+    matches: dict[str, str] = {}
     unit = None
     for name in names:
         words = [word for word in re.findall("[a-zµ]+", name.lower().replace("µ", "u")) if not word.startswith("ev")]
-        known = next((key for key, all_ in NAMES.items() if words and words[0] in all_), None)
-        if known is None or known in found or (len(words) > 1 and not (known == "t" and words[-1] in UNITS)):
+        field = next((key for key, all_ in NAMES.items() if words and words[0] in all_), None)
+        if field is None or field in matches or (len(words) > 1 and not (field == "t" and words[-1] in UNITS)):
             continue
-        found[known] = name
+        matches[field] = name
         if len(words) > 1:
             unit = UNITS[words[-1]]
-    return Names(**found, unit=unit) if len(found) == len(NAMES) else None
+    return Names(**matches, unit=unit) if len(matches) == len(NAMES) else None
 
 
 def unit_of(t: Array) -> int:
-    """The power of ten by which times without a named unit become us, from some of them."""
+    """Return the exponent of the unit of times without a named unit, from a sample: fractions mean seconds."""
     return SECONDS if t.dtype.kind == "f" and bool(np.any(np.isfinite(t) & (t != np.rint(t)))) else US
 
 
 def order_of(columns: Array, pointed: Sequence[bool] = (False,) * 4) -> str:
-    """Return the order of four columns without names: the likeliest whose coordinates and polarities are possible.
+    """Return the order of four columns without names: the most likely one with valid coordinates and polarities.
 
-    An order in which times have decimal points and coordinates have none is likelier than the others.
-
-    If time runs back in that order, another one counts only where its times rise `MANY` times and never fall. E.g. the
-    rows (5, 1, 2, 1) and (3, 1, 2, 0) are t x y p whose time runs back.
+    An order is preferred if its times have decimal points and its coordinates have none. If time runs back in the most
+    likely order, another order is chosen only if its times rise `MANY` times and never fall.
+    Example: the rows (5, 1, 2, 1) and (3, 1, 2, 0) are t x y p, with a time that runs back.
 
     Args:
         columns: (n, 4) the first rows.
-        pointed: of each column, whether its numbers have decimal points.
+        pointed: for each column, True if its numbers have decimal points.
 
     Returns:
-        one of `ORDERS`; the first where none is possible.
+        One of `ORDERS`; the first if no order is possible.
 
     Raises:
-        Ambiguous: time runs back in the likeliest order and rises in another, too seldom to decide for it; or time
-            stands still in the likeliest order, and another column may be time.
+        Ambiguous: time runs back in the most likely order, and rises in another order, but fewer than `MANY` times; or
+            time is constant in the most likely order, and another column may be the time.
     """
     possible = [order for order in ORDERS if fits(columns, order, in_time=False)] or [ORDERS[0]]
-    told = [order for order in possible if in_seconds(pointed, order)]
-    first = (told or possible)[0]
+    with_seconds = [order for order in possible if in_seconds(pointed, order)]
+    first = (with_seconds or possible)[0]
     t = columns[:, first.index("t")]
     if len(t) < 2 or not np.isfinite(t).all():
         return first
     if fits(columns, first, in_time=True):
-        likelier = possible[: possible.index(first)] if told else possible
+        likelier = possible[: possible.index(first)] if with_seconds else possible
         others = [] if _rises(columns, first) else [order for order in likelier if _may_be_time(columns, order)]
         why = f"stands still at {t[0]:.15g}"
     else:
@@ -128,11 +127,11 @@ def order_of(columns: Array, pointed: Sequence[bool] = (False,) * 4) -> str:
         why = f"runs back from {t[k]:.15g} to {t[k + 1]:.15g}"
     if not others:
         return first
-    raise Ambiguous(first, others, f"time {why}{'' if told or unit_of(t) else ' us'}")
+    raise Ambiguous(first, others, f"time {why}{'' if with_seconds or unit_of(t) else ' us'}")
 
 
 def in_seconds(pointed: Sequence[bool], order: str) -> bool:
-    """Return whether times have decimal points that coordinates lack, as seconds of whole numbers have."""
+    """Return whether times have decimal points and coordinates have none, as times in seconds have."""
     t, x, y = (pointed[order.index(name)] for name in "txy")
     return t and not (x or y)
 
@@ -143,9 +142,10 @@ def _rises(columns: Array, order: str) -> int:
 
 
 def _may_be_time(columns: Array, order: str) -> bool:
-    """Return whether a column changes, of few rows, or rises in every second of many rows and never falls.
+    """Return whether a column may be a time: it never falls, and rises in at least every second row.
 
-    Of events that a simulator gives at one time, row by row of the sensor, y rises more seldom.
+    With fewer than `MANY` rows a change suffices. A simulator that lists the events of one time row by row of the
+    sensor has a y that rises less often.
     """
     steps = np.diff(columns[:, order.index("t")])
     if len(steps) < MANY:
@@ -154,37 +154,43 @@ def _may_be_time(columns: Array, order: str) -> bool:
 
 
 def fits(columns: Array, order: str, *, in_time: bool) -> bool:
-    """Whether four columns can be in an order: whole coordinates, polarities from -1 to 1.
+    """Return whether four columns can have an order: whole coordinates, and polarities from -1 to 1.
 
     Args:
         columns: (n, 4) numbers.
-        order: such as "txyp".
-        in_time: whether time must not run back, either.
+        order: an order such as "txyp".
+        in_time: also require that time never runs back.
     """
     t, x, y, p = (columns[:, order.index(name)] for name in "txyp")
-    if any(_wrong(c, 0, 65535) is not None for c in (x, y)) or _wrong(p, -1, 1) is not None:
+    if any(_first_outside(c, 0, 65535) is not None for c in (x, y)) or _first_outside(p, -1, 1) is not None:
         return False
     return not in_time or bool(np.all(np.isfinite(t)) and np.all(t[1:] >= t[:-1]))
 
 
 def to_piece(columns: Mapping[str, Array], unit: int, first: int, place: int | None) -> tuple[Piece, str | None]:
-    """Columns as events.
+    """Convert columns to events.
 
     Args:
-        columns: t, x, y and p, equally long.
-        unit: power of ten by which a time becomes us.
+        columns: t, x, y and p, of equal length.
+        unit: exponent of the unit of time, see `UNITS`.
         first: number of the first event, for messages.
-        place: byte of the file where they lie.
+        place: byte of the file at which the columns are stored.
 
     Returns:
-        the events up to the first that cannot be, and what is wrong with that one (None: all are right).
+        The events before the first invalid one, and the fault of that one (None: all events are valid).
     """
     faults = [
-        fault for fault in (_time(columns["t"], unit), *(_place(columns, n) for n in "xy"), _sign(columns)) if fault
+        fault
+        for fault in (
+            _time_fault(columns["t"], unit),
+            *(_position_fault(columns, n) for n in "xy"),
+            _polarity_fault(columns),
+        )
+        if fault
     ]
     end, what = min(faults, default=(len(columns["t"]), None))
-    none = np.zeros(0, np.uint8)  # a column of a type that is not numeric cannot be converted, even where it is empty
-    t, x, y, p = (columns[name][:end] if end else none for name in "txyp")
+    empty = np.zeros(0, np.uint8)  # a column of text cannot be converted to numbers, even if empty
+    t, x, y, p = (columns[name][:end] if end else empty for name in "txyp")
     sign = p.astype(np.int8, copy=False) if p.dtype.kind != "u" else p
     piece = Piece(
         _microseconds(t, unit),
@@ -210,7 +216,7 @@ def _microseconds(t: Array, unit: int) -> npt.NDArray[np.int64]:
 Fault = tuple[int, str]
 
 
-def _time(t: Array, unit: int) -> Fault | None:
+def _time_fault(t: Array, unit: int) -> Fault | None:
     limit = _LIMIT / 10.0 ** max(unit, 0)
     if t.dtype.kind == "f":
         bad = ~(np.abs(t) < limit) | ((t != np.rint(t)) & (unit == US))
@@ -226,20 +232,20 @@ def _time(t: Array, unit: int) -> Fault | None:
     return k, f"t is {t[k]}, expected {'a whole number of us' if unit == US else 'a time'} below 2^63 us"
 
 
-def _place(columns: Mapping[str, Array], name: str) -> Fault | None:
+def _position_fault(columns: Mapping[str, Array], name: str) -> Fault | None:
     values = columns[name]
-    k = None if values.dtype in (np.uint16, np.uint8) else _wrong(values, 0, 65535)
+    k = None if values.dtype in (np.uint16, np.uint8) else _first_outside(values, 0, 65535)
     return None if k is None else (k, f"{name} is {values[k]}, expected a whole number from 0 to 65535")
 
 
-def _sign(columns: Mapping[str, Array]) -> Fault | None:
+def _polarity_fault(columns: Mapping[str, Array]) -> Fault | None:
     values = columns["p"]
-    k = _wrong(values, -1, 1)
+    k = _first_outside(values, -1, 1)
     return None if k is None else (k, f"p is {values[k]}, expected 1 for ON, and 0 or -1 for OFF")
 
 
-def _wrong(values: Array, low: int, high: int) -> int | None:
-    """The first value that is no whole number in a range."""
+def _first_outside(values: Array, low: int, high: int) -> int | None:
+    """Return the index of the first value that is not a whole number from `low` to `high`, None if all are."""
     if values.dtype.kind == "b" or not values.size:
         return None
     if values.dtype.kind not in "iuf":

@@ -1,7 +1,7 @@
-"""What a file format is to the rest of the package.
+"""Interface of a file format.
 
-A reader gives the events of a file in pieces, so that a file of any size is read in constant memory and a damaged one
-gives what is whole. The same reader serves `load`, which asks for one piece, and `stream`.
+A reader yields the events of a file in pieces, so that a file of any size is read in constant memory, and the pieces
+before a damage can be used. The same reader serves `load`, which requests one piece, and `stream`.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ Size = tuple[int, int]
 
 
 class Damage(ValueError):
-    """Raised by a reader, after all whole pieces before it: ``what`` is wrong at byte ``offset`` of the data.
+    """Damage of a file, raised by a reader after all intact pieces.
 
-    The offset is None where no byte is to blame, as in a file that another library unpacks.
+    ``what`` describes the damage at byte ``offset`` of the data. The offset is None if no single byte is at fault, as
+    in a file that another library decodes.
     """
 
     def __init__(self, what: str, offset: int | None) -> None:
@@ -37,7 +38,7 @@ class Damage(ValueError):
 
 
 class Unsavable(ValueError):
-    """Raised by a writer: the format has no room for event ``event``, because of ``what``; ``hint`` is the way out."""
+    """Raised by a writer for an event that the format cannot store: its number ``event``, reason ``what``, ``hint``."""
 
     def __init__(self, what: str, event: int, hint: str = "") -> None:
         super().__init__(what, event, hint)
@@ -47,22 +48,22 @@ class Unsavable(ValueError):
 
 
 def no_place(event: int) -> int | None:
-    """None: no byte or line is known for an event."""
+    """Return None, for formats in which the byte or line of an event is unknown."""
     return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Some events in the order of the file, not yet checked against the sensor.
+    """Consecutive events of a file, not yet checked against the sensor.
 
     Attributes:
         t: (n,) int64, us.
         x, y: (n,) uint16, px.
         p: (n,) uint8, 1 = ON.
-        highest: largest x and y, (-1, -1) where there is no event; None: not looked at.
-        ordered: whether time does not run back within the piece; None: not looked at.
-        place: gives the byte at which an event of the piece begins, None where there is no such byte.
-        line: gives the line of the text at which it stands, None where the file is no text.
+        highest: largest x and y, (-1, -1) without events. None: not determined.
+        ordered: True if time never runs back within the piece. None: not determined.
+        place: function from the index of an event to the byte at which the event begins, or to None.
+        line: function from the index of an event to its line number in a text file, or to None.
     """
 
     t: npt.NDArray[np.int64]
@@ -76,13 +77,13 @@ class Piece:
 
 
 class Reader(Protocol):
-    """An open file.
+    """A reader of an open file.
 
-    A reader of several layouts may have ``untested``, as `Format` has.
+    A reader of several layouts may have an attribute ``untested``, as `Format` has.
 
     Attributes:
-        sensor_size: width and height that the file or the format states, None where neither does; may raise `Damage`.
-        metadata: what the file says of itself.
+        sensor_size: width and height that the file or the format states, or None; may raise `Damage`.
+        metadata: further properties that the file states.
     """
 
     @property
@@ -90,41 +91,41 @@ class Reader(Protocol):
     @property
     def metadata(self) -> Mapping[str, Any]: ...
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The events from the beginning, each piece from about ``block`` bytes.
+        """Yield the events from the beginning, in pieces of about ``block`` bytes.
 
         Raises:
-            Damage: after the last piece that is whole.
+            Damage: after the last intact piece.
         """
 
 
 @runtime_checkable
 class Seeker(Reader, Protocol):
-    """A reader that can begin later in a file that lies on the disk or in memory; `stream` asks only then."""
+    """A reader that can start at a later time in a file on disk or in memory. For other sources `stream` reads all."""
 
     def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """The same pieces as those of `pieces`, without some at the beginning.
+        """Yield the pieces of `pieces` without some at the beginning.
 
         Args:
             block: as for `pieces`.
-            start_us: in a file that is whole all events of the pieces left out are earlier, us.
+            start_us: in an intact file all events of the omitted pieces are earlier than this time, us.
 
         Raises:
-            Damage: as `pieces`, for what is read.
+            Damage: as `pieces`, for the part that is read.
         """
 
 
 @runtime_checkable
 class Sized(Protocol):
-    """A reader of files that do not tell which of several sensors they are of.
+    """A reader of files that may come from several sensors and do not state which.
 
     Attributes:
-        way_out: the option that tells it, for messages.
+        way_out: text about the option that chooses the sensor, for messages.
     """
 
     way_out: str
 
     def use_sensor(self, size: Size) -> None:
-        """Read the file as one of this sensor; called before all else, where the user gives a size.
+        """Decode the file as one from this sensor. Called first, if the user specifies a size.
 
         Raises:
             Damage: no sensor of the format has this size.
@@ -136,22 +137,22 @@ class Format:
     """A file format.
 
     Attributes:
-        name: the word that ``load(..., format=name)`` takes.
-        title: what to call it in a message.
+        name: value of ``load(..., format=name)``.
+        title: name for messages.
         suffixes: endings of file names, lower case, with the dot.
-        knows: whether the first bytes of a file (up to `HEAD`) are those of this format; a format without a signature
-            says False and is found by its suffixes.
-        open: make a reader; raises `Damage` where the header is damaged.
-        write: write pieces of one recording to a path that is new; raises `Unsavable`. None: only read.
-        usual: the sensor where the file states none and all events fit.
-        larger: sensors that are tried after `usual`, in this order.
-        inside: as `open`, for one recording of a file with several, by its place: the rest of ``load(...,
-            format="hdf5:/davis/left")``; None where files have no places.
-        guesses: whether `knows` goes by looks, as of plain text; it is then asked after all signatures.
-        holds: (events, time of the event before them or None) -> (n,) bool, the events that `write` has room for; None:
-            it has room for all.
-        grows: whether what `write` has written so far is a recording at any time, so that a killed process leaves one.
-        untested: why nothing but files made from the specification was read, "" where real ones were.
+        knows: function that returns True if the first bytes of a file (up to `HEAD`) are of this format. A format
+            without a signature returns False and is detected by its suffixes.
+        open: function that creates a reader; raises `Damage` if the header is damaged.
+        write: function that writes the parts of one recording to a new path; raises `Unsavable`. None: read only.
+        usual: sensor to assume if the file states none and all events fit.
+        larger: sensors to try after `usual`, in this order.
+        inside: as `open`, for one of several recordings in a file. The second argument is the place of the recording:
+            the part after the colon in ``load(..., format="hdf5:/davis/left")``. None: no places.
+        guesses: True if `knows` has no signature to check, as for plain text. Such formats are tried last.
+        holds: function (events, time of the event before them or None) -> (n,) bool, True for the events that `write`
+            can store. None: all events.
+        grows: True if the output of `write` is a readable recording at any time, so that a killed process leaves one.
+        untested: reason why the format was tested only on files made from its specification, "" if on real files.
     """
 
     name: str
@@ -170,7 +171,11 @@ class Format:
 
 
 def complete(part: Format) -> Format:
-    """Return a format if its words can be used on the command line, and raise `TypeError` if not."""
+    """Check that the attributes of a format are usable on the command line, and return the format.
+
+    Raises:
+        TypeError: an attribute is unusable.
+    """
     what = f"event format {part.name!r:.40}"
     if not isinstance(part.name, str) or not part.name or set(part.name) & set(": /"):
         raise TypeError(f"{what}: expected a name without ':', '/' and spaces")
@@ -178,29 +183,29 @@ def complete(part: Format) -> Format:
     if not isinstance(endings, tuple) or not all(isinstance(e, str) and e[:1] == "." for e in endings):
         raise TypeError(f"{what}: suffixes = {endings!r:.60}: expected endings with a dot, such as ('.mine',)")
     if any(ending != ending.lower() for ending in endings):
-        raise TypeError(f"{what}: suffixes = {endings!r:.60}: expected lower case, which any case of a name fits")
+        raise TypeError(f"{what}: suffixes = {endings!r:.60}: expected lower case, which matches names in any case")
     if not callable(part.knows) or not callable(part.open):
         raise TypeError(f"{what}: expected two functions, knows(head) and open(source)")
     return part
 
 
 def called(name: str, formats: Iterable[Format]) -> Format | None:
-    """The format of this name, else the only one whose files end so (as bin, or .bin); None where there is none."""
-    ending, found = "." + name.lower().removeprefix("."), []
+    """Return the format with this name, else the only one with this ending (such as bin or .bin), else None."""
+    ending, matches = "." + name.lower().removeprefix("."), []
     for f in formats:
         if f.name == name:
             return f
-        found += [f] if ending in f.suffixes else []
-    return found[0] if len(found) == 1 else None
+        matches += [f] if ending in f.suffixes else []
+    return matches[0] if len(matches) == 1 else None
 
 
 HEAD = 4096
-"""Bytes by which formats are recognised."""
+"""Number of bytes at the beginning of a file for the detection of its format."""
 
 
 @dataclass(slots=True)
 class Found:
-    """A reader made of a list of pieces, for formats that are read at once; `damage` is what lies behind them."""
+    """A reader of pieces in memory, for formats that are decoded at once. `damage` follows the pieces."""
 
     sensor_size: Size | None
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -208,25 +213,25 @@ class Found:
     damage: Damage | None = None
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The pieces as they are, then the damage."""
+        """Yield the pieces, then raise the damage, if any."""
         yield from self.parts
         if self.damage is not None:
             raise self.damage
 
 
 EXTRA = "events"
-"""The extra of this package that installs them."""
+"""Name of the package's extra that installs the optional dependencies of the formats."""
 
 
 def extra(module: str, what: str) -> ModuleType:
     """Import a module of an optional package.
 
     Args:
-        module: its name.
-        what: for what it is needed.
+        module: name of the module.
+        what: what needs the package, for the message.
 
     Raises:
-        Damage: it is not installed; says the command that installs it.
+        Damage: the package is not installed; the message has the command that installs it.
     """
     try:
         return import_module(module)
@@ -236,11 +241,11 @@ def extra(module: str, what: str) -> ModuleType:
 
 
 OWN = ("format", "t0")
-"""Of the file itself, not of the recording; found anew when it is read."""
+"""Metadata about the file rather than the recording. Readers add them, so writers omit them."""
 
 
 def as_json(metadata: Mapping[str, Any]) -> str:
-    """Metadata as JSON; what JSON cannot say is written as its text."""
+    """Convert metadata to JSON. Values that JSON cannot represent are written as text."""
     return json.dumps({str(key): value for key, value in metadata.items() if key not in OWN}, default=_plain)
 
 
@@ -251,51 +256,51 @@ def _plain(value: Any) -> Any:
 
 
 def from_json(text: str) -> dict[str, Any]:
-    """The metadata that `as_json` wrote.
+    """Convert the output of `as_json` to metadata.
 
     Raises:
-        ValueError: the text is none.
+        ValueError: the text is not a JSON object.
     """
     try:
-        found = json.loads(text)
+        metadata = json.loads(text)
     except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise ValueError("its metadata are no JSON object")
-    return {key: value for key, value in found.items() if key not in OWN}
+        metadata = None
+    if not isinstance(metadata, dict):
+        raise ValueError("its metadata are not a JSON object")
+    return {key: value for key, value in metadata.items() if key not in OWN}
 
 
 def in_order(parts: Iterator[Events]) -> Iterator[tuple[int, Events]]:
-    """The parts of one recording, each with the number of events before it.
+    """Yield the parts of one recording, each with the number of events before it.
 
     Args:
-        parts: of one recording, in order.
+        parts: the parts of one recording, in order.
 
     Raises:
-        Unsavable: a part has another sensor than the first, or begins before the one before it ends.
+        Unsavable: a part has another sensor than the first, or begins before the end of the part before.
     """
-    done, last = 0, np.iinfo(np.int64).min
+    n_before, last = 0, np.iinfo(np.int64).min
     size = None
     for part in parts:
         size = size or part.sensor_size
         if part.sensor_size != size:
             has, had = (f"{width}x{height}" for width, height in (part.sensor_size, size))
-            raise Unsavable(f"its sensor is {has}, expected {had} as in the first part", done)
+            raise Unsavable(f"its sensor is {has}, expected {had} as in the first part", n_before)
         if len(part):
             if part.t[0] < last:
-                raise Unsavable(f"time runs back from {last} to {part.t[0]} us", done)
+                raise Unsavable(f"time runs back from {last} to {part.t[0]} us", n_before)
             last = int(part.t[-1])
-        yield done, part
-        done += len(part)
+        yield n_before, part
+        n_before += len(part)
 
 
 def held(parts: Iterable[Events], format: Format, left_out: Callable[[int], None]) -> Iterator[Events]:
-    """Leave out the events for which a format has no room.
+    """Drop the events that a format cannot store.
 
     Args:
-        parts: of one recording, in order.
-        format: that is written.
-        left_out: called with the number of events that were left out of a part.
+        parts: the parts of one recording, in order.
+        format: the format to write.
+        left_out: called with the number of events dropped from a part.
     """
     last = None
     for part in parts:
@@ -307,18 +312,18 @@ def held(parts: Iterable[Events], format: Format, left_out: Callable[[int], None
         yield part
 
 
-EARLIER = "the filter 'shift: {to_us: 0}' lets it begin at 0 us; what is longer fits in parts of 'neuro events split'"
+EARLIER = "the filter 'shift: {to_us: 0}' moves the first event to 0 us; 'neuro events split' cuts a longer recording"
 SMALLER = "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make the sensor smaller"
 
 
-class Room(NamedTuple):
-    """Times and places that a format can store.
+class Limits(NamedTuple):
+    """Range of times and positions that a format can store.
 
     Attributes:
-        times: times from 0 up to this, us, not included; 0: any from 0 us on.
+        times: end of the range of times, us, exclusive; the range begins at 0. 0: no end.
         columns: number of columns.
         rows: number of rows; 0: as many as columns.
-        reserved: a row that means something else; -1: none.
+        reserved: a row with another meaning; -1: none.
     """
 
     times: int
@@ -327,49 +332,54 @@ class Room(NamedTuple):
     reserved: int = -1
 
     def outside(self, events: Events) -> npt.NDArray[np.bool_]:
-        """Return which events lie at places that cannot be stored."""
+        """Return True for events at positions that cannot be stored."""
         off: npt.NDArray[np.bool_] = (events.x >= self.columns) | (events.y >= (self.rows or self.columns))
         return off if self.reserved < 0 else off | (events.y == self.reserved)
 
     def holds(self, events: Events, last: int | None = None) -> npt.NDArray[np.bool_]:
-        """Return which events can be stored; see `Format.holds`."""
+        """Return True for events that can be stored; see `Format.holds`."""
         in_time: npt.NDArray[np.bool_] = (events.t >= 0) & ((events.t < self.times) | (self.times == 0))
         return in_time & ~self.outside(events)
 
-    def check(self, events: Events, done: int) -> None:
-        """Refuse the first event of a part that cannot be stored.
+    def check(self, events: Events, n_before: int) -> None:
+        """Raise an error about the first event of a part that cannot be stored.
 
         Args:
             events: the part.
-            done: number of events before it.
+            n_before: number of events before the part.
 
         Raises:
-            Unsavable: there is one.
+            Unsavable: an event cannot be stored.
         """
         when = f"t 0 to {self.times - 1} us" if self.times else "t from 0 us on"
         where = (
             f"x 0 to {self.columns - 1}, y 0 to {self.rows - 1}" if self.rows else f"x and y 0 to {self.columns - 1}"
         )
         reserved = f", y not {self.reserved}" if self.reserved >= 0 else ""
-        refuse(events, ~self.holds(events), done, f"{when}, {where}{reserved}", self.outside(events))
+        refuse(events, ~self.holds(events), n_before, f"{when}, {where}{reserved}", self.outside(events))
 
 
 def refuse(
-    events: Events, bad: npt.NDArray[np.bool_], done: int, limits: str, outside: npt.NDArray[np.bool_] | None = None
+    events: Events,
+    unsavable: npt.NDArray[np.bool_],
+    n_before: int,
+    limits: str,
+    outside: npt.NDArray[np.bool_] | None = None,
 ) -> None:
-    """Refuse the first event of a part that is bad.
+    """Raise an error about the first event of a part that cannot be stored.
 
     Args:
         events: the part.
-        bad: (n,) which events do not fit.
-        done: number of events before the part.
-        limits: what was expected.
-        outside: (n,) which of them lie at a place for which there is no room; the others do so in time. None: unknown.
+        unsavable: (n,) True for events that cannot be stored.
+        n_before: number of events before the part.
+        limits: the expected range, for the message.
+        outside: (n,) True for events whose position cannot be stored; for the others the time is at fault. None:
+            unknown.
 
     Raises:
-        Unsavable: there is one.
+        Unsavable: an event cannot be stored.
     """
-    if bad.any():
-        k = int(bad.argmax())
+    if unsavable.any():
+        k = int(unsavable.argmax())
         hint = "" if outside is None else SMALLER if outside[k] else EARLIER
-        raise Unsavable(f"t {events.t[k]}, x {events.x[k]}, y {events.y[k]}; expected {limits}", done + k, hint)
+        raise Unsavable(f"t {events.t[k]}, x {events.x[k]}, y {events.y[k]}; expected {limits}", n_before + k, hint)

@@ -29,7 +29,7 @@ import numpy.typing as npt
 from neuro.apps import LazyModule
 from neuro_events.formats._columns import SECONDS, US, Names, find_names, fits, to_piece, unit_of
 from neuro_events.formats._format import Damage, Piece, extra
-from neuro_events.formats._reading import bisected
+from neuro_events.formats._reading import bisect_blocks
 
 h5py = LazyModule("h5py")
 
@@ -105,7 +105,7 @@ class OpenRecording:
             return us + self.offset
 
         try:
-            return step * bisected(first, -(-len(self.datasets[0]) // step), start_us)
+            return step * bisect_blocks(first, -(-len(self.datasets[0]) // step), start_us)
         except FAILURES:
             return 0
 

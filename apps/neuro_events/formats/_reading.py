@@ -1,4 +1,4 @@
-"""What readers of several formats share: a cursor over bytes, packets gathered into pieces, and where to begin."""
+"""Helpers for readers of several formats: a byte cursor, a buffer for the events of packets, and seeking by time."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from neuro_events.formats._format import Piece, Size, in_order
 from neuro_events.source import Bytes, Source
 
 
-def decoded(
-    room: Columns, n: int, highest: tuple[int, int], ordered: bool, place: Callable[[int], int | None]
+def make_piece(
+    columns: Columns, n: int, highest: tuple[int, int], ordered: bool, place: Callable[[int], int | None]
 ) -> Piece:
-    """The first n events of what a kernel filled.
+    """Return the first n events of columns that a kernel filled, as a piece.
 
     Args:
-        room: the columns.
-        n: how many events there are.
-        highest: largest x and y, as the kernel has them.
-        ordered: whether time does not run back.
-        place: gives the byte at which an event begins.
+        columns: the columns.
+        n: number of events.
+        highest: largest x and y, as the kernel returns them.
+        ordered: True if time never runs back.
+        place: function from the index of an event to the byte at which the event begins.
     """
-    t, x, y, p = room
+    t, x, y, p = columns
     largest = (int(highest[0]), int(highest[1])) if n else (-1, -1)
     return Piece(t[:n], x[:n], y[:n], p[:n], largest, bool(ordered), place)
 
@@ -40,32 +40,32 @@ def write_words(
     """Write a recording as a header and words.
 
     Args:
-        parts: of the recording, in order.
-        path: where to.
-        header: of a sensor's width and height, None where there is no part.
-        words: of a part, and the number of events before it; raises `Unsavable`.
+        parts: the parts of the recording, in order.
+        path: the file to write.
+        header: function from the sensor's width and height to the header. The argument is None if there are no parts.
+        words: function from the number of events before a part, and the part, to its bytes; raises `Unsavable`.
     """
     with growing(path.open("wb")) as append:
-        begun = False
-        for done, events in in_order(parts):
-            if not begun:
+        has_header = False
+        for n_before, events in in_order(parts):
+            if not has_header:
                 append(header(events.sensor_size))
-            begun = True
-            append(words(done, events))
-        if not begun:
+            has_header = True
+            append(words(n_before, events))
+        if not has_header:
             append(header(None))
 
 
 @contextmanager
-def growing(opened: BinaryIO) -> Iterator[Callable[[Any], None]]:
-    """Let a new file grow piece by piece, and close it. Gives the function that appends a piece.
+def growing(file_to_close: BinaryIO) -> Iterator[Callable[[Any], None]]:
+    """Yield a function that appends to a new file, and close the file at the end.
 
-    A piece is with the system when the next one begins, so a killed process leaves it. If one cannot be written, as on
-    a full disk, the file is cut where that piece began.
+    Each piece is flushed to the operating system, so that a killed process leaves a usable file. If a piece cannot be
+    written, as on a full disk, the file is truncated to the pieces before.
     """
-    size, name = 0, getattr(opened, "name", None)
+    size, name = 0, getattr(file_to_close, "name", None)
     try:
-        with opened as file:
+        with file_to_close as file:
 
             def append(data: Any) -> None:
                 nonlocal size
@@ -75,22 +75,22 @@ def growing(opened: BinaryIO) -> Iterator[Callable[[Any], None]]:
 
             yield append
     except BaseException:
-        if name is not None:  # none is of standard output
+        if name is not None:  # standard output has no name and cannot be truncated
             with suppress(OSError):
                 os.truncate(name, size)
         raise
 
 
 class Cursor:
-    """Takes the bytes of a source one after the other.
+    """Cursor that reads the bytes of a source in order.
 
     Args:
-        source: where they come from.
-        start: first byte.
-        block: bytes to hold at a time.
+        source: the source.
+        start: offset of the first byte.
+        block: bytes to buffer at a time.
 
     Attributes:
-        at: the next byte.
+        at: offset of the next byte.
     """
 
     def __init__(self, source: Source, start: int, block: int) -> None:
@@ -100,18 +100,18 @@ class Cursor:
         self._used = 0
 
     @property
-    def held(self) -> Bytes:
-        """What comes next, as far as it is read."""
+    def buffered(self) -> Bytes:
+        """The next bytes that are already in the buffer."""
         return self._held[self._used :]
 
     def take(self, count: int) -> Bytes:
-        """The next ``count`` bytes; fewer only at the end of the file."""
+        """Return the next ``count`` bytes, or fewer at the end of the file."""
         if self._held.size - self._used < count:
             self._fill(count)
-        taken = self._held[self._used : self._used + count]
-        self._used += taken.size
-        self.at += taken.size
-        return taken
+        data = self._held[self._used : self._used + count]
+        self._used += data.size
+        self.at += data.size
+        return data
 
     def _fill(self, count: int) -> None:
         parts = [self._held[self._used :]]
@@ -134,10 +134,10 @@ def _longer(old: npt.NDArray[Kind], size: int) -> npt.NDArray[Kind]:
 
 
 class GrowingArray:
-    """Gathers the events of packets.
+    """Buffer that collects the events of packets.
 
     Attributes:
-        t: int64, us; filled up to ``used``, as are the others.
+        t: int64, us; valid up to ``used``, as are the other columns.
         x, y: uint16, px.
         p: uint8, 1 = ON.
         used: number of events.
@@ -146,33 +146,33 @@ class GrowingArray:
     def __init__(self) -> None:
         self._reset(0)
 
-    def _reset(self, room: int) -> None:
-        self.t, self.x, self.y, self.p = empty_columns(room)
+    def _reset(self, capacity: int) -> None:
+        self.t, self.x, self.y, self.p = empty_columns(capacity)
         self.used = 0
         self._highest = (-1, -1)
         self._ordered = True
         self._begins: list[int] = []
         self._places: list[int | None] = []
 
-    def room(self, count: int) -> None:
-        """Make room for so many events after those that are there."""
+    def reserve(self, count: int) -> None:
+        """Enlarge the columns, if needed, for `count` more events."""
         needed = self.used + count
         if needed > self.t.size:
             size = max(needed, 2 * self.t.size)
             self.t, self.p = _longer(self.t, size), _longer(self.p, size)
             self.x, self.y = _longer(self.x, size), _longer(self.y, size)
 
-    def added(
+    def commit(
         self, begins: Sequence[int], places: Sequence[int | None], used: int, highest: tuple[int, int], ordered: bool
     ) -> None:
-        """Say what was filled in.
+        """Count events that the caller wrote to the columns after the first `used`.
 
         Args:
-            begins: first event of each packet.
-            places: byte at which each begins.
-            used: number of events that there are now.
-            highest: largest x and y of the new ones.
-            ordered: whether time does not run back among them, and from the last one before them.
+            begins: index of the first event of each packet.
+            places: byte at which each packet begins.
+            used: new number of events.
+            highest: largest x and y of the new events.
+            ordered: True if time never runs back among the new events, and from the last event before them.
         """
         if used == self.used:
             return
@@ -183,7 +183,7 @@ class GrowingArray:
         self.used = used
 
     def piece(self) -> Piece:
-        """What there is; what comes next begins anew."""
+        """Return the collected events, and empty the buffer."""
         begins, places, n = np.array(self._begins, np.int64), self._places, self.used
 
         def place(event: int) -> int | None:
@@ -195,13 +195,13 @@ class GrowingArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Begin:
-    """Where to begin.
+class SeekPoint:
+    """A byte at which decoding can start, with the state of the clock.
 
     Attributes:
-        place: the byte of a block.
-        clock: a time that the clock shows in this block, before any event that is wanted; None at the beginning.
-        added: what its new beginnings so far add to the clock.
+        place: first byte of a block.
+        clock: a time of the clock in this block, before any requested event. None at the beginning of the file.
+        added: sum that the wraps of the clock so far add to its times.
     """
 
     place: int
@@ -209,56 +209,59 @@ class Begin:
     added: int = 0
 
 
-def begin(start: int, clocks: Iterable[tuple[int, int]], wanted: int, period: int) -> Begin:
-    """The last block that begins before a time.
+def seek_point(start: int, clocks: Iterable[tuple[int, int]], time: int, period: int) -> SeekPoint:
+    """Return the last block that begins before a time.
 
     Args:
-        start: the byte at which to begin if nothing can be left out.
-        clocks: of each block its byte and a time that the clock shows in it, at or after all events before; blocks may
-            be missing.
-        wanted: the time, in units of the clock.
+        start: first byte of the events, the fallback.
+        clocks: for each block its first byte and a time of the clock in the block, not before any event of the earlier
+            blocks. Blocks may be missing.
+        time: the time, in units of the clock.
         period: range of the clock, in the same units.
 
     Returns:
-        The block; all events before it are earlier than `wanted`, in a file that is whole.
+        The block. In an intact file all events before the block are earlier than `time`.
 
-    In files of which each part can be had alone, bisection finds the place. In others it is enough to look at one time
-    in each block, without decoding, where times do not run back. A clock that begins again is seen as a fall of these
-    times from the last sixteenth of its range to the first. What would not be seen is a block of 1 MiB that takes a
-    whole range: in DAT fewer than 31 events a second during 71 minutes, in EVT 2.0 fewer than 15 during 4.8 hours,
-    within a long recording. Any other fall means damage, or events that are not in order: then all is decoded from the
-    beginning.
+    One time per block suffices, without decoding, as long as times do not run back. A wrap of the clock appears as a
+    fall of these times from the last sixteenth of its range to the first. A wrap goes unnoticed only if one block of
+    1 MiB spans a whole range: in DAT fewer than 31 events/s during 71 minutes, in EVT 2.0 fewer than 15 events/s during
+    4.8 hours, within a long recording. Any other fall means damage, or unordered events; then the file is decoded from
+    the beginning.
+
+    Example: for start = 10, times 100, 240 and 3 at bytes 10, 40 and 50, and period = 256, a search for 260 wraps at
+    byte 50, where the clock shows 3 + 256 = 259, and returns byte 50.
     """
-    found = Begin(start)
+    last_before = SeekPoint(start)
     last = added = 0
     for place, clock in clocks:
         if clock < last:
             if last < period - period // 16 or clock >= period // 16:
-                return Begin(start)
+                return SeekPoint(start)
             added += period
         last = clock
-        if clock + added >= wanted:
+        if clock + added >= time:
             break
-        found = Begin(place, clock, added)
-    return found
+        last_before = SeekPoint(place, clock, added)
+    return last_before
 
 
-def bisected(first: Callable[[int], int], blocks: int, wanted: int) -> int:
-    """The block before the last that begins before a time, so that one is read in which time could run back.
+def bisect_blocks(first: Callable[[int], int], blocks: int, time: int) -> int:
+    """Find, by bisection, the block at which to start reading for the events from a time on.
 
     Args:
-        first: gives a time that is at or after all events before a block.
-        blocks: how many there are.
-        wanted: the time.
+        first: function from the number of a block to a time that is not before any event of the earlier blocks.
+        blocks: number of blocks.
+        time: the time.
 
     Returns:
-        The number of a block, 0 where the times seen are not in order.
+        The number of the second-last block that begins before the time, so that a time that runs back at the beginning
+        of the next block is noticed. 0 if the sampled times are not in order.
     """
-    low, high, seen = 0, blocks, []
+    low, high, samples = 0, blocks, []
     while high - low > 1:
         middle = (low + high) // 2
-        time = first(middle)
-        seen.append((middle, time))
-        low, high = (middle, high) if time < wanted else (low, middle)
-    times = [time for _, time in sorted(seen)]
+        begin = first(middle)
+        samples.append((middle, begin))
+        low, high = (middle, high) if begin < time else (low, middle)
+    times = [begin for _, begin in sorted(samples)]
     return max(low - 1, 0) if times == sorted(times) else 0

@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""Events from and to lines of text, and what the columns of any events reach."""
+"""Compiled loops that parse and write lines of text, and find the ranges of columns."""
 
 import numpy as np
 
@@ -7,25 +7,26 @@ from neuro.extend import allocating, kernel, subkernel
 
 NOT_A_NUMBER, TOO_FEW, TOO_MANY, NOT_WHOLE, OUT_OF_RANGE = 1, 2, 3, 4, 5
 _LOW = np.int64(-922337203685477580)
-"""The lowest number that may be multiplied by ten; numbers are gathered below 0, where int64 has one more."""
+"""Lowest number that can be multiplied by ten. Digits are accumulated as negative numbers, because int64 has one more
+of those than of positive ones."""
 
 
 @allocating
 def parse(data, columns, where, unit, t, x, y, p):
-    """Read lines of numbers.
+    """Parse lines of numbers.
 
     Args:
-        data: uint8, whole lines.
-        columns: how many a line has.
-        where: int64[4], columns of t, x, y, p.
-        unit: power of ten by which a time becomes us.
-        t: int64, filled.
-        x: uint16, filled.
-        y: uint16, filled.
-        p: uint8, filled.
+        data: uint8, complete lines.
+        columns: number of columns per line.
+        where: (4,) int64, columns of t, x, y, p.
+        unit: exponent of the unit of time: a time times 10^unit is in us.
+        t: int64, output.
+        x: uint16, output.
+        y: uint16, output.
+        p: uint8, output.
 
     Returns:
-        events read, byte and line at which it ended, and what is wrong there with which column (0: nothing).
+        The number of events, the byte and line at which parsing ended, and the fault there with its column (0: none).
     """
     n = 0
     at = 0
@@ -74,10 +75,13 @@ def parse(data, columns, where, unit, t, x, y, p):
 
 
 @kernel
-def rows(data, wanted, begin):
-    """Byte and line at which the event of a number begins, or the last line where there are fewer.
+def rows(data, event, begin):
+    """Find the byte and line at which an event begins. Without such an event, the last line with one counts.
 
-    `begin` is filled: int64[2].
+    Args:
+        data: uint8, complete lines.
+        event: index of the event.
+        begin: (2,) int64, output: byte and line.
     """
     at = 0
     line = 0
@@ -86,16 +90,16 @@ def rows(data, wanted, begin):
         if first < data.size and not _no_event(data[first]):
             begin[0] = at
             begin[1] = line
-            if wanted == 0:
+            if event == 0:
                 return
-            wanted -= 1
+            event -= 1
         at = _next_line(data, at)
         line += 1
 
 
 @subkernel
 def _next_line(data, at):
-    """The byte after the end of a line: LF, CR LF, or CR alone."""
+    """Return the byte after the end of a line, which is LF, CR LF or CR."""
     while at < data.size and data[at] != 10 and data[at] != 13:
         at += 1
     if at + 1 < data.size and data[at] == 13 and data[at + 1] == 10:
@@ -105,7 +109,7 @@ def _next_line(data, at):
 
 @subkernel
 def _blanks(data, at):
-    """The next byte that is no space or tab."""
+    """Return the next byte that is neither space nor tab."""
     while at < data.size and (data[at] == 32 or data[at] == 9):
         at += 1
     return at
@@ -113,13 +117,13 @@ def _blanks(data, at):
 
 @subkernel
 def _no_event(byte):
-    """Whether a line that begins with a byte is empty or a comment."""
+    """Return whether a line that begins with this byte is empty or a comment."""
     return byte == 10 or byte == 13 or byte == 35 or byte == 37
 
 
 @subkernel
 def _ends(byte):
-    """Whether a byte ends a number: comma, semicolon, space, tab or the end of the line."""
+    """Return whether a byte ends a number: comma, semicolon, space, tab or the end of the line."""
     return byte == 44 or byte == 59 or byte == 32 or byte == 9 or byte == 10 or byte == 13
 
 
@@ -129,7 +133,7 @@ _FALSE = np.frombuffer(b"false", np.uint8)
 
 @subkernel
 def _truth(data, at, end):
-    """1 for True, 0 for False, in small or capital letters; -1 for anything else."""
+    """Return 1 for "true", 0 for "false" in any case, and -1 for other text."""
     if end - at < 4 or end - at > 5:
         return -1
     word = _TRUE if end - at == 4 else _FALSE
@@ -141,7 +145,11 @@ def _truth(data, at, end):
 
 @subkernel
 def _number(data, at, end, unit, rounded):
-    """A decimal number times ten to the power of `unit`; exact, or rounded to the nearest if `rounded`."""
+    """Parse a decimal number, and multiply it by 10^unit. The result is exact, or rounded to the nearest if `rounded`.
+
+    Returns:
+        The number, and a fault (0: none).
+    """
     negative = at < end and data[at] == 45
     if at < end and (data[at] == 45 or data[at] == 43):
         at += 1
@@ -197,7 +205,11 @@ def _number(data, at, end, unit, rounded):
 
 @subkernel
 def _scaled(value, power, lost, rounded):
-    """A number of at most 0 times a power of ten; `lost`: it had more digits."""
+    """Multiply a number <= 0 by a power of ten; `lost`: the number had further digits.
+
+    Returns:
+        The number, and a fault (0: none).
+    """
     while power > 0 and value:
         if value < _LOW:
             return value, OUT_OF_RANGE
@@ -216,7 +228,7 @@ def _scaled(value, power, lost, rounded):
 
 
 @kernel
-def form(t, x, y, p, between, out):
+def form(t, x, y, p, separator, out):
     """Write events as lines ``t,x,y,p``.
 
     Args:
@@ -224,11 +236,11 @@ def form(t, x, y, p, between, out):
         x: uint16.
         y: uint16.
         p: uint8.
-        between: the sign between two numbers.
-        out: uint8, at least 35 for each event, filled.
+        separator: character code of the separator.
+        out: uint8, at least 35 bytes per event, output.
 
     Returns:
-        bytes written.
+        The number of bytes written.
     """
     at = 0
     for k in range(t.size):
@@ -237,17 +249,17 @@ def form(t, x, y, p, between, out):
             out[at] = 45
             at += 1
             value = np.uint64(0) - value
-        at = _digits(value, between, out, at)
-        at = _digits(np.uint64(x[k]), between, out, at)
-        at = _digits(np.uint64(y[k]), between, out, at)
-        at = _digits(np.uint64(p[k]), between, out, at)
+        at = _digits(value, separator, out, at)
+        at = _digits(np.uint64(x[k]), separator, out, at)
+        at = _digits(np.uint64(y[k]), separator, out, at)
+        at = _digits(np.uint64(p[k]), separator, out, at)
         out[at - 1] = 10
     return at
 
 
 @subkernel
-def _digits(value, between, out, at):
-    """Write a number and a comma."""
+def _digits(value, separator, out, at):
+    """Write a number and a separator, and return the next byte."""
     ten = np.uint64(10)
     length = 1
     rest = value // ten
@@ -257,19 +269,19 @@ def _digits(value, between, out, at):
     for k in range(length):
         out[at + length - 1 - k] = 48 + value % ten
         value //= ten
-    out[at + length] = between
+    out[at + length] = separator
     return at + length + 1
 
 
 @kernel
 def survey(t, x, y):
-    """Largest x and y, and whether time does not run back."""
+    """Return the largest x and y, and whether time never runs back."""
     x_max = np.uint16(0)
     y_max = np.uint16(0)
-    back = False
+    runs_back = False
     for k in range(t.size):
         x_max = max(x_max, x[k])
         y_max = max(y_max, y[k])
     for k in range(1, t.size):
-        back |= t[k] < t[k - 1]
-    return x_max, y_max, not back
+        runs_back |= t[k] < t[k - 1]
+    return x_max, y_max, not runs_back

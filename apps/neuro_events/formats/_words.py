@@ -1,4 +1,4 @@
-"""Layouts of words as data, which one decoder and one encoder interpret."""
+"""Layouts of event words as data, interpreted by one decoder and one encoder."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ import numpy.typing as npt
 
 from neuro.apps import LazyModule
 from neuro_events._events import Events, empty_columns
-from neuro_events.formats._format import Damage, Piece, Room, Size, no_place
-from neuro_events.formats._reading import begin, decoded, write_words
+from neuro_events.formats._format import Damage, Limits, Piece, Size, no_place
+from neuro_events.formats._reading import make_piece, seek_point, write_words
 from neuro_events.source import WHOLE, Bytes, Source, step
 
 word_kernels = LazyModule("neuro_events.formats._word_kernels")
 
 PERIOD = 1 << 32
-"""us; times of a clock of 32 bits."""
+"""Range of a clock of 32 bits, us."""
 
 
 class Field(NamedTuple):
-    """Some bits of a word.
+    """A bit field of a word.
 
     Example: the columns of a DAVIS346, which are counted from the right, are ``Field(12, 10, backwards=346)``: an
     address of 245 << 12 is column 100.
 
     Attributes:
-        shift: its lowest bit.
+        shift: lowest bit.
         bits: number of bits.
-        byte: where in the event the word begins.
-        size: bytes of the word: 1, 2, 4 or 8.
-        backwards: number of values where they are counted from the last one, else 0.
+        byte: offset of the word in the event, bytes.
+        size: size of the word, bytes: 1, 2, 4 or 8.
+        backwards: number of values if they are counted from the last one, else 0.
     """
 
     shift: int
@@ -44,14 +44,14 @@ class Field(NamedTuple):
 
 
 class Odd(NamedTuple):
-    """Words that are no events: those whose bits of `mask` are `value`, or differ from it.
+    """Condition for words that are not events: the bits of `mask` equal `value`, or differ from it.
 
     Attributes:
-        mask: bits of the word.
-        value: what they are compared with.
-        differs: whether words that differ are no events, rather than those that are equal.
-        byte: where the word begins.
-        size: bytes of the word.
+        mask: bits of the word to compare.
+        value: value to compare with.
+        differs: True: words that differ are not events. False: words that are equal are not events.
+        byte: offset of the word, bytes.
+        size: size of the word, bytes.
     """
 
     mask: int = 0
@@ -62,30 +62,31 @@ class Odd(NamedTuple):
 
 
 WRAPS, HALF, GAPS = 1, 2, 3
-"""Rules of time. Without one, the field is added to what other words say (`BEGIN`). `WRAPS`: a clock of 32 bits begins
-again where it falls from the last sixteenth of its range to the first. `HALF`: it does so where it falls by more than
-half its range, and returns where it rises by as much. `GAPS`: the field is the time since the event before."""
+"""Rules for the time field. 0: the field is added to the time that other words state (`BEGIN`). `WRAPS`: a clock of
+32 bits wraps if the field falls from the last sixteenth of its range to the first. `HALF`: the clock wraps if the field
+falls by more than half its range, and unwraps if the field rises by as much. `GAPS`: the field is the time since the
+event before."""
 
 
 class Layout(NamedTuple):
-    """How the bytes of an event are laid out.
+    """Layout of an event's bytes.
 
     Attributes:
-        size: bytes of an event.
+        size: size of an event, bytes.
         t: time, us.
         x: column, px.
         y: row, px.
         p: polarity, 1 = ON.
-        odd: words that are no events; without a mask there are none.
-        others: name of the rule for those words in `_word_kernels`; "" counts them.
-        none: bits of the odd word that no word of the layout has: the data end before one that does.
-        first: bits of the odd word of those that are counted as `OTHER`, the rest as `SECOND`; -1: all are.
-        rule: of time; 0, `WRAPS`, `HALF` or `GAPS`.
-        is_big: whether the highest byte of a word comes first.
-        is_signed: whether the time may be below 0.
-        waits: whether events before the first word that tells the time are left out.
-        least: bytes of the shortest thing that is no event; 0: those of an event.
-        group: words of which one that is no event makes the decoder look at each.
+        odd: condition for words that are not events. Without a mask all words are events.
+        others: name of the rule for these words in `_word_kernels`; "" only counts them.
+        none: bits of the odd word that are 0 in every valid word. Decoding stops at a word with one of them set.
+        first: odd words with one of these bits are counted as `OTHER`, the rest as `SECOND`. -1: all as `OTHER`.
+        rule: rule for the time field: 0, `WRAPS`, `HALF` or `GAPS`.
+        is_big: words are big-endian.
+        is_signed: the time may be negative.
+        waits: drop events before the first word that states a time.
+        least: size of the shortest item that is not an event, bytes; 0: the size of an event.
+        group: number of words that are decoded as a group if all are events; otherwise one by one.
     """
 
     size: int
@@ -108,13 +109,14 @@ class Layout(NamedTuple):
 State = npt.NDArray[np.int64]
 
 OTHER, STARTED, STOPPED, BEGIN, CLOCK, SECOND, ADDED, STATES = range(8)
-"""State of a decoder: words left out; whether a word told the time; whether the bytes that follow are none of the
-layout; us to add to the times of events; the last time of a clock, -1 before the first. By the format: words of a
-second kind that were left out, or the last TIME_HIGH; us that the wraps of TIME_HIGH add."""
+"""Indices into the state of a decoder. `OTHER`: number of skipped words. `STARTED`: 1 after a word that states a time.
+`STOPPED`: 1 if the next bytes do not fit the layout. `BEGIN`: us to add to the times of events. `CLOCK`: last time of
+the clock, -1 before the first. `SECOND`: number of skipped words of a second kind, or the last TIME_HIGH, depending on
+the format. `ADDED`: us that the wraps of TIME_HIGH add."""
 
 
 def encoded(layout: Layout, events: Events) -> npt.NDArray[np.uint8]:
-    """Return the bytes (n, size) of events for which the layout has room; of times the upper bits are left out."""
+    """Return the bytes (n, size) of events that fit the layout. Upper bits of times beyond their field are cut off."""
     out = np.empty((len(events), layout.size), np.uint8)
     words: dict[tuple[int, int], Any] = {}
     for name in "txyp":
@@ -139,90 +141,90 @@ def encoded(layout: Layout, events: Events) -> npt.NDArray[np.uint8]:
 
 
 def first_state(more: int = 0) -> State:
-    """The state of a decoder before any word, with room for so many more numbers."""
+    """Return the initial state of a decoder, with `more` additional numbers."""
     state = np.zeros(STATES + more, np.int64)
     state[CLOCK] = -1
     return state
 
 
 FIND_STEP = 1 << 16
-"""Bytes decoded at a time to find an event."""
+"""Number of bytes that `Decoder.find` decodes at a time."""
 
 
 @dataclass(slots=True)
 class Decoder:
-    """A kernel and its state.
+    """A decoding kernel and its state.
 
     Attributes:
-        decode: (bytes, state, t, x, y, p) -> number of events and of bytes used, largest x and y, whether time does not
-            run back.
-        state: changed by `decode`.
-        size: bytes of an event, or of a word that may hold several.
-        unit: bytes of which the data are multiples.
-        room: events that bytes have at most; None: one in `size` bytes.
-        used: bytes that the last call used.
+        decode: (bytes, state, t, x, y, p) -> number of events, number of bytes used, largest x, largest y, and True if
+            time never runs back.
+        state: updated by `decode`.
+        size: size of an event, or of a word that may contain several events, bytes.
+        unit: the data are multiples of this size, bytes.
+        capacity: function from bytes to their largest number of events. None: one event in `size` bytes.
+        used: number of bytes that the last call used.
     """
 
     decode: Callable[..., tuple[int, int, int, int, bool]]
     state: State
     size: int
     unit: int
-    room: Callable[[Bytes], int] | None = None
+    capacity: Callable[[Bytes], int] | None = None
     used: int = 0
 
     def piece(self, data: Bytes, place: Callable[[int], int | None] = no_place) -> Piece:
-        """The events of bytes; `used` is set."""
-        room = empty_columns(self.room(data) if self.room else data.size // self.size)
-        count, self.used, x_max, y_max, ordered = self.decode(data, self.state, *room)
-        return decoded(room, count, (x_max, y_max), ordered, place)
+        """Decode bytes to events, and set `used`."""
+        columns = empty_columns(self.capacity(data) if self.capacity else data.size // self.size)
+        count, self.used, x_max, y_max, ordered = self.decode(data, self.state, *columns)
+        return make_piece(columns, count, (x_max, y_max), ordered, place)
 
     def count(self, data: Bytes) -> int:
-        """Number of events of bytes; the state stays as it is."""
+        """Return the number of events in bytes, without a change of the state."""
         return self.copy().piece(data).t.size
 
     def copy(self) -> Decoder:
-        """One with a state of its own."""
+        """Return a decoder with a copy of the state."""
         return replace(self, state=self.state.copy())
 
     def find(self, data: Bytes, event: int) -> int:
-        """The byte at which an event begins: `size` before the end of the shortest part of the data that has it."""
-        here, at = self.copy(), 0
-        while event >= (count := here.count(data[at : at + FIND_STEP])):
+        """Return the byte at which an event begins: `size` before the end of the shortest data that contain the event."""
+        decoder, at = self.copy(), 0
+        while event >= (count := decoder.count(data[at : at + FIND_STEP])):
             event -= count
-            here.piece(data[at : at + FIND_STEP])
-            at += here.used
+            decoder.piece(data[at : at + FIND_STEP])
+            at += decoder.used
         low, high = 0, min(FIND_STEP, data.size - at) // self.unit
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (low, middle) if here.count(data[at : at + middle * self.unit]) > event else (middle, high)
+            low, high = (low, middle) if decoder.count(data[at : at + middle * self.unit]) > event else (middle, high)
         return at + high * self.unit - self.size
 
 
 def layout_writer(
-    header: Callable[[Size | None], bytes], layout: Layout, room: Room
+    header: Callable[[Size | None], bytes], layout: Layout, limits: Limits
 ) -> Callable[[Iterator[Events], Path], None]:
-    """Return the function that writes the parts of a recording to a path, as words of a layout after a header."""
+    """Return a function that writes the parts of a recording to a path, as words of a layout after a header."""
 
-    def words(done: int, events: Events) -> bytes:
-        room.check(events, done)
+    def words(n_before: int, events: Events) -> bytes:
+        limits.check(events, n_before)
         return encoded(layout, events).tobytes()
 
     return lambda parts, path: write_words(parts, path, header, words)
 
 
 class WordReader:
-    """A reader of words that follow a header.
+    """A reader of words after a header.
 
     Attributes:
-        layout: of the words, unless `decoder` is another.
-        called: what messages call words.
-        swell: `stream` takes blocks smaller by this, since a word may hold many events.
-        start: the byte at which the words begin.
+        layout: layout of the words, unless `decoder` returns a decoder of another kind.
+        called: noun for words in messages.
+        block_divisor: factor by which `stream` reduces its blocks, since a word may contain many events.
+        start: byte at which the words begin.
     """
 
     layout: Layout
     called: ClassVar[str] = "words"
-    swell: ClassVar[int] = 1
+    block_divisor: ClassVar[int] = 1
 
     source: Source
     start: int
@@ -234,7 +236,7 @@ class WordReader:
         return Decoder(word_kernels.decoder(self.layout), first_state(), size, self.layout.least or size)
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
+        """Yield the events; see `Reader`."""
         return self._pieces(block, self.decoder(), self.start)
 
     def _pieces(self, block: int, decoder: Decoder, start: int) -> Iterator[Piece]:
@@ -251,30 +253,30 @@ class WordReader:
             yield piece
             rest, end = data[decoder.used :], begin + decoder.used
             if decoder.state[STOPPED]:
-                raise Damage(self.stopped(rest), end)
-        self.ended(rest, end, decoder)
+                raise Damage(self.stop_reason(rest), end)
+        self.check_end(rest, end, decoder)
 
     def block(self, size: int, decoder: Decoder) -> int:
-        """Return the bytes of a block where a caller asks for so many."""
-        return step(size if size >= WHOLE else size // self.swell, decoder.unit)
+        """Return the size of a block, bytes, for a requested size."""
+        return step(size if size >= WHOLE else size // self.block_divisor, decoder.unit)
 
     def count(self, state: State) -> None:
-        """Tell in the metadata what was left out so far."""
+        """Update the number of skipped words in the metadata."""
 
-    def stopped(self, rest: Bytes) -> str:
-        """Tell what is wrong with the bytes at which the decoder stopped."""
+    def stop_reason(self, rest: Bytes) -> str:
+        """Return the fault of the bytes at which the decoder stopped."""
         raise NotImplementedError
 
-    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
+    def check_end(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """Check the end of the file.
 
         Args:
-            rest: bytes that are no whole word.
-            end: where they begin.
-            decoder: of the file.
+            rest: bytes that are not a complete word.
+            end: offset of `rest`.
+            decoder: the decoder of the file.
 
         Raises:
-            Damage: something is missing.
+            Damage: the file is incomplete.
         """
         if rest.size:
             words = (end - self.start) // decoder.size
@@ -282,26 +284,26 @@ class WordReader:
 
 
 class SeekingReader(WordReader):
-    """A reader of words with a clock, by which it can begin later; see `Seeker`."""
+    """A reader of words with a clock, which can start at a later block; see `Seeker`."""
 
     def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """The events from some block on; see `Seeker`."""
+        """Yield the events from a block on; see `Seeker`."""
         decoder = self.decoder()
-        return self._pieces(block, decoder, self.sought(decoder, self.block(block, decoder), start_us))
+        return self._pieces(block, decoder, self.seek(decoder, self.block(block, decoder), start_us))
 
-    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """A byte before which all events are earlier than `start_us`; the decoder is set for it.
+    def seek(self, decoder: Decoder, step: int, start_us: int) -> int:
+        """Return a byte before which all events are earlier than `start_us`, and set the decoder's clock for this byte.
 
         Args:
-            decoder: a new one.
-            step: bytes of a block; the byte is at the beginning of one.
+            decoder: a new decoder.
+            step: size of a block, bytes. The result is the beginning of a block.
             start_us: time, us.
         """
-        at = begin(self.start, self.clocks(step), start_us, PERIOD)
+        at = seek_point(self.start, self.clocks(step), start_us, PERIOD)
         if at.clock is not None:
             decoder.state[CLOCK], decoder.state[BEGIN] = at.clock, at.added
         return at.place
 
     def clocks(self, step: int) -> Iterable[tuple[int, int]]:
-        """The byte of each block, and a time that the clock shows in it; blocks may be missing."""
+        """Return the first byte of each block and a time of the clock in the block. Blocks may be missing."""
         return ()

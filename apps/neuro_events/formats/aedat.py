@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from neuro.apps import LazyModule
 from neuro_events._events import Events
-from neuro_events.formats._format import Damage, Format, Room, Size
+from neuro_events.formats._format import Damage, Format, Limits, Size
 from neuro_events.formats._reading import write_words
 from neuro_events.formats._words import (
     HALF,
@@ -239,7 +239,7 @@ class Aedat2(SeekingReader):
         """See `WordReader`."""
         self.metadata |= {"other_words": int(state[OTHER]), "external_events": int(state[SECOND])}
 
-    def stopped(self, rest: Bytes) -> str:
+    def stop_reason(self, rest: Bytes) -> str:
         """See `WordReader`."""
         return f"address 0x{_addresses(rest[:WORD])[0]:08x} is none of a {self._chip.name}: {_WAY_OUT}"
 
@@ -278,7 +278,7 @@ def _smallest(size: Size) -> _Chip:
 
 def _encoded(done: int, events: Events) -> bytes:
     chip = _smallest(events.sensor_size)
-    Room(PERIOD, *chip.size).check(events, done)
+    Limits(PERIOD, *chip.size).check(events, done)
     return encoded(chip.layout, events).tobytes()
 
 
@@ -297,7 +297,7 @@ def _new_header(sensor: Size | None) -> bytes:
 
 AEDAT2 = Format(
     "aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC_2), Aedat2, write,
-    holds=lambda events, last: Room(PERIOD, *_smallest(events.sensor_size).size).holds(events),
+    holds=lambda events, last: Limits(PERIOD, *_smallest(events.sensor_size).size).holds(events),
     grows=True, inside=Aedat2,
 )  # fmt: skip
 """Read and written."""
@@ -364,11 +364,11 @@ class Aedat3(WordReader):
         """See `WordReader`."""
         self.metadata |= {"other_events": int(state[SECOND]), "invalid_events": int(state[OTHER])}
 
-    def stopped(self, rest: Bytes) -> str:
+    def stop_reason(self, rest: Bytes) -> str:
         """See `WordReader`."""
         return "expected the header of a packet"
 
-    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
+    def check_end(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """See `WordReader`."""
         if missing := int(decoder.state[word_kernels.SKIP] + decoder.state[word_kernels.LEFT] * EVENT):
             raise Damage(f"the last packet is cut, {missing - rest.size} bytes are missing", end)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from neuro.apps import LazyModule
 from neuro_events._events import Events
-from neuro_events.formats._format import Damage, Format, Piece, Room, Size, extra, in_order
+from neuro_events.formats._format import Damage, Format, Limits, Piece, Size, extra, in_order
 from neuro_events.formats._reading import Cursor, GrowingArray, growing
 from neuro_events.source import Bytes, Source
 
@@ -281,7 +281,7 @@ class Aedat4:
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
         cursor, held = Cursor(self._source, self._start, block), GrowingArray()
-        held.room(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
+        held.reserve(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
         counts = np.full(_NUMBERS, -1, np.int64)
         counts[[number for number in self._streams if 0 <= number < _NUMBERS]] = 0
         others: Counter[str] = Counter()
@@ -329,18 +329,18 @@ class Aedat4:
 
     def _add(self, held: GrowingArray, place: int, plain: bytes, start: int, count: int) -> None:
         """Add the events of one packet."""
-        held.room(count)
+        held.reserve(count)
         columns = held.t, held.x, held.y, held.p
         x, y, ordered = self._split(np.frombuffer(plain, np.uint8), start, count, held.used, *columns)
         if max(x, y) > self._highest:
             raise Damage("a packet has an event at a negative place", place)
-        held.added([held.used], [place], held.used + count, (x, y), ordered)
+        held.commit([held.used], [place], held.used + count, (x, y), ordered)
 
     def _alike(self, cursor: Cursor, held: GrowingArray, counts: npt.NDArray[np.int64]) -> None:
         """Add the packets that come next and are like those before, as far as they are read and there is room."""
         if not self._packets.alike:
             return
-        place, data = cursor.at, cursor.held
+        place, data = cursor.at, cursor.buffered
         data = data[: self._table - place] if self._table > 0 else data[:]
         data.flags.writeable = False
         room = min(data.size // ENTRY.size, _MOST)
@@ -350,7 +350,7 @@ class Aedat4:
         taken = self._walk(data, counts, alike, self._plain, begins, places, held.used, columns)
         used, found, n, highest, ordered = taken
         cursor.take(used)
-        held.added(begins[:found].tolist(), (place + places[:found]).tolist(), n, highest, ordered)
+        held.commit(begins[:found].tolist(), (place + places[:found]).tolist(), n, highest, ordered)
 
 
 class Header(NamedTuple):
@@ -409,7 +409,7 @@ def _stream(node: ElementTree.Element) -> dict[str, Any]:
 
 PACKET = 1 << 13
 """Events of a packet, at most."""
-ROOM = Room(0, 1 << 15)
+LIMITS = Limits(0, 1 << 15)
 """Places are int16."""
 
 _ROW = np.dtype(
@@ -458,7 +458,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
             if not place:
                 append(head := MAGIC + new_header(number, *events.sensor_size))
                 place = len(head)
-            ROOM.check(events, done)
+            LIMITS.check(events, done)
             for k in range(0, len(events), PACKET):
                 some = events[k : k + PACKET]
                 data = pack(packet(some))
@@ -513,6 +513,13 @@ def _packet_table(rows: list[tuple[int, int, int, int, int]]) -> bytes:
 
 
 AEDAT4 = Format(
-    "aedat4", "AEDAT 4", (".aedat4",), lambda head: head.startswith(MAGIC), Aedat4, write, holds=ROOM.holds, grows=True
+    "aedat4",
+    "AEDAT 4",
+    (".aedat4",),
+    lambda head: head.startswith(MAGIC),
+    Aedat4,
+    write,
+    holds=LIMITS.holds,
+    grows=True,
 )
 """Read and written."""

@@ -1,26 +1,25 @@
 """DAT of Prophesee, versions 1 and 2 (N-CARS, Gen1 and 1 Mpx automotive data sets, exports of the vendor's tools).
 
-Lines that begin with ``%``, a byte for the kind of event (0x00 or 0x0C: those of pixels), a byte for its size (8), then
-little-endian uint32 time in us and uint32 address.
+A file has lines that begin with ``%``, a byte for the kind of event (0x00 or 0x0C: pixel events), a byte for its size
+(8), then for each event a little-endian uint32 time in us and a uint32 address.
 Version 2: x in bits 0-13, y in bits 14-27, polarity in bit 28 (1 = ON), the rest 0.
-Version 1 (and files of kind 0x00 that tell no version): x in bits 0-8, y in bits 9-16, polarity in bit 17.
+Version 1 (and files of kind 0x00 without a version): x in bits 0-8, y in bits 9-16, polarity in bit 17.
 
-The sensor is the header's ``Width`` and ``Height``; N-CARS has none, as older files, which get the first of 304x240
-(ATIS), 640x480 and 1280x720 that holds all events.
+The sensor is the header's ``Width`` and ``Height``. N-CARS and older files have none; their sensor is the first of
+304x240 (ATIS), 640x480 and 1280x720 that contains all events.
 
-A recording longer than 2^32 us (71.6 minutes) begins again at 0: a time in the last sixteenth of the range followed by
-one in the first sixteenth is taken for that, and 2^32 us are added from there on. Any other fall is time running back.
-The writer refuses times of 2^32 us and more, so its files need no such rule.
+The clock wraps after 2^32 us (71.6 minutes): a time in the last sixteenth of the range followed by one in the first
+sixteenth counts as a wrap, and 2^32 us are added from there on. Any other fall is a time that runs back. The writer
+refuses times of 2^32 us and more, so its files contain no wrap.
 
-RAW files have the same header: a line reads ``% key value``; DAT and RAW differ in what follows the last one. A RAW
-header ends with the line ``% end`` (older ones without it), and tells the coding as ``% evt 3.0`` or
-``% format EVT3;height=720;width=1280``; the sensor may stand there, in ``% geometry 1280x720`` or, in DAT, in
-``% Width`` and ``% Height``. Where none does, the name of the sensor is looked for
-(``% plugin_name hal_plugin_gen41_evk3``).
+RAW files have the same kind of header, with lines ``% key value``; DAT and RAW differ in the data after the last line.
+A RAW header ends with the line ``% end`` (not in older files), and states the coding as ``% evt 3.0`` or
+``% format EVT3;height=720;width=1280``. The sensor is in that line, in ``% geometry 1280x720`` or, in DAT, in
+``% Width`` and ``% Height``. Otherwise the name of the sensor decides (``% plugin_name hal_plugin_gen41_evk3``).
 
 Source: Prophesee, "DAT file format", "RAW file format" and "Data encoding formats", docs.prophesee.ai; version 1:
 Prophesee's Matlab reader ``load_atis_data``.
-No file of version 1 was to be had: it is read from the specification.
+No file of version 1 was available: its reader follows the specification.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from neuro_events.formats._format import HEAD, Damage, Format, Room, Size
+from neuro_events.formats._format import HEAD, Damage, Format, Limits, Size
 from neuro_events.formats._words import (
     PERIOD,
     WRAPS,
@@ -45,7 +44,7 @@ ATIS = (304, 240)
 GEN3 = (640, 480)
 GEN4 = (1280, 720)
 LONGEST = 1 << 20
-"""Bytes in which a header ends; longer text is none."""
+"""Largest size of a header, bytes."""
 
 _LINE = re.compile(rb"%(?:[ \t][\t\x20-\x7e\x80-\xff]*)?\r?\n")
 _BEGUN = re.compile(rb"%(?:[ \t][\t\x20-\x7e\x80-\xff]*)?\r?\Z")
@@ -55,13 +54,13 @@ _CODINGS = {"2.0": "EVT2", "2.1": "EVT21", "3.0": "EVT3"}
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """The lines before the words.
+    """The header of a DAT or RAW file.
 
     Attributes:
         fields: value of each key; keys in lower case.
         offsets: byte at which the line of each key begins.
-        length: byte at which what follows begins.
-        cut: byte of a line that the end of the file cuts, None where there is none.
+        length: size of the header, bytes.
+        cut: first byte of a line that the end of the file cuts, None without such a line.
     """
 
     fields: Mapping[str, str]
@@ -71,7 +70,7 @@ class Header:
 
     @property
     def coding(self) -> str | None:
-        """``EVT3``, ``EVT2``, ``EVT21`` or another word that the file has in its place; None in no RAW header."""
+        """Coding of a RAW file: ``EVT3``, ``EVT2``, ``EVT21`` or another word in that place. None: no RAW header."""
         if "format" in self.fields:
             return self.fields["format"].split(";")[0].strip().upper()
         version = self.fields.get("evt")
@@ -79,19 +78,19 @@ class Header:
 
     @property
     def options(self) -> dict[str, str]:
-        """What follows the coding: ``height=720;width=1280``."""
+        """Options after the coding, e.g. ``height=720;width=1280``."""
         parts = self.fields.get("format", "").split(";")[1:]
         return {key.strip().lower(): value.strip() for key, _, value in (part.partition("=") for part in parts)}
 
     def damage(self, key: str, what: str) -> Damage:
-        """Of the line of a key."""
+        """Return the damage for the line of a key."""
         return Damage(f"header: {key} is {self.fields[key]!r}, expected {what}", self.offsets[key])
 
     def sensor_size(self) -> Size | None:
-        """Width and height that the header states or its sensor has, None where neither is there.
+        """Return the width and height that the header or the name of the sensor states, or None.
 
         Raises:
-            Damage: the header states a size that is none.
+            Damage: the header states an invalid size.
         """
         options = self.options
         sizes = (
@@ -109,7 +108,7 @@ class Header:
 
 
 def parse(data: bytes) -> Header:
-    """The header at the beginning of a file's bytes; lines that are no ``% key value`` are skipped."""
+    """Parse the header at the beginning of a file's bytes. Lines other than ``% key value`` are skipped."""
     fields: dict[str, str] = {}
     offsets: dict[str, int] = {}
     at = 0
@@ -124,7 +123,7 @@ def parse(data: bytes) -> Header:
 
 
 def read_header(source: Source) -> Header:
-    """The header of a file; its length is 0 where there is none.
+    """Read the header of a file. A file without a header gives one of length 0.
 
     Raises:
         Damage: the file ends within a line.
@@ -140,12 +139,12 @@ def read_header(source: Source) -> Header:
 
 
 def header_text(lines: Iterable[tuple[str, str]]) -> bytes:
-    """Lines of a header as a file has them."""
+    """Format the lines of a header."""
     return "".join(f"% {key} {value}".rstrip() + "\n" for key, value in lines).encode("ascii")
 
 
 def raw_text(version: str, size: Size | None) -> bytes:
-    """The header of a RAW file of version ``2.0`` or ``3.0``; without a size where no event tells one."""
+    """Return the header of a RAW file of version ``2.0`` or ``3.0``, without a size if a recording has no parts."""
     coding = _CODINGS[version]
     if size is None:
         return header_text([("evt", version), ("format", coding), ("end", "")])
@@ -162,9 +161,9 @@ def raw_text(version: str, size: Size | None) -> bytes:
 
 WORD = 8
 KINDS = (0x00, 0x0C)
-"""Kinds of events that are those of pixels."""
+"""Kinds of pixel events."""
 
-ROOM = Room(PERIOD, 1 << 14)
+LIMITS = Limits(PERIOD, 1 << 14)
 
 
 def _layout(x: Field, y: Field, p: Field, none: int) -> Layout:
@@ -178,7 +177,7 @@ _LAYOUTS = {
 
 
 class Dat(SeekingReader):
-    """An open DAT file; ``metadata`` has ``version``, ``event_type`` and the lines of the ``header``."""
+    """A reader of DAT files. ``metadata`` has ``version``, ``event_type`` and the lines of the ``header``."""
 
     called = "events"
 
@@ -189,11 +188,13 @@ class Dat(SeekingReader):
         if not header.length:
             raise Damage(f"begins with {source.head(12)!r}, expected a header of lines that begin with '%'", 0)
         if header.coding is not None:
-            raise header.damage("format" if "format" in header.fields else "evt", "none, this being that of a RAW file")
+            raise header.damage(
+                "format" if "format" in header.fields else "evt", "none in a DAT file; RAW files have one"
+            )
         if len(kind) < 2:
             raise Damage("the file ends before the kind and the size of its events", header.length)
         if kind[0] not in KINDS or kind[1] != WORD:
-            expected = "expected kind 0x00 or 0x0c (of pixels) and 8 bytes"
+            expected = "expected kind 0x00 or 0x0c (pixel events) and 8 bytes"
             raise Damage(f"events of kind 0x{kind[0]:02x} and {kind[1]} bytes, {expected}", header.length)
         self.start = header.length + 2
         version = _version(header, kind[0])
@@ -202,12 +203,12 @@ class Dat(SeekingReader):
         self.metadata = {"version": version, "event_type": kind[0], "header": dict(header.fields)}
 
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
-        """See `SeekingReader`."""
+        """Return the first byte and a time of each block; see `SeekingReader`."""
         samples = self.source.samples(self.start, step, 4)
         return ((place, int(data.view("<u4")[0])) for place, data in samples if data.size == 4)
 
-    def stopped(self, rest: Bytes) -> str:
-        """See `WordReader`."""
+    def stop_reason(self, rest: Bytes) -> str:
+        """Return the fault at which the decoder stopped; see `WordReader`."""
         address = int(rest[4:8].view("<u4")[0])
         return f"address 0x{address:08x} has bits above the polarity, expected none"
 
@@ -232,7 +233,7 @@ def _knows(head: bytes) -> bool:
 
 
 DAT = Format(
-    "dat", "Prophesee DAT", (".dat",), _knows, Dat, layout_writer(_text, _LAYOUTS[2], ROOM),
-    holds=ROOM.holds, grows=True, usual=ATIS, larger=(GEN3, GEN4),
+    "dat", "Prophesee DAT", (".dat",), _knows, Dat, layout_writer(_text, _LAYOUTS[2], LIMITS),
+    holds=LIMITS.holds, grows=True, usual=ATIS, larger=(GEN3, GEN4),
 )  # fmt: skip
-"""Read and written: as version 2, kind 0x0C, with the sensor in the header; metadata are not kept."""
+"""DAT, read and written. Files are written as version 2, kind 0x0C, with the sensor in the header, without metadata."""

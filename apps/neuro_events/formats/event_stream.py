@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from neuro.apps import LazyModule
 from neuro_events._events import Events
-from neuro_events.formats._format import SMALLER, Damage, Format, Room, Size, Unsavable, refuse
+from neuro_events.formats._format import SMALLER, Damage, Format, Limits, Size, Unsavable, refuse
 from neuro_events.formats._reading import write_words
 from neuro_events.formats._words import GAPS, Decoder, Field, Layout, Odd, WordReader, layout_writer
 from neuro_events.source import Bytes, EventFileError, EventFileWarning, FileInput, Source, opened_source
@@ -75,7 +75,7 @@ class EventStream(WordReader):
         self.sensor_size: Size | None = (width, height)
         self.metadata = {"version": ".".join(str(number) for number in header[12:15])}
 
-    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
+    def check_end(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """See `WordReader`."""
         if rest.size:
             raise Damage(f"the last event is cut after {rest.size} of {EVENT} bytes", end)
@@ -211,7 +211,7 @@ NMNIST_LAYOUT = Layout(
     EVENT, t=Field(0, 23, byte=1), x=Field(0, 8, size=1), y=Field(24, 8, byte=1), p=Field(23, 1, byte=1),
     odd=Odd(0xFF, OVERFLOW_ROW, differs=False, byte=1, size=1), others="overflow", is_big=True,
 )  # fmt: skip
-NMNIST_ROOM = Room(1 << 23, 256, reserved=OVERFLOW_ROW)
+NMNIST_LIMITS = Limits(1 << 23, 256, reserved=OVERFLOW_ROW)
 
 
 class Bin(WordReader):
@@ -236,7 +236,7 @@ class Bin(WordReader):
 
 NMNIST = Format(
     "nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin,
-    layout_writer(lambda size: b"", NMNIST_LAYOUT, NMNIST_ROOM), holds=NMNIST_ROOM.holds, grows=True,
+    layout_writer(lambda size: b"", NMNIST_LAYOUT, NMNIST_LIMITS), holds=NMNIST_LIMITS.holds, grows=True,
     usual=NMNIST_SENSOR,
 )  # fmt: skip
 """Read and written; the sensor size and the metadata are not kept."""

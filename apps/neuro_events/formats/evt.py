@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from neuro.apps import LazyModule
 from neuro_events._events import Events
-from neuro_events.formats._format import HEAD, Damage, Format, Room
-from neuro_events.formats._reading import begin, write_words
+from neuro_events.formats._format import HEAD, Damage, Format, Limits
+from neuro_events.formats._reading import seek_point, write_words
 from neuro_events.formats._words import (
     ADDED,
     OTHER,
@@ -70,9 +70,9 @@ class Evt(SeekingReader):
         """See `WordReader`."""
         self.metadata["other_words"] = int(state[OTHER])
 
-    def ended(self, rest: Bytes, end: int, decoder: Decoder) -> None:
+    def check_end(self, rest: Bytes, end: int, decoder: Decoder) -> None:
         """See `WordReader`."""
-        super().ended(rest, end, decoder)
+        super().check_end(rest, end, decoder)
         if decoder.state[OTHER] and not decoder.state[STARTED]:
             raise Damage(f"no word of {self.title} gives the time of what follows", self.start)
 
@@ -83,7 +83,7 @@ PERIOD = 1 << 28
 """Values of TIME_HIGH, which tells the bits of the time above the low ones."""
 HIGH_LOOK = 1 << 14
 """Bytes of a block in which a TIME_HIGH is looked for; cameras send one every 16 us."""
-ROOM_2 = Room(1 << 34, 1 << 11)
+LIMITS_2 = Limits(1 << 34, 1 << 11)
 
 LAYOUT_2 = Layout(
     4, t=Field(22, LOW_BITS), x=Field(11, 11), y=Field(0, 11), p=Field(28, 1),
@@ -111,9 +111,9 @@ class Evt2(Evt):
     word = 4
     layout = LAYOUT_2
 
-    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
+    def seek(self, decoder: Decoder, step: int, start_us: int) -> int:
         """See `SeekingReader`."""
-        at = begin(self.start, self.clocks(step), start_us >> LOW_BITS, PERIOD)
+        at = seek_point(self.start, self.clocks(step), start_us >> LOW_BITS, PERIOD)
         decoder.state[ADDED] = at.added << LOW_BITS
         return at.place
 
@@ -136,7 +136,7 @@ def write_evt2(parts: Iterator[Events], path: Path) -> None:
 
     def words(done: int, events: Events) -> bytes:
         nonlocal high
-        ROOM_2.check(events, done)
+        LIMITS_2.check(events, done)
         highs = events.t >> LOW_BITS
         new = np.diff(highs, prepend=high) != 0
         high = int(highs[-1]) if len(events) else high
@@ -151,7 +151,7 @@ def write_evt2(parts: Iterator[Events], path: Path) -> None:
 
 EVT2 = Format(
     "evt2", "Prophesee EVT 2.0", (".raw",), lambda head: parse(head).coding == Evt2.coding, Evt2, write_evt2,
-    holds=ROOM_2.holds, grows=True, usual=GEN3, larger=(GEN4,),
+    holds=LIMITS_2.holds, grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 
@@ -175,7 +175,7 @@ class Evt21(Evt2):
     title = "EVT 2.1"
     word = 8
     orders = ("little", "legacy")
-    swell = 16
+    block_divisor = 16
 
     def decoder(self) -> Decoder:
         """See `WordReader`."""
@@ -214,7 +214,7 @@ EVT21 = Format(
 """Read only."""
 
 
-ROOM_3 = Room(1 << 40, 1 << 11)
+LIMITS_3 = Limits(1 << 40, 1 << 11)
 """Times and sides that are written. Wraps could tell any time, with two words each; this bounds their number."""
 
 OTHER_ROW, VECT_BASE_X, TIME_LOW = 1, 3, 6
@@ -263,13 +263,13 @@ class Evt3(Evt):
     coding = "EVT3"
     title = "EVT 3.0"
     word = 2
-    swell = 4
+    block_divisor = 4
 
     def decoder(self) -> Decoder:
         """See `WordReader`."""
         return evt3_decoder()
 
-    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
+    def seek(self, decoder: Decoder, step: int, start_us: int) -> int:
         """See `SeekingReader`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
         begin = self.start
         high, kinds, margin = -1, 0, (begin, -1)
@@ -305,7 +305,7 @@ def write_evt3(parts: Iterator[Events], path: Path) -> None:
     state = np.array([-1, -1], np.int64)
 
     def encoded(done: int, events: Events) -> bytes:
-        ROOM_3.check(events, done)
+        LIMITS_3.check(events, done)
         return b"".join(map(sliced, (events[first : first + SLICE] for first in range(0, len(events), SLICE))))
 
     def sliced(part: Events) -> bytes:
@@ -318,7 +318,7 @@ def write_evt3(parts: Iterator[Events], path: Path) -> None:
 
 EVT3 = Format(
     "evt3", "Prophesee EVT 3.0", (".raw",), lambda head: parse(head).coding == Evt3.coding, Evt3, write_evt3,
-    holds=ROOM_3.holds, grows=True, usual=GEN3, larger=(GEN4,),
+    holds=LIMITS_3.holds, grows=True, usual=GEN3, larger=(GEN4,),
 )  # fmt: skip
 """Read and written."""
 

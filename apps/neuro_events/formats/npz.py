@@ -1,11 +1,11 @@
-"""NPZ of NumPy: arrays t, x, y, p, or one array of records with these fields.
+"""NPZ of NumPy: arrays t, x, y, p, or one structured array with these fields.
 
-Names and units as in `_columns`. ``sensor_size`` (width, height), ``width`` and ``height`` are taken if they are there.
+Names and units are as in `_columns`. ``sensor_size`` (width, height), or ``width`` and ``height``, are read if present.
 The arrays are read in parts side by side, so that a file of any size needs little memory. Arrays of Python objects are
-refused, since reading those can run code.
+refused, because reading them can run code.
 
-Written are ``t`` (int64, us), ``x``, ``y`` (uint16), ``p`` (uint8), ``sensor_size`` and ``metadata`` (JSON), none of
-them packed.
+The writer stores ``t`` (int64, us), ``x``, ``y`` (uint16), ``p`` (uint8), ``sensor_size`` and ``metadata`` (JSON),
+without compression.
 
 Source: NumPy's "A simple file format for NumPy arrays".
 """
@@ -34,7 +34,7 @@ from neuro_events.source import Source
 
 ROW = EVENT.itemsize
 SMALL = 1 << 16
-"""Most items of an array that is no column of events."""
+"""Largest number of items in an array other than a column of events."""
 
 FAILURES = (
     zipfile.BadZipFile,
@@ -49,7 +49,7 @@ FAILURES = (
 
 
 class _Member:
-    """One array in the archive, read from its beginning."""
+    """An array in the archive, read in order."""
 
     def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
         self.name = name
@@ -58,13 +58,13 @@ class _Member:
         version = np.lib.format.read_magic(self._file)
         read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
         if version not in read:
-            raise ValueError(f"version {version} of its arrays is not known")
+            raise ValueError(f"its arrays have the unknown version {version}")
         self.shape, fortran, self.dtype = read[version](self._file)
         if fortran and len(self.shape) > 1:
             raise ValueError(f"array {name[:-4]} is stored by columns")
 
     def take(self, count: int) -> npt.NDArray[Any]:
-        """The next items along the first axis."""
+        """Return the next items along the first axis."""
         if self.dtype.hasobject:
             raise ValueError(f"array {self.name[:-4]} holds Python objects, expected numbers")
         shape = (count, *self.shape[1:])
@@ -74,8 +74,8 @@ class _Member:
             raise EOFError(f"array {self.name[:-4]} ends early")
         return np.frombuffer(data, self.dtype).reshape(shape)
 
-    def small(self) -> npt.NDArray[Any]:
-        """All of it."""
+    def read_small(self) -> npt.NDArray[Any]:
+        """Return the complete array, which must be small."""
         if math.prod(self.shape) > SMALL:
             raise ValueError(f"array {self.name[:-4]} is too long")
         shape, self.shape = self.shape, self.shape or (1,)
@@ -83,7 +83,7 @@ class _Member:
 
 
 class Npz:
-    """An open NPZ."""
+    """A reader of NPZ files."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -93,28 +93,28 @@ class Npz:
                 self.sensor_size: Size | None = _size(archive)
                 self.metadata: Mapping[str, Any] = _metadata(archive)
         except FAILURES as error:
-            raise Damage(f"no whole NPZ: {error}", None) from None
+            raise Damage(f"not an intact NPZ: {error}", None) from None
 
     @contextmanager
     def _archive(self) -> Iterator[zipfile.ZipFile]:
-        """The archive, whose file is closed in any case; an archive alone would leave it open for its members."""
+        """Open the archive. The file is closed at the end, even if a member of the archive is still open."""
         path = self._source.path
         with path.open("rb") if path else io.BytesIO(self._source.all().data) as file, zipfile.ZipFile(file) as archive:
             yield archive
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        self._done = 0
+        """Yield the events; see `Reader`."""
+        self._n_read = 0
         try:
             with self._archive() as archive:
                 yield from self._read(archive, block)
         except FAILURES as error:
             if isinstance(error, Damage):
                 raise
-            raise Damage(f"event {self._done} on cannot be read: {error}", None) from None
+            raise Damage(f"the events from {self._n_read} on cannot be read: {error}", None) from None
 
     def _read(self, archive: zipfile.ZipFile, block: int) -> Iterator[Piece]:
-        """The columns, side by side."""
+        """Read the columns side by side, block by block."""
         unit = self._names.unit
         members = [_Member(archive, f"{name}.npy") for name in self._members]
         lengths = {member.shape for member in members}
@@ -123,19 +123,19 @@ class Npz:
             raise ValueError(f"its arrays have the shapes {shapes}, expected one axis and equal lengths")
         total = members[0].shape[0]
         while True:
-            count = min(max(1, block // ROW), total - self._done)
+            count = min(max(1, block // ROW), total - self._n_read)
             if len(members) == 1:
                 records = members[0].take(count)
                 columns = {key: records[getattr(self._names, key)] for key in "txyp"}
             else:
                 columns = {key: member.take(count) for key, member in zip("txyp", members, strict=True)}
             unit = unit_of(columns["t"]) if unit is None else unit
-            piece, fault = to_piece(columns, unit, self._done, members[0].place)
+            piece, fault = to_piece(columns, unit, self._n_read, members[0].place)
             yield piece
             if fault:
                 raise Damage(fault, members[0].place)
-            self._done += count
-            if self._done >= total:
+            self._n_read += count
+            if self._n_read >= total:
                 return
 
 
@@ -144,7 +144,7 @@ def _arrays(archive: zipfile.ZipFile) -> list[str]:
 
 
 def _columns(archive: zipfile.ZipFile) -> tuple[Names, list[str]]:
-    """The names of the columns, and the arrays that hold them: four, or one of records."""
+    """Return the names of the columns, and of the arrays that contain them: four arrays, or one of records."""
     arrays = _arrays(archive)
     if names := find_names(arrays):
         return names, [names.t, names.x, names.y, names.p]
@@ -157,9 +157,9 @@ def _columns(archive: zipfile.ZipFile) -> tuple[Names, list[str]]:
 def _size(archive: zipfile.ZipFile) -> Size | None:
     arrays = set(_arrays(archive))
     if "sensor_size" in arrays:
-        values = _Member(archive, "sensor_size.npy").small().ravel()
+        values = _Member(archive, "sensor_size.npy").read_small().ravel()
     elif {"width", "height"} <= arrays:
-        values = np.array([_Member(archive, f"{n}.npy").small().item() for n in ("width", "height")])
+        values = np.array([_Member(archive, f"{n}.npy").read_small().item() for n in ("width", "height")])
     else:
         return None
     if values.shape != (2,) or values.dtype.kind not in "iu" or not np.all((values >= 1) & (values <= 65536)):
@@ -171,14 +171,14 @@ def _metadata(archive: zipfile.ZipFile) -> dict[str, Any]:
     if "metadata" not in _arrays(archive):
         return {}
     member = _Member(archive, "metadata.npy")
-    return from_json(str(member.small())) if member.dtype.kind == "U" else {}
+    return from_json(str(member.read_small())) if member.dtype.kind == "U" else {}
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as NPZ. The columns are collected in files without a name, since an NPZ begins with their length."""
+    """Write a recording as NPZ. The columns go to temporary files first, because an NPZ begins with their length."""
     size, metadata, total = (1, 1), {}, 0
-    with ExitStack() as opened:
-        columns = {key: opened.enter_context(tempfile.TemporaryFile(dir=path.parent)) for key in "txyp"}
+    with ExitStack() as stack:
+        columns = {key: stack.enter_context(tempfile.TemporaryFile(dir=path.parent)) for key in "txyp"}
         for events in parts:
             size, metadata = events.sensor_size, dict(events.metadata)
             for key, file in columns.items():
@@ -198,10 +198,10 @@ def write(parts: Iterator[Events], path: Path) -> None:
 
 
 def _knows(head: bytes) -> bool:
-    """Whether a zip begins with an array."""
+    """Return whether a zip archive begins with an array."""
     length = int.from_bytes(head[26:28], "little")
     return head.startswith(b"PK\x03\x04") and head[30 : 30 + length].endswith(b".npy")
 
 
 NPZ = Format("npz", "NumPy NPZ", (".npz",), _knows, Npz, write)
-"""Read and written."""
+"""NPZ, read and written."""

@@ -102,7 +102,7 @@ class _Bag:
 
     def _add(self, held: GrowingArray, place: int, piece: Piece) -> None:
         n, count = held.used, piece.t.size
-        held.room(count)
+        held.reserve(count)
         held.t[n : n + count], held.p[n : n + count] = piece.t, piece.p
         held.x[n : n + count], held.y[n : n + count] = piece.x, piece.y
         if not count:
@@ -110,7 +110,7 @@ class _Bag:
         highest = piece.highest or (int(piece.x.max(initial=0)), int(piece.y.max(initial=0)))
         ordered = bool(np.all(piece.t[1:] >= piece.t[:-1])) if piece.ordered is None else piece.ordered
         forward = ordered and (not n or bool(held.t[n] >= held.t[n - 1]))
-        held.added([n], [self._byte(place)], n + count, highest, forward)
+        held.commit([n], [self._byte(place)], n + count, highest, forward)
 
 
 class Ros1Bag(_Bag):

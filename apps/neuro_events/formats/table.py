@@ -1,25 +1,25 @@
-"""Text with one event a line, CSV or TXT, in any order of columns; both are known by their lines.
+"""Text with one event per line, CSV or TXT, with columns in any order. Both are detected by their content.
 
-A line ends with LF, CR LF or CR. Numbers are parted by commas, semicolons, spaces or tabs. Lines that begin with ``#``
-or ``%`` and empty ones are left out; ``%geometry:WIDTH,HEIGHT`` or ``# sensor WIDTHxHEIGHT`` among the first, or a
-first line with two whole numbers only, tells the sensor. A line of names (also as the last comment) tells the columns
-and may tell the unit of time, as in `_columns`. Polarities may also be True and False.
+A line ends with LF, CR LF or CR. Numbers are separated by commas, semicolons, spaces or tabs. Empty lines and lines
+that begin with ``#`` or ``%`` are skipped. ``%geometry:WIDTH,HEIGHT`` or ``# sensor WIDTHxHEIGHT`` among the first
+lines, or a first line with only two whole numbers, states the sensor. A line of names (also as the last comment) states
+the columns and may state the unit of time, as in `_columns`. Polarities may also be True and False.
 
-Where semicolons part the columns, or spaces or tabs part numbers with commas, a comma is a decimal point.
+A comma is a decimal point if semicolons separate the columns, or if spaces or tabs separate numbers with commas.
 
-Without names the first 64 KiB decide about the columns: coordinates are whole, polarities 0 or 1 (or -1 and 1), x
-stands before y, and of several possible orders the likeliest is taken, t x y p first. If time runs back or stands still
-in that one, see `_columns.order_of`.
+Without names the first 64 KiB decide the order of the columns: coordinates are whole, polarities are 0 or 1 (or -1
+and 1), x precedes y, and the most likely of the possible orders is chosen, t x y p first. For a time that runs back or
+is constant in that order, see `_columns.order_of`.
 
-Times that are all whole in the first 64 KiB are us; times with a fraction are seconds (as in the RPG's
-``events.txt``), and so are times with a decimal point or an exponent where the coordinates have none; they are rounded
+Times are us if all of them are whole in the first 64 KiB. Times with a fraction are seconds (as in the RPG's
+``events.txt``), and so are times with a decimal point or an exponent if the coordinates have none. Seconds are rounded
 to the nearest us. A fraction after whole us is an error.
 
-A place in the file's format tells what the file does not: ``csv:xytp`` the order of the four columns, ``csv:s`` the
+A place in the file's format states what the file does not: ``csv:xytp`` the order of the four columns, ``csv:s`` the
 unit of time (s, ms, us, ns), ``csv:xytp:ms`` both.
 
-Written are a comment with the sensor, the names and lines ``t,x,y,p`` in us; in TXT the names are a comment, too, and
-spaces part the columns, so that ``numpy.loadtxt`` reads it. Metadata are not kept.
+The writers produce a comment with the sensor, the names, and lines ``t,x,y,p`` in us. In TXT the names are a comment,
+and spaces separate the columns, so that ``numpy.loadtxt`` reads the file. Metadata are not stored.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ from neuro_events.source import Bytes, Source
 kernels = LazyModule("neuro_events.formats._table_kernel")
 
 SHORT_UNITS = ("s", "ms", "us", "ns")
-"""Units that a place may name, and `metadata` has."""
+"""Units of time in a place and in `metadata`."""
 SAMPLE = 1 << 16
-"""Bytes by which columns and unit are found."""
+"""Number of bytes at the beginning that determine columns and unit."""
 LINE_LIMIT = 1 << 16
-"""No line is longer."""
+"""Largest length of a line, bytes."""
 SHORTEST_ROW = 8
-"""Bytes of the shortest line with an event: ``0,0,0,0`` and its end."""
+"""Size of the shortest line with an event, bytes: ``0,0,0,0`` and its end."""
 ROW_LIMIT = 35
-"""Bytes of the longest line that is written: 20 + 5 + 5 + 1 digits and four signs between."""
+"""Size of the longest line that is written, bytes: 20 + 5 + 5 + 1 digits and 4 separators."""
 
 _SENSOR = re.compile(r"[#%] *(?:geometry *: *(\d+) *, *(\d+)|sensor +(\d+)x(\d+))", re.ASCII)
 _LINE_END = re.compile(rb"\r\n|\r|\n")
@@ -58,18 +58,24 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _WITH_COMMA = re.compile(r"[+-]?\d+(?:,\d+)?(?:[eE][+-]?\d+)?", re.ASCII)
 _TRUTH = {"true": 1.0, "false": 0.0}
 _BOM = b"\xef\xbb\xbf"
-"""What some programs write before text."""
+"""Byte order mark of UTF-8, which some programs write before text."""
 
 
-class _Unclear(Damage):
-    """Raised where columns may be in several orders."""
+class _AmbiguousOrder(Damage):
+    """Raised if the columns may have several orders."""
 
 
 @dataclass(slots=True)
 class _Layout:
-    """What the beginning of a file states: first byte and line of the events, columns, order, unit and sensor.
+    """Layout of a file, from its beginning.
 
     Attributes:
+        start: byte of the first event.
+        line: line number of the first event.
+        columns: number of columns.
+        where: column of each of t, x, y and p.
+        unit: exponent of the unit of time, see `_columns.UNITS`.
+        size: width and height of the sensor, px, or None.
         commas: numbers have decimal commas.
     """
 
@@ -83,11 +89,11 @@ class _Layout:
 
 
 class Table:
-    """An open text file; ``metadata`` has ``columns``, their order, and ``time_unit``.
+    """A reader of text files. ``metadata`` has the order of the ``columns`` and the ``time_unit``.
 
     Args:
         source: the file.
-        place: order and unit that the user gives, as ``xytp:ms``; "" where the file tells them.
+        place: order and unit from the user, such as ``xytp:ms``; "": determined from the file.
     """
 
     def __init__(self, source: Source, place: str = "") -> None:
@@ -99,65 +105,65 @@ class Table:
         self.metadata: Mapping[str, Any] = {"columns": order, "time_unit": unit}
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
+        """Yield the events; see `Reader`."""
         line, at = self._layout.line, self._layout.start
         rest = np.zeros(0, np.uint8)
         for _, data in self._source.blocks(at, max(block, LINE_LIMIT)):
             data = np.concatenate([rest, data]) if rest.size else data
-            whole = _whole_lines(data)
-            rest = data[whole:]
-            if whole:
-                line, at = yield from self._lines(data[:whole], line, at)
+            end = _end_of_last_line(data)
+            rest = data[end:]
+            if end:
+                line, at = yield from self._lines(data[:end], line, at)
             if rest.size > LINE_LIMIT:
                 raise Damage(f"line {line + 1} is longer than {LINE_LIMIT} bytes", at)
         if rest.size or at == self._layout.start:
             yield from self._lines(rest, line, at)
 
     def _lines(self, data: Bytes, line: int, at: int) -> Generator[Piece, None, tuple[int, int]]:
-        """The events of whole lines; gives the line and the byte after them."""
+        """Yield the events of complete lines, and return the line number and the byte after them."""
         layout = self._layout
         t, x, y, p = empty_columns(data.size // SHORTEST_ROW + 1)
         where = np.array([layout.where[name] for name in "txyp"], np.int64)
         if layout.commas and (commas := data == ord(",")).any():
             data = np.where(commas, np.uint8(ord(".")), data)
-        n, end, lines, wrong, column = kernels.parse(data, layout.columns, where, layout.unit, t, x, y, p)
+        n, end, lines, fault, column = kernels.parse(data, layout.columns, where, layout.unit, t, x, y, p)
 
         def begin(event: int) -> tuple[int, int]:
-            found = np.zeros(2, np.int64)
-            kernels.rows(data, event, found)
-            return int(found[0]), int(found[1])
+            place = np.zeros(2, np.int64)
+            kernels.rows(data, event, place)
+            return int(place[0]), int(place[1])
 
         yield Piece(
             t[:n], x[:n], y[:n], p[:n],
             place=lambda event: at + begin(event)[0], line=lambda event: line + 1 + begin(event)[1],
         )  # fmt: skip
-        if wrong:
+        if fault:
             text = _LINE_END.split(data[end : end + LINE_LIMIT].tobytes(), 1)[0].decode("utf-8", "replace")
-            raise Damage(f"line {line + lines + 1}: {self._fault(wrong, column, text)}", at + int(end))
+            raise Damage(f"line {line + lines + 1}: {self._fault_text(fault, column, text)}", at + int(end))
         return line + int(lines), at + int(end)
 
-    def _fault(self, wrong: int, column: int, text: str) -> str:
-        """What is wrong with a column of a line."""
+    def _fault_text(self, fault: int, column: int, text: str) -> str:
+        """Describe the fault of a column in a line."""
         layout = self._layout
         values = _values(text.strip())
         if _has_decimal_commas(text) and not layout.commas:
             return f"{text[:40]!r} has decimal commas, unlike the lines before: expected decimal points"
-        if wrong in (kernels.TOO_FEW, kernels.TOO_MANY):
+        if fault in (kernels.TOO_FEW, kernels.TOO_MANY):
             return f"has {len(values)} columns, expected {layout.columns}"
         name = next(name for name, place in layout.where.items() if place == column)
         value = values[column] if column < len(values) else ""
         message = f"{name} is {value[:40]!r}"
-        if wrong == kernels.NOT_A_NUMBER:
+        if fault == kernels.NOT_A_NUMBER:
             return f"{message}, expected a number"
         if name == "t":
-            whole = "whole us, as before; --from csv:s or format='csv:s' reads seconds, csv:ms and csv:ns likewise"
-            return f"{message}, expected {whole if wrong == kernels.NOT_WHOLE else 'less than 2^63 us'}"
+            whole = "whole us, as before; --from csv:s or format='csv:s' reads seconds, csv:ms and csv:ns ms and ns"
+            return f"{message}, expected {whole if fault == kernels.NOT_WHOLE else 'less than 2^63 us'}"
         expected = "1 for ON, and 0 or -1 for OFF" if name == "p" else "a whole number from 0 to 65535"
         return f"{message}, expected {expected}"
 
 
-def _whole_lines(data: Bytes) -> int:
-    """Where the last line that ends in `data` ends. A CR at the very end may be the first half of a CR LF."""
+def _end_of_last_line(data: Bytes) -> int:
+    """Return the end of the last complete line. A CR at the end of `data` may be the first half of a CR LF."""
     for begin in (max(0, data.size - LINE_LIMIT), 0):
         part = data[begin:]
         ends = np.flatnonzero((part == ord("\n")) | (part == ord("\r")))
@@ -169,7 +175,7 @@ def _whole_lines(data: Bytes) -> int:
 
 
 def _options(place: str) -> tuple[str | None, int | None]:
-    """The order of columns and the unit of time that a place such as ``xytp:ms`` gives, None where it does not."""
+    """Return the order of columns and the exponent of the unit of time in a place such as ``xytp:ms``, else None."""
     order = unit = None
     for word in place.split(":") if place else ():
         if word in SHORT_UNITS and unit is None:
@@ -177,15 +183,17 @@ def _options(place: str) -> tuple[str | None, int | None]:
         elif sorted(word) == sorted("txyp") and order is None:
             order = word
         else:
-            known = "an order of t, x, y and p as in csv:xytp, a unit of time as in csv:ms, or both as in csv:xytp:ms"
+            expected = (
+                "an order of t, x, y and p as in csv:xytp, a unit of time as in csv:ms, or both as in csv:xytp:ms"
+            )
             raise Damage(
-                f"columns are given as {place!r:.40}, expected {known}; units are {', '.join(SHORT_UNITS)}", None
+                f"columns are given as {place!r:.40}, expected {expected}; units are {', '.join(SHORT_UNITS)}", None
             )
     return order, unit
 
 
 def _layout(head: bytes, order: str | None = None, unit: int | None = None) -> _Layout:
-    """What the first bytes of a file tell; `order` and `unit` as the user gives them."""
+    """Determine the layout of a file from its first bytes. `order` and `unit` are the user's, if any."""
     if len(head) == SAMPLE:
         head = head[: max(head.rfind(b"\n"), head.rfind(b"\r", 0, -1)) + 1] or head
     size: Size | None = None
@@ -204,15 +212,15 @@ def _layout(head: bytes, order: str | None = None, unit: int | None = None) -> _
         elif find_names(values):
             names = values
         elif values and (names is not None or not any(np.isnan(_float(value)) for value in values)):
-            return _of_rows(head[at:], at, number, names, len(values), size, order, unit)
+            return _layout_of_rows(head[at:], at, number, names, len(values), size, order, unit)
         elif values:
             raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
         at += len(raw)
-    return _of_rows(b"", at, len(_LINE_END.findall(head)), names, len(names or "txyp"), size, order, unit)
+    return _layout_of_rows(b"", at, len(_LINE_END.findall(head)), names, len(names or "txyp"), size, order, unit)
 
 
 def _values(text: str) -> list[str]:
-    """Names or numbers of a line: parted by semicolons, else by commas, else by tabs, else by spaces."""
+    """Split a line at semicolons, else at commas, else at tabs, else at spaces."""
     text = text.rstrip(",; \t")
     if _has_decimal_commas(text):
         text = text.replace(",", ".")
@@ -224,7 +232,7 @@ def _values(text: str) -> list[str]:
 
 
 def _has_decimal_commas(text: str) -> bool:
-    """Whether the commas of a line are decimal: semicolons, or spaces between numbers, part the columns."""
+    """Return whether the commas of a line are decimal, because semicolons or spaces separate the columns."""
     if "," not in text or not (";" in text or " " in text or "\t" in text):
         return False
     return ";" in text or all(map(_WITH_COMMA.fullmatch, text.split()))
@@ -236,11 +244,11 @@ def _sensor(size: list[int], number: int, at: int) -> Size:
     return size[0], size[1]
 
 
-def _of_rows(
+def _layout_of_rows(
     rows: bytes, at: int, number: int, names: list[str] | None, columns: int, size: Size | None,
     order: str | None, unit: int | None,
 ) -> _Layout:  # fmt: skip
-    """The layout of a file whose events begin at a byte."""
+    """Determine the layout of a file whose events begin at byte `at`, from the names and the first rows."""
     header = find_names(names) if names else None
     texts = [line.decode("utf-8", "replace").strip() for line in rows.splitlines()]
     first = texts[0].rstrip(",; \t") if texts else ""
@@ -254,17 +262,17 @@ def _of_rows(
         where = {name: names.index(getattr(header, name)) for name in "txyp"}
         unit = header.unit if unit is None else unit
     elif order is None and columns == 4:
-        where = {name: place for place, name in enumerate(_found_order(lines, at))}
+        where = {name: place for place, name in enumerate(_order_of_rows(lines, at))}
     else:
         raise Damage(f"line {number + 1}: has {columns} columns, expected {len(order or names or 'txyp')}", at)
-    return _Layout(at, number, columns, where, _found_unit(lines, where) if unit is None else unit, size, commas)
+    return _Layout(at, number, columns, where, _unit_of_rows(lines, where) if unit is None else unit, size, commas)
 
 
-def _found_order(lines: list[list[str]], at: int) -> str:
-    """The order of four columns by the first rows.
+def _order_of_rows(lines: list[list[str]], at: int) -> str:
+    """Return the order of four columns from the first rows.
 
     Raises:
-        Damage: it may be one of several; says how to give it.
+        Damage: several orders are possible; the message says how to specify one.
     """
     try:
         rows = np.array([[_float(value) for value in line] for line in lines], np.float64).reshape(-1, 4)
@@ -273,11 +281,14 @@ def _found_order(lines: list[list[str]], at: int) -> str:
         first, *others = several.orders
         what = f"columns without names may be {first}, where {several.why}, or {' or '.join(others)}"
         word = first.replace(" ", "")
-        raise _Unclear(f"{what}: expected the order, as --from csv:{word} or format='csv:{word}'", at) from None
+        raise _AmbiguousOrder(f"{what}: expected the order, as --from csv:{word} or format='csv:{word}'", at) from None
 
 
-def _found_unit(lines: list[list[str]], where: Mapping[str, int]) -> int:
-    """The unit of time by the first rows: a decimal point that coordinates lack tells seconds, also of whole times."""
+def _unit_of_rows(lines: list[list[str]], where: Mapping[str, int]) -> int:
+    """Return the exponent of the unit of time from the first rows.
+
+    Times with a fraction are seconds, and so are whole times with a decimal point if the coordinates have none.
+    """
     times = np.array([_float(line[where["t"]]) for line in lines], np.float64)
     if unit_of(times[np.isfinite(times)]) == SECONDS:
         return SECONDS
@@ -286,7 +297,7 @@ def _found_unit(lines: list[list[str]], where: Mapping[str, int]) -> int:
 
 
 def _pointed(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
-    """Return of each column whether some number has a decimal point or an exponent."""
+    """Return for each column whether any of its numbers has a decimal point or an exponent."""
     texts = ([line[column] for line in lines] for column in columns)
     return [any(not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) for text in each) for each in texts]
 
@@ -296,13 +307,13 @@ def _float(text: str) -> float:
 
 
 def _knows(head: bytes) -> bool:
-    """Whether a file begins with lines of names or numbers, by what a few bytes tell."""
-    whole = max(head.rfind(b"\n"), head.rfind(b"\r")) + 1
-    if b"\0" in head or not head.isascii() or not whole:
+    """Return whether a file begins with lines of names or numbers."""
+    end = max(head.rfind(b"\n"), head.rfind(b"\r")) + 1
+    if b"\0" in head or not head.isascii() or not end:
         return False
     try:
-        layout = _layout(head[:whole])
-    except _Unclear:
+        layout = _layout(head[:end])
+    except _AmbiguousOrder:
         return True
     except Damage:
         return False
@@ -310,16 +321,16 @@ def _knows(head: bytes) -> bool:
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as CSV."""
+    """Write a recording as CSV."""
     _write(parts, path, "# sensor %dx%d\nt,x,y,p\n", ",")
 
 
 def write_txt(parts: Iterator[Events], path: Path) -> None:
-    """Encode as TXT."""
+    """Write a recording as TXT."""
     _write(parts, path, "# sensor %dx%d\n# t x y p\n", " ")
 
 
-def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None:
+def _write(parts: Iterator[Events], path: Path, head: str, separator: str) -> None:
     with growing(path.open("wb")) as append:
         for k, events in enumerate(parts):
             if not k:
@@ -327,10 +338,10 @@ def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None
             for begin in range(0, len(events), 1 << 18):
                 part = events[begin : begin + (1 << 18)]
                 out = np.empty(ROW_LIMIT * len(part), np.uint8)
-                append(out[: kernels.form(part.t, part.x, part.y, part.p, ord(between), out)].data)
+                append(out[: kernels.form(part.t, part.x, part.y, part.p, ord(separator), out)].data)
 
 
 TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write, grows=True, inside=Table, guesses=True)
-"""Read and written; TXT that is known by its lines is read as this."""
+"""CSV, read and written. TXT that is detected by its content is read as CSV."""
 TXT = Format("txt", "TXT", (".txt",), lambda head: False, Table, write_txt, grows=True, inside=Table)
-"""Read and written."""
+"""TXT, read and written."""
