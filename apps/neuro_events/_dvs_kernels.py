@@ -1,10 +1,10 @@
 # mypy: ignore-errors
 """Compiled loops of `neuro_events.dvs`.
 
-Times are float64, us since the first image. While the image of a pixel changes along a straight line
-of slope s, its low-passed log intensity lags behind by lag(u) = (lag + s/r) exp(-ru) - s/r, where u is
-the time since then and r the bandwidth in 1/us. So what the pixel sees of a change is
-v(u) = v + a u + q (exp(-ru) - 1), with a = s + leak and q = lag + s/r (0 without a limit of bandwidth).
+Times are float64, us since the first image. While the log intensity of a pixel changes linearly with slope s, its
+low-passed log intensity lags behind by lag(u) = (lag + s/r) exp(-ru) - s/r, where u is the time since the start and r
+the bandwidth in 1/us. The pixel therefore sees the change v(u) = v + a u + q (exp(-ru) - 1), with a = s + leak and
+q = lag + s/r (0 without a limit of the bandwidth).
 """
 
 from __future__ import annotations
@@ -19,28 +19,29 @@ from neuro.extend import allocating, kernel, subkernel
 
 BLOCK = 64
 SETTLED = 40.0
-"""Time constants after which a lag is gone: exp(-40) is less than the rounding of 1."""
+"""Time constants after which a lag is negligible: exp(-40) is less than the rounding error of 1."""
 TIE = 1e-9
-"""Log units by which a threshold may be missed, so that light that comes back to where it was makes as many
-OFF as ON events in spite of rounding. v2e rounds its log intensities to 1e-8 for this."""
+"""Tolerance of the thresholds, log units. Light that returns to its old value then triggers as many OFF as ON events in
+spite of rounding. v2e rounds its log intensities to 1e-8 for this purpose."""
 PIXEL = np.dtype(
     [
         ("leak", "f8"),  # log units per us
-        ("bright", "f8"),  # intensity of the image that was last different, v2e's inten01
-        ("since", "f8"),  # time at which change and lag hold
+        ("bright", "f8"),  # intensity of the last image in which the pixel changed, v2e's inten01
+        ("since", "f8"),  # time to which change and lag refer
         ("lag", "f8"),  # low-passed minus true log intensity
-        ("listen", "f8"),  # blind until then
-        ("noise", "f8"),  # time of the next noise event, if it is let through
-        ("drawn", "i8"),  # random words used
+        ("listen", "f8"),  # end of the refractory period
+        ("noise", "f8"),  # time of the next noise candidate
+        ("drawn", "i8"),  # number of random words drawn
     ]
 )
-"""State of a pixel, beside its levels."""
+"""State of a pixel, except its levels."""
 ON, OFF, LOG, CHANGE = range(4)
-"""Columns of the levels of all pixels, log units: thresholds, log of the image that was last different, change since
-the last event. They lie apart from the rest, which a pixel that stays below its thresholds does not need."""
+"""Columns of the levels of all pixels, log units: the thresholds, the log intensity of the last image in which the
+pixel changed, and the change since the last event. An array of their own speeds up pixels that stay below their
+thresholds, which need nothing else."""
 FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", "f8"), ("seed", "i8")])
-"""Of all pixels: cutoff 1/us at full scale or 0, refractory us, mean us between noise events in the dark,
-share of them that full scale takes away, seed."""
+"""Parameters of all pixels: cutoff at full scale, 1/us, or 0; refractory period, us; mean time between noise candidates
+in the dark, us; share of them that is dropped at full scale; seed."""
 
 
 class Pixels(NamedTuple):
@@ -50,13 +51,13 @@ class Pixels(NamedTuple):
         fixed: (1,) `FIXED`.
         state: (n,) `PIXEL`.
         levels: (n, 4) float64, see `ON`.
-        due: (n,) float64, us: until then a pixel has no event while its image stays as it is.
-        block_due: (m,) float64, us: the first of each block.
-        blocks: (m,) int64, filled by `look` with the blocks to be looked at.
-        changed: (m,) int64, filled by `look` with the number of their pixels that changed.
-        index: (n,) int64, filled by `pick` with the pixels to be worked on.
-        logs: (n,) float64, filled by `pick` with their log intensities, nan: as before.
-        bright: (n,) float64, filled by `pick` with their inten01.
+        due: (n,) float64, us: earliest time of the next event of a pixel with constant light.
+        block_due: (m,) float64, us: smallest `due` of each block.
+        blocks: (m,) int64, output of `look`: the blocks to process.
+        changed: (m,) int64, output of `look`: the number of changed pixels in each of these blocks.
+        index: (n,) int64, output of `pick`: the pixels to process.
+        logs: (n,) float64, output of `pick`: their log intensities, NaN if unchanged.
+        bright: (n,) float64, output of `pick`: their inten01.
     """
 
     fixed: Any
@@ -72,15 +73,15 @@ class Pixels(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """The log intensity of light.
+    """Curve from intensity to log intensity.
 
     Attributes:
-        table: (levels,) log intensities, empty for floats.
-        scale: that of the images.
-        floor: what is added to the light.
-        knee: where the log begins.
-        slope: of the line below it.
-        height: of the line at 0.
+        table: (levels,) log intensities of integer images; empty for floats.
+        scale: factor from the image's values to shares of full scale.
+        floor: intensity added to the light.
+        knee: intensity above which the log begins.
+        slope: slope of the line below the knee.
+        height: offset of the line at 0.
     """
 
     table: Any
@@ -93,49 +94,49 @@ class Curve(NamedTuple):
 
 @subkernel
 def draw(seed, pixel, number):
-    """The pixel's random word of this number: a function of nothing else."""
+    """Return a pixel's random word with a number, as a function of seed, pixel and number only."""
     key = draws.mix(np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15))
     return draws.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
 
 
 @subkernel
 def unit(word):
-    """A number between 0 and 1, both excluded, from the upper 53 bits."""
+    """Convert the upper 53 bits of a word to a number between 0 and 1, both exclusive."""
     return (float(word >> np.uint64(11)) + 0.5) / 9007199254740992.0
 
 
 @subkernel
 def next_noise(state, i, all_):
-    """Draw the time of the next noise event; the lowest bit of the word is its polarity."""
+    """Draw the time of the next noise candidate. The lowest bit of the word is its polarity."""
     state.drawn += 1
     state.noise -= all_.wait * log(unit(draw(all_.seed, i, state.drawn)))
 
 
 @subkernel
-def eased(q, r, u):
-    """What the lag, and so v, has changed by because of the limited bandwidth."""
+def lag_change(q, r, u):
+    """Return the change of the lag, and thus of v, after time u with a limited bandwidth."""
     return q * expm1(-r * u) if q != 0.0 else 0.0
 
 
 @subkernel
 def value(v, a, q, r, u):
-    """v(u), see above."""
-    return v + a * u + eased(q, r, u)
+    """Return v(u); see the module's docstring."""
+    return v + a * u + lag_change(q, r, u)
 
 
 @subkernel
-def root(v, a, q, r, target, left, right):
-    """Time in [left, right], where v(u) is monotone and reaches the target.
+def root(v, a, q, r, target, lower, upper):
+    """Return the time in [lower, upper] at which v(u) reaches the target, for monotone v(u).
 
-    v(u) is bent to one side only, so Newton's steps from the outer side of the bend do not overshoot.
+    v(u) is convex or concave, so Newton's method does not overshoot if it starts on the outer side of the bend.
     """
-    u = right if (value(v, a, q, r, right) - target) * q > 0.0 else left
+    u = upper if (value(v, a, q, r, upper) - target) * q > 0.0 else lower
     for _ in range(60):
         slope = a - q * r * exp(-r * u)
         if slope == 0.0:
             break
         step = (value(v, a, q, r, u) - target) / slope
-        u = min(max(u - step, left), right)
+        u = min(max(u - step, lower), upper)
         if abs(step) < 1e-6:
             break
     return u
@@ -143,7 +144,7 @@ def root(v, a, q, r, target, left, right):
 
 @subkernel
 def crossing(v, a, q, r, on, off, span):
-    """First time up to span at which v(u) reaches a threshold, and the polarity; inf if it does not."""
+    """Return the first time up to `span` at which v(u) reaches a threshold (inf: never), and the polarity."""
     if q == 0.0:
         if a > 0.0 and v + a * span >= on - TIE:
             return min((on - v) / a, span), 1
@@ -152,32 +153,32 @@ def crossing(v, a, q, r, on, off, span):
         return inf, 0
     if max(a * span, 0.0) + abs(q) < on - TIE - v and min(a * span, 0.0) - abs(q) > TIE - off - v:
         return inf, 0
-    turn = span
+    turning_point = span
     if a * q > 0.0 and q * r / a > 1.0:
-        turn = min(span, log(q * r / a) / r)
-    left = 0.0
-    for right in (turn, span):
-        end = value(v, a, q, r, right)
+        turning_point = min(span, log(q * r / a) / r)
+    lower = 0.0
+    for upper in (turning_point, span):
+        end = value(v, a, q, r, upper)
         if end >= on - TIE:
-            return root(v, a, q, r, on, left, right), 1
+            return root(v, a, q, r, on, lower, upper), 1
         if end <= TIE - off:
-            return root(v, a, q, r, -off, left, right), 0
-        left = right
+            return root(v, a, q, r, -off, lower, upper), 0
+        lower = upper
     return inf, 0
 
 
 @subkernel
 def bandwidth(state, all_):
-    """1/us; in proportion to the intensity."""
+    """Return the bandwidth of a pixel, 1/us, in proportion to its intensity."""
     return all_.cutoff * state.bright
 
 
 @subkernel
 def due_time(state, levels, i, all_):
-    """Until when the pixel has no event and draws no noise while its image stays as it is, or a bit less."""
+    """Return a lower bound of the time of a pixel's next event or noise candidate with constant light."""
     r = bandwidth(state, all_)
     wait = max(state.listen - state.since, 0.0)
-    q = state.lag + eased(state.lag, r, wait)
+    q = state.lag + lag_change(state.lag, r, wait)
     on, off, change = levels[i, ON], levels[i, OFF], levels[i, CHANGE]
     high = change + abs(q)
     if high < on and change - abs(q) > -off:
@@ -192,7 +193,11 @@ def due_time(state, levels, i, all_):
 
 @subkernel
 def run(state, levels, i, s, end, all_, origin, earliest, n, out):
-    """Let a pixel see the log intensity go with slope s until `end`; returns events written, whether it got there."""
+    """Simulate a pixel whose log intensity changes with slope s until `end`.
+
+    Returns:
+        The number of events written, and False if the output arrays were full before `end`.
+    """
     out_t, out_pixel, out_p = out
     r = bandwidth(state, all_)
     start = state.since
@@ -204,13 +209,13 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
     while True:
         if blind > u:
             wake = min(blind, span)
-            state.lag += eased(state.lag + tail, r, wake - u)
+            state.lag += lag_change(state.lag + tail, r, wake - u)
             u = wake
             if u >= span:
                 break
         q = state.lag + tail
-        ahead, p = crossing(levels[i, CHANGE], a, q, r, levels[i, ON], levels[i, OFF], span - u)
-        at = min(u + ahead, span) if ahead < inf else inf
+        delay, p = crossing(levels[i, CHANGE], a, q, r, levels[i, ON], levels[i, OFF], span - u)
+        at = min(u + delay, span) if delay < inf else inf
         while state.noise - start <= u:
             next_noise(state, i, all_)
         while state.noise - start < at and state.noise <= end:
@@ -221,7 +226,7 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
                 break
             next_noise(state, i, all_)
         if at == inf:
-            change = eased(q, r, span - u)
+            change = lag_change(q, r, span - u)
             levels[i, CHANGE] += a * (span - u) + change
             state.lag += change
             break
@@ -232,7 +237,7 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
         out_pixel[n] = i
         out_p[n] = p
         n += 1
-        state.lag += eased(q, r, at - u)
+        state.lag += lag_change(q, r, at - u)
         levels[i, CHANGE] = 0.0
         u = at
         blind = at + all_.blind
@@ -243,10 +248,11 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
 
 @kernel
 def advance(k, count, t0, t1, origin, pixels, out):
-    """Let the pixels found by `look` see the image of t1; between t0 and t1 their log goes straight.
+    """Simulate the pixels from `pick` from t0 to t1, with a linear change of their log intensity.
 
-    Returns (events written, pixel to go on from); the latter is less than count where the buffers were
-    full, and the call must be repeated with fresh ones.
+    Returns:
+        The number of events written, and the pixel to continue with. A pixel below `count` means that the output arrays
+        are full: call again with new arrays.
     """
     all_, levels, due = pixels.fixed[0], pixels.levels, pixels.due
     index, logs, bright = pixels.index, pixels.logs, pixels.bright
@@ -258,8 +264,8 @@ def advance(k, count, t0, t1, origin, pixels, out):
         s = 0.0
         if not isnan(logs[j]):
             if state.since < t0:
-                n, done = run(state, levels, i, 0.0, t0, all_, origin, earliest, n, out)
-                if not done:
+                n, is_finished = run(state, levels, i, 0.0, t0, all_, origin, earliest, n, out)
+                if not is_finished:
                     return n, j
             s = (logs[j] - levels[i, LOG]) / (t1 - t0)
             state.bright = bright[j]
@@ -272,8 +278,8 @@ def advance(k, count, t0, t1, origin, pixels, out):
                 later = t1 + (levels[i, ON] - end) / state.leak if state.leak > 0.0 else inf
                 due[i] = min(later, state.noise)
                 continue
-        n, done = run(state, levels, i, s, t1, all_, origin, earliest, n, out)
-        if not done:
+        n, is_finished = run(state, levels, i, s, t1, all_, origin, earliest, n, out)
+        if not is_finished:
             return n, j
         if not isnan(logs[j]):
             levels[i, LOG] = logs[j]
@@ -283,7 +289,7 @@ def advance(k, count, t0, t1, origin, pixels, out):
 
 @kernel
 def begin(pixels):
-    """Show the first image, at time 0."""
+    """Initialise the pixels with the first image, at time 0."""
     all_, levels = pixels.fixed[0], pixels.levels
     for i in range(pixels.due.size):
         state = pixels.state[i]
@@ -298,7 +304,7 @@ def begin(pixels):
 
 @kernel
 def in_order(t, pixel, p, width, order, out_t, out_x, out_y, out_p):
-    """Columns and rows of pixels, all in the given order."""
+    """Write events in the given order, with columns and rows of their pixels."""
     for k in range(order.size):
         i = order[k]
         out_t[k] = t[i]
@@ -309,7 +315,7 @@ def in_order(t, pixel, p, width, order, out_t, out_x, out_y, out_p):
 
 @kernel
 def few_in_order(t, pixel, p, width, out_t, out_x, out_y, out_p):
-    """As `in_order`, by time and then as they come: each is put in its place among those before."""
+    """Sort events by time with insertion, and write them as `in_order` does. Events at equal times keep their order."""
     for i in range(t.size):
         k = i
         while k > 0 and out_t[k - 1] > t[i]:
@@ -322,28 +328,28 @@ def few_in_order(t, pixel, p, width, out_t, out_x, out_y, out_p):
 
 
 MANY = 48
-"""Changed pixels of a block from which on all of it is tried at once."""
+"""Number of changed pixels from which on a block is processed in one vectorised loop."""
 
 
 @subkernel
 def differing(new, old, low, high):
-    """How many pixels from low to high - 1 differ; without a branch, so that it is done many pixels at a time."""
-    found = 0
-    for i in range(np.uint64(low), np.uint64(high)):  # unsigned: no index is from the end
-        found += new[i] != old[i]
-    return found
+    """Return the number of pixels from low to high - 1 that differ. The loop has no branches, so it is vectorised."""
+    count = 0
+    for i in range(np.uint64(low), np.uint64(high)):  # unsigned, to avoid the test for negative indices
+        count += new[i] != old[i]
+    return count
 
 
 @subkernel
 def outside(low, high, width, box):
-    """Whether pixels low to high - 1 of the flat image certainly have none in a box; its rows are looked at before."""
+    """Return whether pixels low to high - 1 are one row's and outside a box's columns. The caller checks the rows."""
     row = low // width
     return high <= (row + 1) * width and (high - row * width <= box[0] or low - row * width >= box[2])
 
 
 @subkernel
 def possible(new, scale, low, high):
-    """Whether all intensities from low to high - 1 are finite and not negative; without a branch."""
+    """Return whether all intensities from low to high - 1 are finite and not negative. The loop is vectorised."""
     bad = 0
     for i in range(np.uint64(low), np.uint64(high)):
         light = new[i] * scale
@@ -352,14 +358,14 @@ def possible(new, scale, low, high):
 
 
 @subkernel
-def glide(logs, low, high, levels):
-    """Take on the logs of a block of pixels without leak and noise if none has an event; returns whether it did."""
-    loud = 0
+def update_silent_block(logs, low, high, levels):
+    """Update a block of pixels without leak and noise if no pixel has an event. Return False, unchanged, otherwise."""
+    has_event = 0
     start = np.uint64(low)
     for i in range(np.uint64(high - low)):
         end = levels[start + i, CHANGE] + (logs[i] - levels[start + i, LOG])
-        loud |= (end >= levels[start + i, ON] - TIE) | (end <= TIE - levels[start + i, OFF])
-    if loud:
+        has_event |= (end >= levels[start + i, ON] - TIE) | (end <= TIE - levels[start + i, OFF])
+    if has_event:
         return False
     for i in range(np.uint64(high - low)):
         levels[start + i, CHANGE] += logs[i] - levels[start + i, LOG]
@@ -369,11 +375,20 @@ def glide(logs, low, high, levels):
 
 @kernel
 def look(new, old, first, box, width, scale, t1, pixels):
-    """Find the blocks in which pixels changed or are due until t1, and look at their intensities.
+    """Find the blocks with pixels that changed or are due until t1, and check their intensities.
 
-    Args: new, old: images, flat; first: take all for changed; box: x0, y0, x1, y1, outside of which
-    nothing changed; width: of the image; scale: of the images; pixels: `Pixels`.
-    Returns (number of blocks, first pixel with an impossible intensity or -1).
+    Args:
+        new: the image, flat.
+        old: the image before, flat.
+        first: treat all pixels as changed.
+        box: x0, y0, x1, y1: the part of the image that may have changed.
+        width: width of the image, px.
+        scale: factor from the image's values to shares of full scale.
+        t1: us.
+        pixels: `Pixels`; `blocks` and `changed` are written.
+
+    Returns:
+        The number of blocks, and the first pixel with an impossible intensity or -1.
     """
     n = 0
     block_due, blocks, changed = pixels.block_due, pixels.blocks, pixels.changed
@@ -398,45 +413,55 @@ def look(new, old, first, box, width, scale, t1, pixels):
 
 @subkernel
 def log_intensity(value, curve):
-    """Log intensity of a pixel."""
+    """Return the log intensity of a pixel."""
     if curve.table.size:
         return curve.table[int(value)]
-    seen = value * curve.scale + curve.floor
-    return log(seen) if seen > curve.knee else seen * curve.slope + curve.height
+    light = value * curve.scale + curve.floor
+    return log(light) if light > curve.knee else light * curve.slope + curve.height
 
 
 @allocating
 def pick(new, old, first, count, calm, curve, t1, pixels):
-    """Find the pixels that changed or are due in the blocks found by `look`, but for those without an event.
+    """Find the pixels that changed or are due in the blocks of `look`, and update those without an event directly.
 
-    Args: calm: no pixel has leak, noise, a limit of bandwidth or a refractory period; curve: `Curve`; pixels: `Pixels`.
-    Returns the number of pixels.
+    Args:
+        new: the image, flat.
+        old: the image before, flat.
+        first: treat all pixels as changed.
+        count: number of blocks.
+        calm: True if the pixels have no leak, noise, limit of the bandwidth and refractory period.
+        curve: `Curve`.
+        t1: us.
+        pixels: `Pixels`; `index`, `logs` and `bright` are written.
+
+    Returns:
+        The number of pixels to process.
     """
     blocks, changed, due, levels = pixels.blocks, pixels.changed, pixels.due, pixels.levels
     index, logs, bright = pixels.index, pixels.logs, pixels.bright
     k = 0
-    ahead = np.empty(BLOCK)
+    block_logs = np.empty(BLOCK)
     for b in range(count):
         low = blocks[b] * BLOCK
         high = min(low + BLOCK, new.size)
-        known = calm and not first and changed[b] >= MANY
-        if known:
+        has_logs = calm and not first and changed[b] >= MANY
+        if has_logs:
             for i in range(low, high):
-                same = new[i] == old[i]
-                ahead[i - low] = levels[i, LOG] if same else log_intensity(new[i], curve)
-            if glide(ahead, low, high, levels):
+                is_same = new[i] == old[i]
+                block_logs[i - low] = levels[i, LOG] if is_same else log_intensity(new[i], curve)
+            if update_silent_block(block_logs, low, high, levels):
                 continue
         for i in range(low, high):
             if changed[b] and (new[i] != old[i] or first):
-                to = ahead[i - low] if known else log_intensity(new[i], curve)
+                new_log = block_logs[i - low] if has_logs else log_intensity(new[i], curve)
                 if calm and not first:
-                    end = levels[i, CHANGE] + (to - levels[i, LOG])
+                    end = levels[i, CHANGE] + (new_log - levels[i, LOG])
                     if TIE - levels[i, OFF] < end < levels[i, ON] - TIE:
                         levels[i, CHANGE] = end
-                        levels[i, LOG] = to
+                        levels[i, LOG] = new_log
                         continue
                 index[k] = i
-                logs[k] = to
+                logs[k] = new_log
                 bright[k] = (255.0 * new[i] * curve.scale + 20.0) / 275.0
                 k += 1
             elif due[i] <= t1:
@@ -448,7 +473,7 @@ def pick(new, old, first, count, calm, curve, t1, pixels):
 
 @kernel
 def settle(count, new, old, pixels):
-    """Keep what was looked at, and when the first pixel of each block is due."""
+    """Store the image of the processed blocks, and the earliest due time of each block."""
     blocks, due, block_due = pixels.blocks, pixels.due, pixels.block_due
     for k in range(count):
         low = blocks[k] * BLOCK

@@ -1,4 +1,4 @@
-"""A model of the pixels of an event camera: events from images with times, and images of scenes."""
+"""A pixel model of event cameras: events from timed images, and images from scenes."""
 
 from __future__ import annotations
 
@@ -19,32 +19,31 @@ kernels = LazyModule("neuro_events._dvs_kernels")
 
 __all__ = ["DVS", "DVSParameters", "dvs_events"]
 
-Found = tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.uint8]]
+RawEvents = tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.uint8]]
 
 Box = tuple[int, int, int, int]
 
 _KINDS = ("uint8", "uint16", "float16", "float32", "float64")
 
 _FEW = 48
-"""Up to so many events are put in order one by one."""
+"""Largest number of events that are sorted by insertion."""
 
 
 class DVS:
-    """An event camera that is shown images one after the other.
+    """A model of an event camera that receives one image after another.
 
-    Between two images the log intensity of a pixel is taken to go in a straight line, so events have
-    times of their own between those of the images. A pixel compares with its intensity at its last
-    event; leak is a slow rise of that difference. Every draw depends on seed, pixel and the count of
-    draws only: the same images give the same events. Only pixels that change, or whose leak or noise
-    is due, are worked on.
+    Between two images the log intensity of a pixel is assumed to change linearly, so events occur at times between the
+    images. A pixel compares its log intensity with the value at its last event; leak is a slow rise of that difference.
+    Every random draw depends only on the seed, the pixel and the number of earlier draws, so the same images give the
+    same events. Only pixels whose intensity changes, or with a leak or noise event due, are computed.
 
     Args:
         sensor_size: width and height, px.
-        parameters: of the pixels; None takes the defaults.
-        seed: of thresholds and noise, not negative.
+        parameters: parameters of the pixels. None: the defaults.
+        seed: seed of thresholds and noise, not negative.
 
     Raises:
-        ModelError: the size or the seed cannot be.
+        ModelError: invalid size or seed.
 
     Example:
         >>> import numpy as np
@@ -58,13 +57,13 @@ class DVS:
     def __init__(self, sensor_size: tuple[int, int], parameters: DVSParameters | None = None, *, seed: int = 0) -> None:
         argument("seed", seed, whole=True, at_least=0)
         self.sensor_size = checked_size(sensor_size)
-        self._whole = (0, 0, *self.sensor_size)
+        self._full_box = (0, 0, *self.sensor_size)
         self.parameters = parameters or DVSParameters()
         self.seed = seed
         self.reset()
 
     def reset(self) -> None:
-        """Forget all images; the camera is as new."""
+        """Reset the camera to its initial state."""
         p, n = self.parameters, self.sensor_size[0] * self.sensor_size[1]
         state, levels, blocks = np.zeros(n, kernels.PIXEL), np.zeros((n, 4)), -(-n // kernels.BLOCK)
         spread = (
@@ -82,60 +81,60 @@ class DVS:
         looked = np.zeros(blocks), *np.zeros((2, blocks), np.int64)
         picked = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
         self._pixels = kernels.Pixels(fixed, state, levels, np.zeros(n), *looked, *picked)
-        self._out = _room(max(1024, n // 4))
+        self._out = _buffers(max(1024, n // 4))
         self._old: npt.NDArray[Any] | None = None
         self._origin = self._t = 0
 
     def see(self, image: Image, t_us: int, *, changed: Box | None = None) -> Events:
-        """Show the next image.
+        """Process the next image.
 
         Args:
-            image: (height, width) intensities, linear in light and not negative: uint8 or uint16, whose
-                largest value is full scale, or floats of which 1 is full scale (there may be more).
-            t_us: its time, us; more than that of the image before.
-            changed: first column and row, and column and row behind the last, of the part that may differ
-                from the image before; a promise that saves the comparison of the rest. What differs
-                outside is seen then or with a later image. Nothing is asked of the first image.
+            image: (height, width) intensities, linear in light and not negative: uint8 or uint16, with the largest
+                value of the type as full scale, or floats with 1 as full scale (larger values are allowed).
+            t_us: time of the image, us, later than that of the image before.
+            changed: (first column, first row, end column, end row), the part that may differ from the image before. The
+                caller's promise saves the comparison of the rest. A difference outside the part is noticed now or with
+                a later image. Ignored for the first image.
 
         Returns:
-            The events between the image before and this one, by time; none for the first image.
+            The events between the image before and this one, ordered by time. No events for the first image.
 
         Raises:
-            ModelError: another shape or type than before, time not later, an intensity that is
-                negative or not finite, or `changed` not on the image; the camera is then as it was.
+            ModelError: shape or type differ from the image before, the time is not later, an intensity is negative or
+                not finite, or `changed` is not on the image. The state of the camera is then unchanged.
         """
-        new, t = self._checked(image, t_us)
-        box = self._whole if changed is None else self._inside(changed, t)
+        flat, t = self._checked(image, t_us)
+        box = self._full_box if changed is None else self._inside(changed, t)
         first = self._old is None
         if self._old is None:
-            self._start(new.dtype, t)
+            self._start(flat.dtype, t)
         assert self._old is not None
         t0, t1 = float(self._t - self._origin), float(t - self._origin)
         pixels = self._pixels
-        blocks, bad = kernels.look(new, self._old, first, box, self.sensor_size[0], self._curve.scale, t1, pixels)
+        blocks, bad = kernels.look(flat, self._old, first, box, self.sensor_size[0], self._curve.scale, t1, pixels)
         if bad >= 0:
             self._old = None if first else self._old
-            raise self._impossible(new, bad, t)
-        count = kernels.pick(new, self._old, first, blocks, self._calm, self._curve, t1, pixels)
-        found: list[Found] = []
+            raise self._impossible(flat, bad, t)
+        count = kernels.pick(flat, self._old, first, blocks, self._calm, self._curve, t1, pixels)
+        batches: list[RawEvents] = []
         if first:
             kernels.begin(pixels)
         elif count:
-            done = 0
-            while done < count:
-                n, done = kernels.advance(done, count, t0, t1, self._origin, pixels, self._out)
-                found.append((self._out[0][:n], self._out[1][:n], self._out[2][:n]))
-                if done < count:
-                    self._out = _room(4 * len(self._out[0]))
-        kernels.settle(blocks, new, self._old, pixels)
+            n_done = 0
+            while n_done < count:
+                n, n_done = kernels.advance(n_done, count, t0, t1, self._origin, pixels, self._out)
+                batches.append((self._out[0][:n], self._out[1][:n], self._out[2][:n]))
+                if n_done < count:
+                    self._out = _buffers(4 * len(self._out[0]))
+        kernels.settle(blocks, flat, self._old, pixels)
         before, self._t = self._t, t
-        return self._sorted(found, before, t)
+        return self._sorted(batches, before, t)
 
     def watch(self, images: Iterable[tuple[int, Image]]) -> Iterator[Events]:
-        """Show images as they come.
+        """Process images as they arrive.
 
         Args:
-            images: time (us) and image, as for `see`; more than one call goes on where the last ended.
+            images: time (us) and image, as for `see`. A further call continues after the images before.
 
         Yields:
             The events before each image but the first.
@@ -147,7 +146,7 @@ class DVS:
                 yield events
 
     def record(self, images: Iterable[tuple[int, Image]]) -> Events:
-        """All events of `watch` as one recording.
+        """Return all events of `watch` as one recording.
 
         Args:
             images: as for `watch`.
@@ -156,7 +155,7 @@ class DVS:
         return Events._trusted(*columns, self.sensor_size, {})
 
     def _checked(self, image: Image, t_us: int) -> tuple[npt.NDArray[Any], int]:
-        """The image as a flat array, and its time."""
+        """Check an image and its time, and return the flat image and the time."""
         array, t = np.asarray(image), int(t_us)
         width, height = self.sensor_size
         where = f"image at {t_us} us"
@@ -165,13 +164,13 @@ class DVS:
         if array.shape != (height, width):
             hint = "one grey value for each pixel; mix colours first" if array.ndim == 3 else ""
             raise ModelError(f"{where} has shape {array.shape}, expected ({height}, {width})", hint=hint)
-        known = self._old is not None and array.dtype == self._old.dtype
-        if not known and str(array.dtype) not in _KINDS:
+        has_type_of_last = self._old is not None and array.dtype == self._old.dtype
+        if not has_type_of_last and str(array.dtype) not in _KINDS:
             raise ModelError(
                 f"{where} has type {array.dtype}, expected one of {', '.join(_KINDS)}",
                 hint="integers have their type's largest value as full scale, floats have 1",
             )
-        if not known and array.dtype == np.float16:
+        if not has_type_of_last and array.dtype == np.float16:
             array = array.astype(np.float32)
         if self._old is not None:
             if array.dtype != self._old.dtype:
@@ -181,7 +180,7 @@ class DVS:
         return np.ascontiguousarray(array).reshape(-1), t
 
     def _inside(self, changed: Box, t: int) -> Box:
-        """The part that changed, if it is on the image."""
+        """Check that the changed part lies on the image, and return it."""
         width, height = self.sensor_size
         x0, y0, x1, y1 = box = tuple(int(edge) for edge in changed)
         if box != tuple(changed) or not (0 <= x0 <= x1 <= width and 0 <= y0 <= y1 <= height):
@@ -190,7 +189,7 @@ class DVS:
         return x0, y0, x1, y1
 
     def _start(self, kind: np.dtype[Any], t: int) -> None:
-        """Take on the type and the time of the first image."""
+        """Initialise the arrays that depend on the type and the time of the first image."""
         self._old = np.zeros(len(self._pixels.due), kind)
         self._origin = self._t = t
         levels = np.arange(np.iinfo(str(kind)).max + 1 if kind.kind == "u" else 0).astype(kind)
@@ -202,9 +201,9 @@ class DVS:
         text = f"image at {t} us: intensity at x {x}, y {y} is {image[bad]}, expected a finite number of at least 0"
         return ModelError(text)
 
-    def _sorted(self, found: list[Found], before: int, now: int) -> Events:
-        """What the kernel wrote, by time and then by pixel."""
-        t, pixel, p = found[0] if len(found) == 1 else _joined(found or [_room(0)])
+    def _sorted(self, batches: list[RawEvents], before: int, now: int) -> Events:
+        """Sort the events of the kernel by time and then by pixel."""
+        t, pixel, p = batches[0] if len(batches) == 1 else _joined(batches or [_buffers(0)])
         n, width = len(t), self.sensor_size[0]
         out = empty_columns(n)
         if n <= _FEW:
@@ -218,19 +217,19 @@ class DVS:
 def dvs_events(
     t_us: npt.ArrayLike, images: npt.ArrayLike, parameters: DVSParameters | None = None, *, seed: int = 0
 ) -> Events:
-    """The events of a sequence of images.
+    """Return the events of a sequence of images.
 
     Args:
         t_us: (n,) increasing times, us.
         images: (n, height, width), as for `DVS.see`.
-        parameters: of the pixels; None takes the defaults.
-        seed: of thresholds and noise.
+        parameters: parameters of the pixels. None: the defaults.
+        seed: seed of thresholds and noise.
 
     Returns:
-        All events, by time.
+        All events, ordered by time.
 
     Raises:
-        ModelError: as of `DVS.see`.
+        ModelError: as for `DVS.see`.
     """
     stack, times = np.asarray(images), np.asarray(t_us)
     if stack.ndim != 3 or times.shape != stack.shape[:1]:
@@ -240,44 +239,43 @@ def dvs_events(
     return camera.record(zip(times.tolist(), stack, strict=True))
 
 
-def _room(n: int) -> Found:
-    """Buffers for times, pixels and polarities."""
+def _buffers(n: int) -> RawEvents:
+    """Return uninitialised arrays for times, pixels and polarities."""
     return np.empty(n, np.int64), np.empty(n, np.int32), np.empty(n, np.uint8)
 
 
-def _joined(found: list[Found]) -> Found:
-    t, pixel, p = zip(*found, strict=True)
+def _joined(batches: list[RawEvents]) -> RawEvents:
+    t, pixel, p = zip(*batches, strict=True)
     return np.concatenate(t), np.concatenate(pixel), np.concatenate(p)
 
 
 Image = npt.NDArray[Any]
 
 LOWEST_THRESHOLD = 0.01
-"""A drawn threshold is never less, log units. Source: v2e, emulator.py (`torch.clamp`)."""
+"""Lower limit of drawn thresholds, log units. Source: v2e, emulator.py (`torch.clamp`)."""
 
 GREYS = 255.0
-"""v2e's full scale, in whose units its lin-log curve is written."""
+"""Full scale of v2e, in whose units its lin-log curve is defined."""
 
 
 @dataclass(frozen=True, slots=True)
 class DVSParameters:
-    """What the pixels of an event camera are like; the names are v2e's where the meaning is.
+    """Parameters of the pixels of an event camera. Names are those of v2e if the meaning is the same.
 
     Attributes:
-        pos_thres: rise of the natural log of the intensity that makes an ON event.
-        neg_thres: fall that makes an OFF event, as a positive number.
-        sigma_thres: standard deviation of both from pixel to pixel, log units; none is below 0.01.
-        refractory_period_s: time after an event in which the pixel sees nothing, s; its reference is
-            what it sees when it wakes.
-        leak_rate_hz: ON events of a pixel that looks at nothing, Hz.
+        pos_thres: rise of the natural log of the intensity that triggers an ON event.
+        neg_thres: fall that triggers an OFF event, as a positive number.
+        sigma_thres: standard deviation of both thresholds from pixel to pixel, log units. Thresholds are at least 0.01.
+        refractory_period_s: dead time of a pixel after an event, s. The reference is the intensity at its end.
+        leak_rate_hz: rate of ON events of a pixel with constant light, Hz.
         noise_rate_cov_decades: standard deviation of the decimal log of a pixel's leak rate.
-        shot_noise_rate_hz: further events at random times, ON and OFF alike, of a pixel in the dark, Hz.
-        shot_noise_bright: share of them that is left at full scale; straight in between.
-        cutoff_hz: bandwidth (-3 dB) of a pixel at full scale, Hz; lower where it is darker, in
-            proportion to the intensity + 8 %; 0 for no limit.
-        linear_below: intensity below which the curve is a straight line through 0 in place of the log,
-            as a share of full scale; 0 for none.
-        floor: intensity that is added to all light (dark current), as a share of full scale.
+        shot_noise_rate_hz: rate of additional events at random times, ON and OFF equally likely, of a dark pixel, Hz.
+        shot_noise_bright: ratio of the shot noise at full scale to that in the dark; linear in between.
+        cutoff_hz: bandwidth (-3 dB) of a pixel at full scale, Hz. The bandwidth of darker pixels is lower, in
+            proportion to the intensity + 8 %. 0: no limit.
+        linear_below: intensity below which the curve is a line instead of the log, as a share of full scale. 0: no
+            line.
+        floor: intensity added to all light (dark current), as a share of full scale.
 
     Raises:
         ModelError: a value is out of its range.
@@ -315,32 +313,32 @@ class DVSParameters:
 
     @classmethod
     def ideal(cls, **changes: Any) -> DVSParameters:
-        """Equal pixels without noise, leak, refractory period and limit of bandwidth.
+        """Return identical pixels without noise, leak, refractory period and limit of the bandwidth.
 
         Args:
-            **changes: parameters that differ from that.
+            **changes: parameters with other values.
         """
-        nothing = ("sigma_thres", "refractory_period_s", "leak_rate_hz", "shot_noise_rate_hz")
-        return cls(**{**dict.fromkeys(nothing, 0.0), **changes})
+        zeros = ("sigma_thres", "refractory_period_s", "leak_rate_hz", "shot_noise_rate_hz")
+        return cls(**{**dict.fromkeys(zeros, 0.0), **changes})
 
     def log_intensity(self, light: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """The curve of a pixel: the log of the intensity, a straight line where it is dark.
+        """Return the log intensity: the natural log of the intensity, and a line for dark pixels.
 
         Args:
             light: intensities as shares of full scale, any shape.
 
         Returns:
-            Natural log of the share; at `linear_below` both parts meet.
+            Natural log of the share. Both parts of the curve meet at `linear_below`.
 
         Source: v2e, emulator_utils.py, `lin_log`: x ln(T)/T up to T = 20 of 255, ln(x) above.
         """
         floor, knee, slope, height = self.curve()
-        seen = np.asarray(light, np.float64) + floor
-        above = np.log(np.maximum(seen, knee))
-        return np.asarray(np.where(seen > knee, above, seen * slope + height))
+        total_light = np.asarray(light, np.float64) + floor
+        above = np.log(np.maximum(total_light, knee))
+        return np.asarray(np.where(total_light > knee, above, total_light * slope + height))
 
     def curve(self) -> tuple[float, float, float, float]:
-        """What is added to the light, where the log begins, slope and height at 0 of the line below it."""
+        """Return the floor, the intensity above which the log begins, and the slope and offset of the line below."""
         knee = self.linear_below
         if knee == 0.0:
             return self.floor, 0.0, 0.0, 0.0
@@ -348,7 +346,7 @@ class DVSParameters:
 
 
 def shares(image: Image) -> npt.NDArray[np.float64]:
-    """An image's intensities as shares of full scale.
+    """Convert an image's intensities to shares of full scale.
 
     Args:
         image: as for `DVS.see`.
@@ -358,7 +356,7 @@ def shares(image: Image) -> npt.NDArray[np.float64]:
 
 
 Scene = Callable[[int], Image]
-"""Time, us, to the image at it."""
+"""Function from a time, us, to the image at this time."""
 
 
 def frames_of(
@@ -371,21 +369,20 @@ def frames_of(
     shortest_us: int = 10,
     parameters: DVSParameters | None = None,
 ) -> Iterator[tuple[int, Image]]:
-    """Images of a scene for `DVS.record` or `DVS.watch`, at fixed or at fitting steps.
+    """Yield images of a scene for `DVS.record` or `DVS.watch`, at fixed or adaptive steps.
 
-    Between two images the camera takes the log intensity to go in a straight line. With `change` an
-    interval in which any pixel changes by more is halved until it does not; a change that is over
-    within one `step_us` is not seen.
+    Between two images the camera assumes that the log intensity changes linearly. With `change`, an interval in which
+    any pixel changes by more is halved until no pixel does. A change that reverts within one `step_us` is not noticed.
 
     Args:
-        scene: called with a time, us; gives an image as for `DVS.see`.
-        start_us: of the first image.
-        stop_us: of the last one, even where the steps do not fall on it.
-        step_us: between images; the longest where `change` is given.
-        change: largest change of log intensity from image to image; None for fixed steps. Half a
-            threshold gives event times that hardly depend on it.
-        shortest_us: no interval is made shorter than this, even where an edge jumps.
-        parameters: whose curve makes the log; None takes the defaults.
+        scene: function from a time, us, to an image as for `DVS.see`.
+        start_us: time of the first image, us.
+        stop_us: time of the last image, us, even if the steps do not end there.
+        step_us: time between images, us; the longest one with `change`.
+        change: largest change of the log intensity between images. None: fixed steps. With half a threshold, the times
+            of events hardly depend on it.
+        shortest_us: smallest interval, us, even if an edge jumps.
+        parameters: parameters with the curve of the log. None: the defaults.
 
     Yields:
         Time, us, and image.
@@ -393,8 +390,8 @@ def frames_of(
     Raises:
         ModelError: a number is out of its range.
 
-    Source: the idea of fitting the steps to the change of brightness: Rebecq, Gehrig, Scaramuzza,
-        "ESIM", CoRL 2018, section 3.2; here by halving, so that nothing but the scene is needed.
+    Source: the idea of adapting the steps to the change of brightness: Rebecq, Gehrig, Scaramuzza,
+        "ESIM", CoRL 2018, section 3.2; here by halving, which needs only the scene.
     """
     for name, value in (("step_us", step_us), ("shortest_us", shortest_us)):
         argument(name, value, kind="microseconds", at_least=1)
@@ -410,17 +407,19 @@ def _frames(
     image = np.array(scene(start))
     yield start, image
     at, log = start, _log(image, change, parameters)
-    ahead: list[tuple[int, Image, npt.NDArray[np.float64]]] = []
+    pending: list[tuple[int, Image, npt.NDArray[np.float64]]] = []
     while at < stop:
-        if not ahead:
-            ahead.append(_look(scene, min(at + step, stop), change, parameters))
-        while change is not None and ahead[-1][0] - at >= 2 * shortest and np.abs(ahead[-1][2] - log).max() > change:
-            ahead.append(_look(scene, (at + ahead[-1][0]) // 2, change, parameters))
-        at, image, log = ahead.pop()
+        if not pending:
+            pending.append(_sample(scene, min(at + step, stop), change, parameters))
+        while (
+            change is not None and pending[-1][0] - at >= 2 * shortest and np.abs(pending[-1][2] - log).max() > change
+        ):
+            pending.append(_sample(scene, (at + pending[-1][0]) // 2, change, parameters))
+        at, image, log = pending.pop()
         yield at, image
 
 
-def _look(
+def _sample(
     scene: Scene, t: int, change: float | None, parameters: DVSParameters
 ) -> tuple[int, Image, npt.NDArray[np.float64]]:
     image = np.array(scene(t))
@@ -428,7 +427,7 @@ def _look(
 
 
 def _log(image: Image, change: float | None, parameters: DVSParameters) -> npt.NDArray[np.float64]:
-    """The log intensity, where it is asked for; of impossible intensities the camera tells."""
+    """Return the log intensity, or an empty array for fixed steps. `DVS.see` reports invalid intensities."""
     if change is None:
         return np.zeros(0)
     return parameters.log_intensity(np.clip(shares(image), 0.0, 1e300))

@@ -154,7 +154,7 @@ READS = (load, lambda *given, **words: list(stream(*given, **words)), size_of, i
 
 @pytest.mark.parametrize("read", READS)
 def test_the_sensor_of_a_file_without_a_chip(read):
-    what = "no line '# AEChip:' names the camera, and address 0x344f5800 is none of a DVS128"
+    what = "no line '# AEChip:' names the camera, and address 0x344f5800 is impossible for a DVS128"
     assert f"a.aedat: byte {len(HEADER)}: {what}: {OPTION}" in refusal(read, one(5, 100, 50, 1), name="a.aedat")
     corner = one(5, 345, 259, 1)  # its address is also one of a DVS128
     told = refusal(read, corner, name="a.aedat")
@@ -185,7 +185,7 @@ def test_one_address_proves_that_it_is_no_dvs128(read, place):
     for size in (None, (128, 128), (100, 100)):
         told = refusal(read, data, name="a.aedat", sensor_size=size)
         assert told.startswith(where)
-        assert "address 0x00010800 is none of a DVS128: " + OPTION in told
+        assert "address 0x00010800 is impossible for a DVS128: " + OPTION in told
         assert "--from aedat2:davis128" in told
 
 
@@ -328,9 +328,11 @@ def test_wrong_packets(wrong):
 def test_what_is_whole_is_kept():
     for rest, what in (
         (b"ab", "2 bytes left over after 1 words of 8 bytes"),
-        (words((1 << 16, 1), (0, 2)), f"address 0x00010000 is none of a DVS128: {Aedat2.way_out}"),
+        (words((1 << 16, 1), (0, 2)), f"address 0x00010000 is impossible for a DVS128: {Aedat2.way_out}"),
     ):
         data = chip("DVS128") + words((0, 1)) + rest
         with pytest.warns(EventFileWarning) as told:
             assert load(data, name="a.aedat", strict=False).t.tolist() == [1]
-        assert [str(warning.message) for warning in told] == [f"a.aedat: byte 59: {what}; the events before it were read"]
+        assert [str(warning.message) for warning in told] == [
+            f"a.aedat: byte 59: {what}; the events before it were read"
+        ]

@@ -95,7 +95,9 @@ def test_cut_in_a_packet_gives_the_packets_before(shared):
             with pytest.raises(EventFileError, match="the file ends") as error:
                 load(data[:cut])
             assert error.value.offset == starts[k]
-            with pytest.warns(EventFileWarning, match=f"byte {starts[k]}: the file ends.*the events before it were read"):
+            with pytest.warns(
+                EventFileWarning, match=f"byte {starts[k]}: the file ends.*the events before it were read"
+            ):
                 part = load(data[:cut], strict=False)
             assert np.array_equal(part.records(), whole.records()[: len(part)])
             seen.add((counts[k], len(part)))

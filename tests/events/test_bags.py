@@ -140,7 +140,7 @@ def test_ros2(tmp_path, plugin):
     assert (events.records().tolist(), events.sensor_size, load(path.read_bytes())) == (ROWS, (640, 480), events)
     arrays = ros2(tmp_path / "arrays", ARRAY, [cdr_array(ROWS[:1]), cdr_array([]), cdr_array(ROWS[1:])], plugin)
     assert (load(arrays).records().tolist(), [len(part) for part in stream(arrays, count=2)]) == (ROWS, [2, 1])
-    assert "no whole ROS 2 bag: " in refusal(load, path.read_bytes()[:200], format="rosbag2")
+    assert "not an intact ROS 2 bag: " in refusal(load, path.read_bytes()[:200], format="rosbag2")
 
 
 def test_ros2_with_big_endian_messages():

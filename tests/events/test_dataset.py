@@ -385,7 +385,7 @@ def test_hdf5_files_with_one_recording_are_taken_alone(tmp_path):
     expected = "holds no samples, expected /<class>/<sample> with rows ts, x, y, p"
     assert refusal(Dataset, tmp_path / "none.h5") == f"{tmp_path}/none.h5: {expected}"
     (tmp_path / "cut.h5").write_bytes((tmp_path / "none.h5").read_bytes()[:900])
-    assert "cut.h5: no whole HDF5: " in refusal(Dataset, tmp_path / "cut.h5")
+    assert "cut.h5: not an intact HDF5 file: " in refusal(Dataset, tmp_path / "cut.h5")
 
 
 def test_aertb_files_are_read(tmp_path):
@@ -416,7 +416,9 @@ def test_a_damaged_recording_of_an_hdf5_file_is_named(stored):
     found = recordings(stored)
     assert len(found[5].load()) == 5
     for ask in (found[6].load, found[6].read, found.fingerprint):
-        with pytest.raises(EventFileError, match=rf"^{re.escape(stored)}/7/2: byte {at}: event 0 on cannot be read: "):
+        with pytest.raises(
+            EventFileError, match=rf"^{re.escape(stored)}/7/2: byte {at}: the events from 0 on cannot be read: "
+        ):
             ask()
     assert len(found[7].load()) == 5
 

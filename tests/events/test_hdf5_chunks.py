@@ -54,7 +54,7 @@ def test_a_chunk_that_is_too_short(by, monkeypatch):
     data, chunks = rows_file()
     damaged = changed(data, in_tree(data, chunks[1]), 77, 4)
     assert refusal(lambda: load(damaged, name="a.h5") if by == "load" else read(damaged)) == (
-        f"a.h5: byte {chunks[1].byte_offset}: event 16 on cannot be read: "
+        f"a.h5: byte {chunks[1].byte_offset}: the events from 16 on cannot be read: "
         "a chunk of /CD/events has 77 bytes, expected 224"
     )
 
@@ -63,7 +63,9 @@ def test_a_mask_that_says_that_a_chunk_is_not_packed():
     data, chunks = rows_file(compression="gzip", shuffle=True, fletcher32=True)
     assert len(load(data)) == N
     damaged = changed(data, in_tree(data, chunks[2]) + 4, 0b010, 4)
-    with pytest.raises(EventFileError, match=r"event 32 on cannot be read: a chunk of /CD/events has .* expected 228"):
+    with pytest.raises(
+        EventFileError, match=r"the events from 32 on cannot be read: a chunk of /CD/events has .* expected 228"
+    ):
         load(damaged)
 
 
@@ -73,7 +75,7 @@ def test_a_chunk_beyond_the_end_has_no_byte():
     with pytest.raises(EventFileError) as error:
         load(damaged, name="a.h5")
     assert error.value.offset is None
-    assert str(error.value).startswith("a.h5: event 48 on cannot be read: ")
+    assert str(error.value).startswith("a.h5: the events from 48 on cannot be read: ")
 
 
 def test_a_fault_is_placed_in_its_chunk():
@@ -142,8 +144,8 @@ def test_load_and_stream_agree(options, monkeypatch):
 
 def test_chunks_are_looked_up_one_by_one_only_where_one_is_damaged(monkeypatch):
     """HDF5 goes through all before one to find it: the square of their number for a whole file."""
-    asked, whole = [], _hdf5_recording.chunks_whole
-    monkeypatch.setattr(_hdf5_recording, "chunks_whole", lambda *given: asked.append(given[1:]) or whole(*given))
+    asked, whole = [], _hdf5_recording.check_chunks
+    monkeypatch.setattr(_hdf5_recording, "check_chunks", lambda *given: asked.append(given[1:]) or whole(*given))
     data, chunks = rows_file()
     assert (len(read(data)), asked) == (N, [])
     with pytest.raises(EventFileError, match="a chunk of /CD/events has 77 bytes, expected 224"):

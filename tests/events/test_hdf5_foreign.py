@@ -43,7 +43,7 @@ def test_a_column_in_another_file_is_refused(tmp_path, monkeypatch, foreign, whe
             group[name] = np.zeros(3, np.uint16)
         foreign(group)
     with pytest.raises(
-        EventFileError, match=r"^a\.h5: .*x is kept in another file, expected all of a recording in one$"
+        EventFileError, match=r"^a\.h5: .*x is stored in another file, expected a recording in one file$"
     ):
         load("a.h5", format=f"hdf5:{where}" if where else None, sensor_size=(9, 9))
 
@@ -55,7 +55,7 @@ def test_a_whole_recording_in_another_file_is_refused(tmp_path, monkeypatch):
             secret["events/" + name] = np.zeros(3, np.uint16)
     with h5py.File("a.h5", "w") as file:
         file["events"] = h5py.ExternalLink("secret.h5", "events")
-    assert "is kept in another file" in refusal(load, "a.h5", sensor_size=(9, 9))
+    assert "is stored in another file" in refusal(load, "a.h5", sensor_size=(9, 9))
 
 
 def in_a_ring(file):

@@ -180,7 +180,7 @@ def test_a_damaged_chunk_of_a_table():
     damaged = bytearray(data.getvalue())
     assert load(bytes(damaged)).records().tolist() == RECORDS
     damaged[place + 20 : place + 40] = bytes(20)
-    assert f"byte {first}: event 2000 on cannot be read" in refusal(load, bytes(damaged))
+    assert f"byte {first}: the events from 2000 on cannot be read" in refusal(load, bytes(damaged))
     with pytest.warns(EventFileWarning, match="the events before it were read"):
         assert load(bytes(damaged), strict=False).records().tolist() == RECORDS[:2000]
 

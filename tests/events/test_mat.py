@@ -118,4 +118,4 @@ def test_what_is_whole():
 
 
 def test_a_cut_file():
-    assert "f.mat: no whole MAT file: " in refusal(load, mat({"TD": td()})[:-40], name="f.mat")
+    assert "f.mat: not an intact MAT file: " in refusal(load, mat({"TD": td()})[:-40], name="f.mat")

@@ -49,7 +49,7 @@ def test_records():
 def test_arrays_of_objects_are_not_read():
     assert len(load(npz(t=T, x=X, y=Y, p=P, metadata=np.array([{}], object)))) == 5
     told = refusal(load, npz(t=T, x=X.astype(object), y=Y, p=P))
-    assert "event 0 on cannot be read: array x holds Python objects, expected numbers" in told
+    assert "the events from 0 on cannot be read: array x holds Python objects, expected numbers" in told
 
 
 def test_messages(messages):
@@ -70,7 +70,9 @@ def test_what_is_whole():
 def test_a_flipped_bit_is_found():
     data = bytearray(npz(t=T, x=X, y=Y, p=P))
     data[data.index(T.tobytes()) + 3] ^= 1
-    assert "event 0 on cannot be read: Bad CRC-32 for file 't.npy'" in refusal(load, bytes(data), name="a.npz")
+    assert "the events from 0 on cannot be read: Bad CRC-32 for file 't.npy'" in refusal(
+        load, bytes(data), name="a.npz"
+    )
 
 
 def test_streamed_in_little_memory(tmp_path):

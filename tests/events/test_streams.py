@@ -195,13 +195,13 @@ def test_a_time_that_jumps(format, datagrams, times, damaged):
 
 def test_a_sender_that_begins_anew_after_moments_is_recognised():
     """A recording of 50 ms in a loop: what is left out before it is recognised is counted."""
-    from neuro.events.streams._kernels import AGAIN
+    from neuro.events.streams._kernels import RESTART_DATAGRAMS
 
     events = some(2000, span=50_000)
     with open_udp("faery13") as stream:
         parts, counts = [through(stream, events, "faery13") for _ in range(3)], stream.counts
         assert (parts[0], counts.restarts) == (events, 2)
-        assert 0 < counts.out_of_order <= 2 * AGAIN * 1400 // 13
+        assert 0 < counts.out_of_order <= 2 * RESTART_DATAGRAMS * 1400 // 13
         assert counts.events + counts.out_of_order == 6000
         assert np.all(np.diff(sum(parts).t) >= 0)
 

@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""Decoding the words of EVT 2.1 and EVT 3.0, which hold several events, and encoding those of EVT 3.0."""
+"""Compiled decoders of EVT 2.1 and EVT 3.0, whose words can contain several events, and an encoder of EVT 3.0."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from neuro_events.formats._word_kernels import time_high, word
 from neuro_events.formats._words import BEGIN, OTHER, STARTED
 
 TIME, ROW, BASE, ON, LAST_3, STATES_3 = range(3, 9)
-"""State of EVT 3.0 after `OTHER`, `STARTED` and `STOPPED`, which is never set: time with all wraps; row, -1 without
-one; next column of a vector, -1 without one; its polarity; time of the last event."""
+"""Indices into the state of EVT 3.0 after `OTHER`, `STARTED` and `STOPPED` (never set). `TIME`: time with all wraps.
+`ROW`: row, -1: none. `BASE`: next column of a vector, -1: none. `ON`: polarity of a vector. `LAST_3`: time of the last
+event."""
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, TIME_HIGH = 0, 2, 3, 4, 5, 6, 8
 OTHER_ROW = 1
-"""A row of the absolute-intensity pixels of older sensors; what follows is no contrast event."""
+"""Kind of a row of the absolute-intensity pixels of older sensors. The events of such a row are not contrast events."""
 
 FIRST = np.array([0] + [(m & -m).bit_length() - 1 for m in range(1, 4096)], np.uint8)
-"""Lowest bit that is set."""
+"""Lowest set bit of each number of 12 bits."""
 
 U = np.uint32
 
 
 @kernel
-def room3(words):
-    """Events that the words have at most, with one more that `decode3` may scribble on."""
+def capacity3(words):
+    """Return the largest number of events of some words, plus 1, since `decode3` writes one element beyond."""
     n = 1
     for k in range(words.size):
         word = U(words[k])
@@ -43,19 +44,19 @@ def room3(words):
 def decode3(words, state, t, x, y, p):
     """Decode words.
 
-    Words of rows and of single events go one way, for a processor that cannot foresee which comes next: both are
-    written, and only the latter counted.
+    Words of rows and of single events share one branch, because their order is hard to predict for a processor: both
+    are written to the output, but only events advance the index.
 
     Args:
         words: (n,) uint16.
-        state: (STATES_3,) int64, at first zeros, and -1 for ROW and BASE; changed.
-        t: (`room3`,) int64, filled, as are the others.
+        state: (STATES_3,) int64, updated; initially 0, and -1 for ROW and BASE.
+        t: (`capacity3`,) int64, output, as are the other columns.
         x: uint16.
         y: uint16.
         p: uint8.
 
     Returns:
-        number of events, largest x and y, whether time does not run back.
+        The number of events, the largest x and y, and True if time never runs back.
     """
     n = 0
     x_max = np.int64(0)
@@ -129,7 +130,7 @@ def decode3(words, state, t, x, y, p):
 
 @subkernel
 def vector(t, x, y, p, k, start):
-    """How many events from `k` on a vector of 12 from column `start` can hold in their order, and its bits."""
+    """Return the number of events from `k` on that fit into a vector of 12 columns from `start`, and its bits."""
     bits = 0
     at = k
     column = start
@@ -141,8 +142,11 @@ def vector(t, x, y, p, k, start):
 
 
 @subkernel
-def tell(now, time, words, n):
-    """Words from `n` on that bring a clock (-1: none yet) to a time; a wrap shows in its last and first TIME_HIGH."""
+def set_clock(now, time, words, n):
+    """Write the words that advance a clock (-1: none yet) to a time, and return the next index.
+
+    A wrap is encoded as the last and the first TIME_HIGH of the range.
+    """
     high = now >> 12
     for wrap in range(max(now, 0) >> 24, time >> 24):
         if high != (wrap << 12) | 0xFFF:
@@ -160,25 +164,25 @@ def tell(now, time, words, n):
 
 @kernel
 def encode3(t, x, y, p, state, words):
-    """Encode events; three and more neighbours of one row, time and polarity in rising order go as vectors.
+    """Encode events. Three or more neighbours with one row, time and polarity, in rising order, become vectors.
 
     Args:
         t: (n,) int64.
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
-        state: [time, row] of the event before, [-1, -1] at first; changed.
-        words: (4 n + 2 times the wraps + 1,) uint16, filled.
+        state: [time, row] of the event before, initially [-1, -1]; updated.
+        words: (4 n + 2 times the wraps + 1,) uint16, output.
 
     Returns:
-        number of words.
+        The number of words.
     """
     n = 0
     k = 0
     now, row = state[0], state[1]
     while k < t.size:
         if t[k] != now:
-            n = tell(now, t[k], words, n)
+            n = set_clock(now, t[k], words, n)
             now = t[k]
         if y[k] != row:
             row = np.int64(y[k])
@@ -208,15 +212,15 @@ def encode3(t, x, y, p, state, words):
 
 @kernel
 def track3(words, high, kinds):
-    """Follow TIME_HIGH through words, as `decode3` does.
+    """Track TIME_HIGH through words as `decode3` does, without decoding events.
 
     Args:
         words: (n,) uint16.
-        high: bits 12 and more of the time with all wraps, -1 before the first TIME_HIGH.
-        kinds: bits of the kinds of words that were seen.
+        high: bits 12 and above of the time with all wraps, -1 before the first TIME_HIGH.
+        kinds: bit mask of the kinds of words so far.
 
     Returns:
-        high and kinds after them, and the largest high.
+        `high` and `kinds` after the words, and the largest `high`.
     """
     most = high
     for k in range(words.size):
@@ -239,8 +243,8 @@ _word = word(4, False)
 
 
 @kernel
-def room21(upper, data):
-    """Events that EVT 2.1 words have at most; `upper` as for `decode21`."""
+def capacity21(upper, data):
+    """Return the largest number of events of EVT 2.1 words; `upper` as for `decode21`."""
     n = 0
     for at in range(0, data.size - WORD_21 + 1, WORD_21):
         if _word(data, at + 4 * upper) >> U(28) < 2:
@@ -257,16 +261,17 @@ def decode21(upper, data, state, t, x, y, p):
     """Decode EVT 2.1.
 
     Args:
-        upper: which half of a word has kind, time and place, 0 or 1; the other tells the pixels that have an event.
+        upper: position of the half of a word with kind, time, column and row, 0 or 1. The other half is the bit mask of
+            pixels with an event.
         data: (n,) uint8.
-        state: as of the layout of EVT 2.0.
-        t: (`room21`,) int64, filled, as are the others.
+        state: as for the layout of EVT 2.0.
+        t: (`capacity21`,) int64, output, as are the other columns.
         x: uint16.
         y: uint16.
         p: uint8.
 
     Returns:
-        as a decoder of a layout.
+        As the decoder of a layout, see `Decoder.decode`.
     """
     n = 0
     x_max = U(0)

@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""The decoder of all layouts of `_words`, with the packets of AEDAT 3.1, and the encoder of Event Stream."""
+"""Compiled decoder of all layouts of `_words` and of the packets of AEDAT 3.1, and encoder of Event Stream."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from neuro_events.formats._words import (
 
 U = np.uint32
 BLOCK = 1024
-"""Words that are decoded together where all are events, as most are."""
+"""Number of words that are decoded in one vectorised loop if all are events, as most are."""
 SURE = 8
-"""Such blocks in a row after which the next one is decoded before it is looked at."""
+"""Number of such blocks in a row after which the next block is decoded before its words are checked."""
 NEAR = PERIOD // 16
 NEVER = np.iinfo(np.int64).min
-"""us; before any time."""
+"""Time before all others, us."""
 
 
 @cache
 def word(size, is_big):
-    """Return the function (bytes, place) -> number in the words of a size in bytes and an order."""
+    """Return a function (bytes, offset) -> number for words of a size (bytes) and byte order."""
     kind = types.uint64 if size == 8 else types.uint32
 
     def typed(typingctx, data, at):
@@ -57,7 +57,7 @@ def word(size, is_big):
 
 @cache
 def field(place, is_big=False):
-    """Return the function (bytes, place of an event) -> value of a field."""
+    """Return a function (bytes, offset of an event) -> value of a field."""
     read, byte = word(place.size, is_big), place.byte
     kind = np.uint64 if place.size == 8 else U
     shift, mask, last = kind(place.shift), kind((1 << place.bits) - 1), kind(max(place.backwards - 1, 0))
@@ -72,7 +72,7 @@ def field(place, is_big=False):
 
 @cache
 def oddity(layout):
-    """Return the function (bytes, place) -> number that is 0 where an event begins."""
+    """Return a function (bytes, offset) -> number that is 0 if the word is an event."""
     read, byte = word(layout.odd.size, layout.is_big), layout.odd.byte
     kind = np.uint64 if layout.odd.size == 8 else U
     mask, value, differs = kind(layout.odd.mask), kind(layout.odd.value), layout.odd.differs
@@ -91,7 +91,7 @@ T_BITS = 34
 
 @subkernel
 def time_high(state, value):
-    """A new TIME_HIGH of EVT 2.0: the time of events whose low bits are 0."""
+    """Update the state with a TIME_HIGH of EVT 2.0, and return the time that it states, with low bits of 0."""
     if state[SECOND] >= (1 << 28) - NEAR_HIGH and value < NEAR_HIGH:
         state[ADDED] += 1 << T_BITS
     state[STARTED] = 1
@@ -100,7 +100,7 @@ def time_high(state, value):
 
 
 def _counting(layout):
-    """Return the rule of words that are counted, or end the data."""
+    """Return the rule for words that are counted, or at which decoding stops."""
     read, byte = word(layout.odd.size, layout.is_big), layout.odd.byte
     kind = np.uint64 if layout.odd.size == 8 else U
     none, first, all_first, size = kind(layout.none), kind(max(layout.first, 0)), layout.first < 0, layout.size
@@ -136,7 +136,7 @@ def _silence(data, at, begin, state):
 
 
 _OTHERS = {"time_high": _time_high, "overflow": _overflow, "silence": _silence}
-"""Rules of words that are no events: (bytes, place, us to add, state) -> bytes of the word, us to add from there on."""
+"""Rules for words that are not events: (bytes, offset, us to add, state) -> size of the word (0: stop), us to add."""
 
 
 @inlined
@@ -151,11 +151,11 @@ def _unsigned(raw):
 
 @cache
 def decoder(layout, how=kernel):
-    """Return the decoder of a layout: see `decode` in it.
+    """Return the decoder of a layout; its arguments are those of `decode` below.
 
     Args:
         layout: a `Layout`.
-        how: `kernel`, or `subkernel` for one that kernels call.
+        how: `kernel`, or `subkernel` for a decoder that kernels call.
     """
     x_of, y_of, p_of, t_of = (field(getattr(layout, name), layout.is_big) for name in "xypt")
     is_odd, others = oddity(layout), inlined(_OTHERS.get(layout.others) or _counting(layout))
@@ -166,9 +166,10 @@ def decoder(layout, how=kernel):
 
     @subkernel
     def run(data, at, begin, t, x, y, p):
-        """Decode words as events, without a branch, so that the compiler makes vector instructions of it.
+        """Decode words as events, without branches, so that the compiler can vectorise the loop.
 
-        Returns the largest x and y, whether time does not run back, and 0 where all words are events.
+        Returns:
+            The largest x and y, True if time never runs back, and 0 if all words are events.
         """
         x_max = y_max = fell = last = U(0)
         odd = is_odd(data, at) & 0
@@ -193,7 +194,7 @@ def decoder(layout, how=kernel):
 
     @subkernel
     def leading(data, at, count):
-        """Count the events of the groups before the first word that is none."""
+        """Return the number of events in the groups before the first word that is not an event."""
         k = 0
         while k < count:
             end = min(k + group, count)
@@ -207,10 +208,11 @@ def decoder(layout, how=kernel):
 
     @subkernel
     def each(data, at, stop, begin, clock, before, state, t, x, y, p):
-        """Decode words one by one, up to the byte `stop`: a function of its own, so that registers hold its variables.
+        """Decode words one by one, up to the byte `stop`. A separate function keeps its variables in registers.
 
-        Returns the number of events, the next byte, begin, clock, the last time, largest x and y, whether time does not
-        run back.
+        Returns:
+            The number of events, the next byte, `begin`, `clock`, the last time, the largest x and y, and True if time
+            never runs back.
         """
         n = np.int64(0)
         x_max = y_max = U(0)
@@ -241,7 +243,7 @@ def decoder(layout, how=kernel):
             column = x_of(data, at)
             row = y_of(data, at)
             polarity = p_of(data, at)
-            place = np.uint64(n)  # of a signed index each store would test the sign
+            place = np.uint64(n)  # unsigned, because each store would test the sign of a signed index
             t[place] = now
             x[place] = column
             y[place] = row
@@ -261,21 +263,21 @@ def decoder(layout, how=kernel):
 
         Args:
             data: (n,) uint8.
-            state: (STATES,) int64, changed.
-            t: (one for each `size` bytes,) int64, filled, as are the others.
+            state: (STATES,) int64, updated.
+            t: (n // size,) int64, output, as are the other columns.
             x: uint16.
             y: uint16.
             p: uint8.
 
         Returns:
-            number of events and of bytes used, largest x and y, whether time does not run back.
+            The number of events, the number of bytes used, the largest x and y, and True if time never runs back.
         """
         n = at = np.int64(0)
         x_max = y_max = U(0)
         ordered = True
         begin, clock, before = state[BEGIN], state[CLOCK], NEVER
         patience = 1
-        clean = SURE  # blocks before that were all events
+        clean = SURE  # number of blocks in a row with events only
         while at + least <= data.size and not state[STOPPED]:
             count = min(BLOCK, (data.size - at) // size)
             waiting = waits and not state[STARTED]
@@ -321,22 +323,23 @@ def decoder(layout, how=kernel):
 
 HEADER = 28
 POLARITY, EVENT = 1, 8
-"""The type of polarity events, and bytes of one."""
+"""Type of polarity events, and the size of one, bytes."""
 SKIP, LEFT, CAMERA = range(STATES, STATES + 3)
-"""State after that of a layout: bytes to skip, polarity events that the packet still has, the camera or -1 for all."""
+"""Indices into the state, after those of a layout. `SKIP`: bytes to skip. `LEFT`: polarity events that remain in the
+packet. `CAMERA`: the camera to read, -1 for all."""
 
 _word_2 = word(2, False)
 
 
 @subkernel
 def number(data, at):
-    """A little-endian signed 32-bit number."""
+    """Return a little-endian signed 32-bit number."""
     return np.int64(np.int32(_word_4(data, at)))
 
 
 @subkernel
 def is_wrong(data, at):
-    """Whether these are not the sizes of a packet: events, their bytes and their times have none below zero."""
+    """Return whether the header of a packet is invalid, because a size, count or time is impossible."""
     size, offset = number(data, at + 4), number(data, at + 8)
     capacity, count, valid = number(data, at + 16), number(data, at + 20), number(data, at + 24)
     counts = size <= 0 or not 0 <= valid <= count <= capacity
@@ -346,7 +349,7 @@ def is_wrong(data, at):
 
 @cache
 def packet_decoder(layout):
-    """Return the decoder of packets, as `decoder` does; `SECOND` counts events of other kinds or cameras."""
+    """Return a decoder of packets, with arguments as `decode`; `SECOND` counts events of other types or cameras."""
     decode = decoder(layout, subkernel)
 
     def decode_packets(data, state, t, x, y, p):
@@ -354,9 +357,9 @@ def packet_decoder(layout):
         x_max = y_max = U(0)
         ordered = True
         while True:
-            skipped = min(state[SKIP], data.size - at)
-            at += skipped
-            state[SKIP] -= skipped
+            n_skipped = min(state[SKIP], data.size - at)
+            at += n_skipped
+            state[SKIP] -= n_skipped
             here = min(state[LEFT], (data.size - at) // EVENT)
             if here:
                 end = at + here * EVENT
@@ -386,20 +389,20 @@ def packet_decoder(layout):
 
 
 SILENCE, SILENCE_US = 0xFF, 127
-"""A byte of Event Stream, and us that it adds."""
+"""Byte of Event Stream for silence, and the us that it adds."""
 
 
 @kernel
 def encode_event_stream(t, x, y, p, now, out):
-    """Encode events.
+    """Encode events as Event Stream.
 
     Args:
         t: (n,) int64.
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
-        now: us, time of the event before.
-        out: (5 n and one for each whole `SILENCE_US` between events,) uint8, filled.
+        now: time of the event before, us.
+        out: uint8, output: 5 bytes per event, and 1 per full `SILENCE_US` between events.
     """
     at = 0
     for k in range(t.size):

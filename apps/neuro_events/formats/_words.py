@@ -187,7 +187,7 @@ class Decoder:
         return replace(self, state=self.state.copy())
 
     def find(self, data: Bytes, event: int) -> int:
-        """Return the byte at which an event begins: `size` before the end of the shortest data that contain the event."""
+        """Return the byte at which an event begins: `size` before the end of the shortest data that contain it."""
         decoder, at = self.copy(), 0
         while event >= (count := decoder.count(data[at : at + FIND_STEP])):
             event -= count

@@ -36,9 +36,9 @@ word_kernels = LazyModule("neuro_events.formats._word_kernels")
 MAGIC_2 = b"#!AER-DAT2.0"
 WORD = 8
 LOOK = 1 << 14
-"""Bytes of a block in which an event is looked for, to learn its time."""
+"""Number of bytes at the beginning of a block to search for an event and its time."""
 END_2 = b"#End Of ASCII Header"
-"""How the last line begins, in files that have it."""
+"""Beginning of the last header line, in files that have one."""
 
 Addresses = npt.NDArray[np.uint32]
 
@@ -48,26 +48,30 @@ _SIZE = re.compile(rb"# Sensor size: (\d{1,5})x(\d{1,5})\r?\n")
 
 @dataclass(frozen=True, slots=True)
 class _Chip:
-    """A camera.
+    """A camera and its layout of words.
 
     Attributes:
-        named: pattern of the names that jAER's classes of this layout have, in lower case.
-        layout: of its words; of those that are no events, the first kind are samples, the second external events.
+        name: short name, such as "DAVIS346".
+        title: name of jAER's class, for the header.
+        named: pattern of the names of jAER's classes with this layout, in lower case.
+        size: width and height of the sensor, px.
+        layout: layout of the words. Words of the first kind that is not an event are samples, of the second external
+            events.
     """
 
     name: str
     title: str
-    named: str
+    name_pattern: str
     size: Size
     layout: Layout
 
     @property
     def is_turned(self) -> bool:
-        """Whether addresses count columns from the right and rows from the bottom."""
+        """True if addresses count columns from the right and rows from the bottom."""
         return self.layout.x.backwards > 0
 
     def foreign(self, addresses: Addresses) -> npt.NDArray[np.bool_]:
-        """Return which addresses have bits that neither an event nor another word of this chip has."""
+        """Return True for addresses with bits that no event and no other word of this chip has set."""
         layout = self.layout
         is_sample = addresses & np.uint32(layout.first) != 0
         bits = sum(((1 << field.bits) - 1) << field.shift for field in (layout.x, layout.y, layout.p))
@@ -77,15 +81,15 @@ class _Chip:
 
 
 def _layout(x: Field, y: Field, p: Field, sample: int, external: int, none: int = 0) -> Layout:
-    """The layout of a big-endian address, in which some bits mark other words or are never set, and a time."""
+    """Return a layout with a big-endian address, in which some bits mark other words or are never set, and a time."""
     odd = Odd(sample | external | none)
     return Layout(WORD, Field(0, 32, byte=4), x, y, p, odd, none=none, first=sample, rule=HALF, is_big=True)
 
 
-def _davis(name: str, title: str, named: str, size: Size) -> _Chip:
+def _davis(name: str, title: str, name_pattern: str, size: Size) -> _Chip:
     columns, rows = Field(12, 10, backwards=size[0]), Field(22, 9, backwards=size[1])
     layout = _layout(columns, rows, Field(11, 1), sample=1 << 31, external=1 << 10)
-    return _Chip(name, f"eu.seebetter.ini.chips.davis.{title}", named, size, layout)
+    return _Chip(name, f"eu.seebetter.ini.chips.davis.{title}", name_pattern, size, layout)
 
 
 _DVS128 = _Chip(
@@ -101,7 +105,7 @@ _CHIPS = (
     _DAVIS346,
     _davis("DAVIS640", "Davis640", r"davi[a-z]*640|cdavis", (640, 480)),
 )
-"""Layouts that are written, by the size of the sensor."""
+"""Cameras whose layouts the writer uses, by the size of the sensor."""
 _READ = (
     *_CHIPS,
     _davis("DAVIS128", "Davis128", r"davi[a-z]*128", (128, 128)),
@@ -114,7 +118,7 @@ _READ = (
         ),
     ),
 )  # fmt: skip
-"""All layouts; of two with one size the first is taken that the addresses fit."""
+"""Cameras whose layouts are read. Of two with the same size, the first one that fits the addresses is chosen."""
 _SIZES = ", ".join(dict.fromkeys("{}x{}".format(*chip.size) for chip in sorted(_READ, key=lambda chip: chip.size)))
 _NAMES = ", ".join(chip.name.lower() for chip in _READ)
 _WAY_OUT = (
@@ -125,36 +129,36 @@ _NO_NAME = "no line '# AEChip:' names the camera"
 
 
 class Aedat2(SeekingReader):
-    """An open AEDAT 2.0 file.
+    """A reader of AEDAT 2.0 files.
 
-    ``metadata`` has ``chip`` and, for what was read so far, ``other_words``: samples of pixels and of the inertial
-    sensor, and ``external_events``; both are left out.
+    ``metadata`` has the ``chip`` and, for the part that was read, the number of ``other_words`` (samples of pixels and
+    of the inertial sensor) and of ``external_events``. Both are skipped.
 
-    Lines that begin with ``#`` and end with CR LF, then words of a big-endian 32-bit address and a
-    big-endian 32-bit time in us. The time wraps; from then on 2^32 us are added.
+    A file has lines that begin with ``#`` and end with CR LF, then words of a big-endian 32-bit address and a
+    big-endian 32-bit time in us. After each wrap of the time 2^32 us are added.
 
     DVS128 address: bit 0 polarity (0 = ON), bits 1-7 x, bits 8-14 y, bit 15 or 31 set for an external event.
-    DAVIS address: bit 31 clear, y in bits 22-30, x in bits 12-21, bit 11 polarity (1 = ON); bit 10 marks an
-    external event and bit 31 a sample of the pixels or of the inertial sensor.
+    DAVIS address: bit 31 clear, y in bits 22-30, x in bits 12-21, bit 11 polarity (1 = ON); bit 10 marks an external
+    event, and bit 31 a sample of the pixels or of the inertial sensor.
 
-    The header may name the chip. Without a name it is a DVS128 if the first 16 KiB have only addresses of that and are
-    no possible addresses of a DAVIS; `camera` or `use_sensor` choose another.
+    The header may name the chip. Without a name the chip is a DVS128 if the first 16 KiB contain only addresses that
+    are possible for a DVS128 and impossible for a DAVIS. `camera` or `use_sensor` choose another chip.
 
-    Events have x rightwards and y downwards. Addresses of DAVIS count columns from the right and rows from the bottom,
-    e.g. address x 245, y 209 of a DAVIS346 is the event at x 100, y 50. Addresses of the DVS128 are the event's x and
-    y: so the arrays published of POKER-DVS, which stand upright, have them. The pixels of DavisRGBW640 have the
+    x of events grows to the right and y downwards. Addresses of DAVIS count columns from the right and rows from the
+    bottom, e.g. address x 245, y 209 of a DAVIS346 is the event at x 100, y 50. Addresses of the DVS128 equal the
+    event's x and y, as in the published arrays of POKER-DVS, which are upright. The pixels of DavisRGBW640 have the
     addresses of a DAVIS640.
 
     v2e names no chip. Its files of 640x480 have addresses of jAER's DVS640: bit 0 polarity (1 = ON), x in bits 1-10,
-    y in bits 11-20, turned as those of DAVIS.
+    y in bits 11-20, with columns and rows reversed as for DAVIS.
 
     Args:
         source: the file.
-        camera: name of the camera, such as "davis346", whatever the header names; "": the header tells it.
+        camera: name of the camera, such as "davis346", which overrides the header; "": as the header states.
 
     Source: "AEDAT 2.0" at docs.inivation.com; names of the chips, columns and rows of DAVIS, external events: jAER,
-    ``DavisBaseCamera.DavisEventExtractor``, ``DVS128``, ``DVS640`` and v2e, ``aedat2_output.py``; polarity and axes of
-    the DVS128 as in the published arrays of POKER-DVS.
+        ``DavisBaseCamera.DavisEventExtractor``, ``DVS128``, ``DVS640`` and v2e, ``aedat2_output.py``; polarity and axes
+        of the DVS128 as in the published arrays of POKER-DVS.
     """
 
     way_out = _WAY_OUT
@@ -164,21 +168,21 @@ class Aedat2(SeekingReader):
         self.source, self.start = source, len(lines)
         size, match = _size(lines), _CHIP.search(lines)
         name = match.group(1).decode("ascii", "replace") if match else ""
-        chip = _named(camera or name)
+        chip = _find_chip(camera or name)
         if camera and chip is None:
             raise Damage(f"the camera is given as {camera!r:.40}, expected one of {_NAMES}", None)
         self._is_known = chip is not None
         self._is_certain = self._is_known and bool(camera or size)
-        self._unknown = (f"chip {name} is not known", match.start(1)) if match else None
+        self._unknown = (f"unknown chip {name}", match.start(1)) if match else None
         self._use(chip or _DVS128, size)
 
     @property
     def sensor_size(self) -> Size | None:
-        """Width and height.
+        """Width and height of the sensor, px.
 
         Raises:
-            Damage: `use_sensor` was not called, and the header names an unknown chip, or none and the first addresses
-                are not those of a DVS128 alone.
+            Damage: `use_sensor` was not called, and the header names an unknown chip, or names none and the first
+                addresses are not certainly those of a DVS128.
         """
         if not self._is_known:
             if self._unknown:
@@ -187,10 +191,10 @@ class Aedat2(SeekingReader):
             foreign = _DVS128.foreign(addresses)
             if foreign.any():
                 k = int(foreign.argmax())
-                what = f"{_NO_NAME}, and address 0x{addresses[k]:08x} is none of a DVS128"
+                what = f"{_NO_NAME}, and address 0x{addresses[k]:08x} is impossible for a DVS128"
                 raise Damage(f"{what}: {_WAY_OUT}", self.start + WORD * k)
             if addresses.size and not _DAVIS346.foreign(addresses).any():
-                what = f"{_NO_NAME}, and the addresses may be those of a DVS128 or of a DAVIS"
+                what = f"{_NO_NAME}, and the addresses may be from a DVS128 or a DAVIS"
                 raise Damage(f"{what}: {_WAY_OUT}", self.start)
         return self._size
 
@@ -199,9 +203,9 @@ class Aedat2(SeekingReader):
         self.metadata = {"chip": chip.name, "other_words": 0, "external_events": 0}
 
     def use_sensor(self, size: Size) -> None:
-        """Take the layout of the camera with this sensor; see `Sized`.
+        """Use the layout of the camera with this sensor; see `Sized`.
 
-        The chip that the header names stays if no camera, or none that the addresses fit, has a sensor of this size.
+        The chip that the header names stays if no camera with a sensor of this size fits the addresses.
         """
         if self._is_certain or (self._is_known and size == self._size):
             return
@@ -218,7 +222,7 @@ class Aedat2(SeekingReader):
         elif (
             fitting
             and fitting[0].size == size
-            # Any address of a DVS128 is one of a DVS640, too: then the name decides.
+            # Any address of a DVS128 is also possible for a DVS640. In this case the name decides.
             and (fitting[0].is_turned == self._chip.is_turned or self._chip.foreign(addresses).any())
         ):
             self._use(fitting[0], size)
@@ -227,7 +231,7 @@ class Aedat2(SeekingReader):
         return _addresses(np.frombuffer(self.source.head(self.start + LOOK)[self.start :], np.uint8))
 
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
-        """The time of the first event of each block that has one; other words may have times that run back."""
+        """Yield the place and the first event's time of each block with an event. Times of other words may run back."""
         other = np.uint32(self.layout.odd.mask & ~self.layout.none)
         for place, data in self.source.samples(self.start, step, min(step, LOOK)):
             events = np.flatnonzero((_addresses(data) & other) == 0)
@@ -236,49 +240,49 @@ class Aedat2(SeekingReader):
                 yield place, int.from_bytes(data[at + 4 : at + 8].tobytes(), "big")
 
     def count(self, state: State) -> None:
-        """See `WordReader`."""
+        """Update the numbers of skipped words in the metadata; see `WordReader`."""
         self.metadata |= {"other_words": int(state[OTHER]), "external_events": int(state[SECOND])}
 
     def stop_reason(self, rest: Bytes) -> str:
-        """See `WordReader`."""
-        return f"address 0x{_addresses(rest[:WORD])[0]:08x} is none of a {self._chip.name}: {_WAY_OUT}"
+        """Return the fault at which the decoder stopped; see `WordReader`."""
+        return f"address 0x{_addresses(rest[:WORD])[0]:08x} is impossible for a {self._chip.name}: {_WAY_OUT}"
 
 
 def _addresses(data: Bytes) -> Addresses:
-    whole = data[: data.size // WORD * WORD].tobytes()
-    return np.frombuffer(whole, ">u4")[::2].astype(np.uint32)
+    words = data[: data.size // WORD * WORD].tobytes()
+    return np.frombuffer(words, ">u4")[::2].astype(np.uint32)
 
 
-def _named(name: str) -> _Chip | None:
-    """Return the chip of a name, such as that of jAER's class, None where it is not known."""
+def _find_chip(name: str) -> _Chip | None:
+    """Return the chip for a name, such as a class of jAER, or None."""
     last = re.split(r"[.$]", name)[-1].lower()
-    return next((chip for chip in _READ if re.match(chip.named, last)), None)
+    return next((chip for chip in _READ if re.match(chip.name_pattern, last)), None)
 
 
 def _size(lines: bytes) -> Size | None:
-    """The size that `write` puts into the header."""
-    found = _SIZE.search(lines)
-    if found is None:
+    """Return the sensor size that `write` stores in the header, or None."""
+    match = _SIZE.search(lines)
+    if match is None:
         return None
-    width, height = int(found.group(1)), int(found.group(2))
+    width, height = int(match.group(1)), int(match.group(2))
     if not (1 <= width <= 65536 and 1 <= height <= 65536):
-        raise Damage(f"sensor size {width}x{height}, expected 1x1 to 65536x65536", found.start(1))
+        raise Damage(f"sensor size {width}x{height}, expected 1x1 to 65536x65536", match.start(1))
     return width, height
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as AEDAT 2.0 of the smallest camera that has the sensor's size, which a line of the header keeps."""
-    write_words(parts, path, _new_header, _encoded)
+    """Write a recording as AEDAT 2.0 of the smallest camera with room for the sensor, whose size the header states."""
+    write_words(parts, path, _new_header, _encode_part)
 
 
 def _smallest(size: Size) -> _Chip:
-    """The chip of the smallest camera that has a sensor's size, else the largest."""
+    """Return the smallest camera with at least this sensor size, else the largest camera."""
     return next((chip for chip in _CHIPS if size[0] <= chip.size[0] and size[1] <= chip.size[1]), _CHIPS[-1])
 
 
-def _encoded(done: int, events: Events) -> bytes:
+def _encode_part(n_before: int, events: Events) -> bytes:
     chip = _smallest(events.sensor_size)
-    Limits(PERIOD, *chip.size).check(events, done)
+    Limits(PERIOD, *chip.size).check(events, n_before)
     return encoded(chip.layout, events).tobytes()
 
 
@@ -300,7 +304,7 @@ AEDAT2 = Format(
     holds=lambda events, last: Limits(PERIOD, *_smallest(events.sensor_size).size).holds(events),
     grows=True, inside=Aedat2,
 )  # fmt: skip
-"""Read and written."""
+"""AEDAT 2.0, read and written."""
 
 
 MAGIC_3 = b"#!AER-DAT3.1"
@@ -309,7 +313,7 @@ EVENT = 8
 LAYOUT_3 = Layout(EVENT, Field(0, 32, byte=4), Field(17, 15), Field(2, 15), Field(1, 1), Odd(1, 1), is_signed=True)
 SIZES = {"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192), "DAVIS240": (240, 180),
          "DAVIS346": (346, 260), "DAVIS640": (640, 480)}  # fmt: skip
-"""px, by how the name of a camera begins."""
+"""Sensor sizes, px, by the beginning of a camera's name."""
 
 _FORMAT = re.compile(rb"#Format: *(\S+)")
 _CAMERA = re.compile(rb"\n#Source (\d{1,5}): *([\w-]+)")
@@ -317,31 +321,31 @@ _START = re.compile(rb"#Start-Time: *([\x20-\x7e]+)")
 
 
 class Aedat3(WordReader):
-    """An open AEDAT 3.1 file.
+    """A reader of AEDAT 3.1 files.
 
-    ``metadata`` has ``camera`` and ``start``, where stated, and, for what was read so far, ``other_events`` and
-    ``invalid_events``, which are left out.
+    ``metadata`` has ``camera`` and ``start``, if stated, and, for the part that was read, the numbers of skipped
+    ``other_events`` and ``invalid_events``.
 
-    Lines that begin with ``#``, the last ``#!END-HEADER``, then packets of little-endian numbers: a header of 28 bytes
-    (type and camera, int16; bytes of an event, byte of its time, overflows of the time, room, number and number of
-    valid events, int32), then the events. Those of type 1 are polarity events of 8 bytes: bit 0 valid, bit 1 polarity
-    (1 = ON), bits 2-16 y downwards, bits 17-31 x, then the time in us (31 bits), to which each overflow of the packet
-    adds 2^31.
+    A file has lines that begin with ``#``, the last ``#!END-HEADER``, then packets of little-endian numbers: a header
+    of 28 bytes (type and camera, int16; size of an event, offset of its time, overflows of the time, capacity, number
+    and number of valid events, int32), then the events. Type 1 is polarity events of 8 bytes: bit 0 valid, bit 1
+    polarity (1 = ON), bits 2-16 y downwards, bits 17-31 x, then the time in us (31 bits), to which each overflow of the
+    packet adds 2^31.
 
-    Events of other types and invalid ones are left out and counted. Of a file with several cameras, the first one's
-    events are given. Packets must be stored as they are ("#Format: RAW").
+    Events of other types and invalid events are skipped and counted. If a file has several cameras, only the first one
+    is read. Packets must be uncompressed ("#Format: RAW").
 
     Source: "AEDAT 3.1" at docs.inivation.com; the bits also as in the README of DVS Gesture (Amir et al., CVPR 2017).
     """
 
     def __init__(self, source: Source) -> None:
-        lines, ended = header(source, MAGIC_3, END_3)
-        if not ended:
+        lines, has_end = header(source, MAGIC_3, END_3)
+        if not has_end:
             raise Damage(f"the header does not end, expected a line {END_3.decode()}", len(lines))
-        stored = _FORMAT.search(lines)
-        if stored and stored.group(1) != b"RAW":
-            what = stored.group(1).decode("ascii", "replace")
-            raise Damage(f"packets are stored as {what}, expected RAW", stored.start(1))
+        match = _FORMAT.search(lines)
+        if match and match.group(1) != b"RAW":
+            what = match.group(1).decode("ascii", "replace")
+            raise Damage(f"packets are stored as {what}, expected RAW", match.start(1))
         self.source, self.start = source, len(lines)
         cameras = [(int(number), name.decode()) for number, name in _CAMERA.findall(lines)]
         self._camera = cameras[0][0] if len(cameras) > 1 else -1
@@ -350,26 +354,26 @@ class Aedat3(WordReader):
         if cameras:
             name = cameras[0][1]
             self.metadata["camera"] = name
-            self.sensor_size = next((size for known, size in SIZES.items() if name.upper().startswith(known)), None)
+            self.sensor_size = next((size for prefix, size in SIZES.items() if name.upper().startswith(prefix)), None)
         if start := _START.search(lines):
             self.metadata["start"] = start.group(1).decode()
 
     def decoder(self) -> Decoder:
-        """See `WordReader`."""
+        """Return a new decoder; see `WordReader`."""
         state = first_state(more=3)
         state[word_kernels.CAMERA] = self._camera
         return Decoder(word_kernels.packet_decoder(LAYOUT_3), state, EVENT, unit=1)
 
     def count(self, state: State) -> None:
-        """See `WordReader`."""
+        """Update the numbers of skipped events in the metadata; see `WordReader`."""
         self.metadata |= {"other_events": int(state[SECOND]), "invalid_events": int(state[OTHER])}
 
     def stop_reason(self, rest: Bytes) -> str:
-        """See `WordReader`."""
+        """Return the fault at which the decoder stopped; see `WordReader`."""
         return "expected the header of a packet"
 
     def check_end(self, rest: Bytes, end: int, decoder: Decoder) -> None:
-        """See `WordReader`."""
+        """Check the end of the file; see `WordReader`."""
         if missing := int(decoder.state[word_kernels.SKIP] + decoder.state[word_kernels.LEFT] * EVENT):
             raise Damage(f"the last packet is cut, {missing - rest.size} bytes are missing", end)
         if rest.size:
@@ -378,50 +382,51 @@ class Aedat3(WordReader):
 
 AEDAT3 = Format(
     "aedat3", "AEDAT 3.1", (".aedat", ".aedat3"), lambda head: head.startswith(MAGIC_3), Aedat3,
-    untested="no recording of this format was at hand; read from the specification",
+    untested="no recording of this format was available; made from the specification",
 )  # fmt: skip
-"""Only read."""
+"""AEDAT 3.1, read only."""
 
 
 HEADER_STEP = 1 << 16
-"""Bytes first looked at; doubled until the header ends."""
+"""Number of bytes to search first for the end of the header; doubled until the header ends."""
 
 _HEADER_LINE = re.compile(rb"#[\t\x20-\x7e\x80-\xff]*\r?\n")
-_BEGUN = re.compile(rb"(#[\t\x20-\x7e\x80-\xff]*\r?)?")
+_PART_OF_LINE = re.compile(rb"(#[\t\x20-\x7e\x80-\xff]*\r?)?")
 
 
 def header(source: Source, magic: bytes, last: bytes) -> tuple[bytes, bool]:
-    """All lines before the data.
+    """Return the lines before the data.
 
-    Data may begin with the byte of ``#``, but a line of text has no control bytes.
+    Data may begin with the byte of ``#``, but a line of text has no control characters.
 
     Args:
         source: the file.
-        magic: how the first line begins.
-        last: how the line begins that ends the header.
+        magic: beginning of the first line.
+        last: beginning of the line that ends the header.
 
     Returns:
-        The lines, and whether the one that ends the header was there.
+        The lines, and True if the last one ends the header.
 
     Raises:
-        Damage: the first line is another or does not end.
+        Damage: the first line differs from `magic` or does not end.
     """
-    begins = source.head(len(magic))
-    if begins != magic:
-        raise Damage(f"begins with {begins!r}, expected the line {magic.decode()}", 0)
+    beginning = source.head(len(magic))
+    if beginning != magic:
+        raise Damage(f"begins with {beginning!r}, expected the line {magic.decode()}", 0)
     count = HEADER_STEP
     while True:
         text = source.head(count)
-        ended, length = _lines(text, last)
-        if ended or len(text) < count or not _BEGUN.fullmatch(text, length):
+        has_end, length = _lines(text, last)
+        if has_end or len(text) < count or not _PART_OF_LINE.fullmatch(text, length):
             break
         count *= 2
     if length == 0:
         raise Damage("the first line does not end", len(magic))
-    return text[:length], ended
+    return text[:length], has_end
 
 
 def _lines(text: bytes, last: bytes) -> tuple[bool, int]:
+    """Return whether the text has the line that ends the header, and the length of the header lines."""
     begin = 0
     while line := _HEADER_LINE.match(text, begin):
         begin = line.end()

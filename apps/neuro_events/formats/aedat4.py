@@ -1,4 +1,4 @@
-"""The events of one packet of AEDAT 4, which may be packed and laid out in any way that is right."""
+"""AEDAT 4 of iniVation: packets of events, compressed or not, as FlatBuffers."""
 
 from __future__ import annotations
 
@@ -24,22 +24,24 @@ aedat4_kernels = LazyModule("neuro_events.formats._aedat4_kernels")
 
 RECORD = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "u1"), ("unused", "u1", 3)])
 USUAL = 1 << 18
-"""Most packets are not longer when unpacked."""
+"""Buffer for an unpacked packet, bytes; most packets fit."""
 LIMIT = 1 << 28
-"""No packet is longer, packed or unpacked; a damaged length must not fill the memory."""
-_SWELL = 4
-"""Few packets are more times longer when unpacked."""
+"""Largest size of a packet, packed or unpacked, bytes, so that a damaged length cannot fill the memory."""
+_EXPANSION = 4
+"""Expected ratio of unpacked to packed size, which few packets exceed."""
 
 
 class Packets:
-    """Finds the events of packets, and learns how these begin, by which `_aedat4_kernels` knows those that are alike.
+    """Decoder of packets that also learns their common beginning.
+
+    `_aedat4_kernels` then decodes packets with the same beginning.
 
     Args:
-        packed: "none", "LZ4" or "Zstandard".
+        packed: compression: "none", "LZ4" or "Zstandard".
 
     Attributes:
-        head: how a packet begins, as far as it is known to be an LZ4 frame without checksums; empty if it is none.
-        lead: how an unpacked one begins, between its size and the number of events; empty if that is not known.
+        head: beginning of a packet, if an LZ4 frame without checksums; else empty.
+        lead: beginning of an unpacked packet, between its size and the number of events; empty if unknown.
     """
 
     def __init__(self, packed: str) -> None:
@@ -47,28 +49,31 @@ class Packets:
         self.head, self.lead = b"", b""
 
     @property
-    def alike(self) -> bool:
-        """Whether enough is known for the kernel."""
+    def is_known(self) -> bool:
+        """True if the beginnings that the kernel needs are known."""
         return bool(self.lead) and (self._packed == "none" or bool(self.head))
 
     def events(self, data: Bytes, place: int) -> tuple[bytes, int, int]:
-        """The unpacked packet, the byte of it at which the events begin, and how many there are.
+        """Unpack a packet.
 
         Args:
             data: the packet.
-            place: byte at which it begins, for messages.
+            place: byte of the file at which the packet begins, for messages.
+
+        Returns:
+            The unpacked packet, the offset of its events, and their number.
 
         Raises:
-            Damage: it cannot be unpacked, or is not made as it should be.
+            Damage: the packet cannot be unpacked, or is malformed.
         """
         plain = self._unpack(data, place)
         if self._packed == "LZ4":
-            head = data[:7].tobytes()  # used only where it says that there are neither checksums nor a length
+            head = data[:7].tobytes()  # usable only if it announces neither checksums nor a length
             self.head = head if len(head) == 7 and head[4] & 0b11011111 == 0b01000000 else b""
         start = 4 + len(self.lead) + 4
         try:
             if len(plain) < 12 or U32.unpack_from(plain)[0] != len(plain) - 4:
-                raise Malformed(f"its {len(plain)} bytes are not as many as it says")
+                raise Malformed(f"its size of {len(plain)} bytes differs from the size that it states")
             if self.lead and len(plain) >= start and plain.startswith(self.lead, 4):
                 count = U32.unpack_from(plain, start - 4)[0]
                 if start + count * RECORD.itemsize <= len(plain):
@@ -77,16 +82,13 @@ class Packets:
             start, count = table.vector(0, RECORD.itemsize)
         except Malformed as error:
             raise Damage(f"a packet is damaged: {error}", place) from None
-        # Only where all offsets stand before the events do bytes that are the same there mean the same.
-        self.lead = plain[4:start] if table.looked <= start - 4 else b""
+        # Equal beginnings imply equal layouts only if all offsets are stored before the events.
+        self.lead = plain[4:start] if table.read_up_to <= start - 4 else b""
         return plain, 4 + start, count
 
 
 def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
-    """A function that unpacks the packet that stands at a place.
-
-    It raises `Damage` for one that cannot be unpacked.
-    """
+    """Return a function (packet, place) -> unpacked bytes, which raises `Damage` for an invalid packet."""
     if packed == "none":
         return lambda data, place: data.tobytes()
     if packed == "LZ4":
@@ -99,24 +101,24 @@ def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
         try:
             unpacked: bytes = plain(data)
         except (failure, EOFError, ValueError, MemoryError):
-            raise Damage(f"a packet of {data.size} bytes is no {packed} data", place) from None
+            raise Damage(f"a packet of {data.size} bytes is not valid {packed} data", place) from None
         return unpacked
 
     return unpack
 
 
 def _lz4(context: Any, data: Bytes) -> bytes:
-    """Unpacks a frame; with enough room at once this takes half the time of the package's own function."""
-    room, used = _SWELL * data.size, 0
+    """Unpack a frame. With a sufficient first buffer this needs half the time of ``lz4.frame.decompress``."""
+    capacity, used = _EXPANSION * data.size, 0
     parts = []
     ended = False
     try:
         while not ended:
-            part, taken, ended = lz4.frame.decompress_chunk(context, data[used:], max_length=room)
-            if not (ended or part or taken):
+            part, n_used, ended = lz4.frame.decompress_chunk(context, data[used:], max_length=capacity)
+            if not (ended or part or n_used):
                 raise EOFError
             parts.append(part)
-            used, room = used + taken, 2 * room
+            used, capacity = used + n_used, 2 * capacity
             if sum(map(len, parts)) > LIMIT:
                 raise ValueError
     finally:
@@ -126,7 +128,7 @@ def _lz4(context: Any, data: Bytes) -> bytes:
 
 
 def _zstandard(module: Any, data: Bytes) -> bytes:
-    """Unpacks a frame, which need not tell its length, and not without limit."""
+    """Unpack a frame, which need not state its length, up to `LIMIT` bytes."""
     reader, parts = module.ZstdDecompressor().stream_reader(data), []
     while part := reader.read(1 << 20):
         parts.append(part)
@@ -144,31 +146,30 @@ Buffer = bytes | memoryview
 
 
 class Malformed(ValueError):
-    """An offset leads out of the buffer, or the buffer is of another kind."""
+    """Error about a buffer: an offset leads out of it, or its kind is wrong."""
 
 
 class FlatTable:
-    """The root table of a buffer.
+    """Root table of a FlatBuffer: the part of FlatBuffers that AEDAT 4 needs, with a check of each offset.
 
     Args:
         data: the buffer, after its size.
-        kind: the four letters by which it says what it is.
+        kind: the four letters that state the kind of the buffer.
 
     Attributes:
-        looked: the byte after the last one that was looked at, but for numbers of items.
+        read_up_to: end of the bytes that were read, except numbers of items.
 
     Raises:
-        Malformed: it is of another kind or too short.
-
-    The little of FlatBuffers that AEDAT 4 needs: fields of a root table, found by offsets that are all checked.
+        Malformed: the buffer has another kind or is too short.
 
     Source: the FlatBuffers binary format (flatbuffers.dev, "Internals"): a table begins with the signed distance back
-    to its vtable; that holds its own size, the table's size and an offset for each field, 0 for one that is left out.
+        to its vtable, which contains its own size, the table's size and an offset for each field, 0 for an absent
+        field.
     """
 
     def __init__(self, data: Buffer, kind: bytes) -> None:
         self._data = data
-        self.looked = 8
+        self.read_up_to = 8
         if bytes(data[4:8]) != kind:
             raise Malformed(f"its kind is {bytes(data[4:8])!r}, expected {kind!r}")
         self._at = self._read(U32, 0)
@@ -182,7 +183,7 @@ class FlatTable:
             value: int = kind.unpack_from(self._data, at)[0]
         except error:
             raise Malformed("an offset leads out of it") from None
-        self.looked = max(self.looked, at + kind.size)
+        self.read_up_to = max(self.read_up_to, at + kind.size)
         return value
 
     def _place(self, field: int) -> int | None:
@@ -192,22 +193,22 @@ class FlatTable:
         return self._at + offset if offset else None
 
     def number(self, field: int, kind: Struct, default: int) -> int:
-        """A field that is a number.
+        """Return a field that is a number.
 
         Args:
-            field: its index in the schema.
-            kind: how it is written.
-            default: its value where it is left out.
+            field: index in the schema.
+            kind: type of the number.
+            default: value of an absent field.
         """
         place = self._place(field)
         return default if place is None else self._read(kind, place)
 
     def vector(self, field: int, width: int) -> tuple[int, int]:
-        """Where the items of a field begin and how many there are; (0, 0) where it is left out.
+        """Return the offset of a field's first item and the number of items, (0, 0) for an absent field.
 
         Args:
-            field: its index in the schema.
-            width: bytes of an item.
+            field: index in the schema.
+            width: size of an item, bytes.
 
         Raises:
             Malformed: the items reach beyond the buffer.
@@ -216,9 +217,9 @@ class FlatTable:
         if place is None:
             return 0, 0
         start = place + self._read(U32, place)
-        looked = self.looked
+        read_up_to = self.read_up_to
         count = self._read(U32, start)
-        self.looked = looked
+        self.read_up_to = read_up_to
         if start + 4 + count * width > len(self._data):
             raise Malformed(f"{count} items of {width} bytes do not fit in its {len(self._data)} bytes")
         return start + 4, count
@@ -226,27 +227,27 @@ class FlatTable:
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 COMPRESSIONS = ("none", "LZ4", "LZ4", "Zstandard", "Zstandard")
-"""By the number in the header; LZ4 and Zstandard each have a thorough variant that is read alike."""
+"""Compressions by the number in the header. LZ4 and Zstandard have two levels each, which are decoded alike."""
 
 HEADER_LIMIT = 1 << 24
-"""No header is longer; a damaged length must not fill the memory."""
+"""Largest size of a header, bytes, so that a damaged length cannot fill the memory."""
 TYPES = {"EVTS": "events", "FRME": "frames", "IMUS": "imus", "TRIG": "triggers"}
 
 ENTRY = Struct("<ii")
-"""Before each packet: the stream, and how many bytes the packet has."""
+"""Header of each packet: the number of its stream, and the size of the packet in bytes."""
 _GUESS = 8, 1 << 24
-"""Bytes of a packed event, about, and events at most, by which room is made at once."""
+"""Typical size of a packed event, bytes, and largest number of events, for the first allocation of columns."""
 _NUMBERS = 256
-"""Streams with lower numbers are counted in the kernel."""
+"""Number of streams that the kernel counts."""
 _MOST = 1 << 12
-"""Packets with events that are decoded at once, at most."""
+"""Largest number of packets with events per call of the kernel."""
 
 
 class Aedat4:
-    """An open AEDAT 4 file.
+    """A reader of AEDAT 4 files.
 
-    ``metadata`` has ``compression``, ``streams`` (number to type, sensor and source) and, once all is read,
-    ``other_packets``: how many of each other type.
+    ``metadata`` has ``compression``, ``streams`` (number to type, sensor and source) and, after reading, the number of
+    ``other_packets`` by type.
     """
 
     def __init__(self, source: Source) -> None:
@@ -260,7 +261,7 @@ class Aedat4:
         self._start = len(lead) + size
         header = source.head(self._start)[len(lead) :] if size <= HEADER_LIMIT else b""
         if len(header) < size:
-            raise Damage(f"the header has {size} bytes, which the file has not", len(MAGIC))
+            raise Damage(f"the header has {size} bytes, more than the file or the limit of {HEADER_LIMIT}", len(MAGIC))
         try:
             packed, self._table, streams = read_header(header)
         except Malformed as error:
@@ -269,42 +270,42 @@ class Aedat4:
         events = [number for number, stream in streams.items() if stream["type"] == "events"]
         if not events:
             raise Damage("the header lists no stream of events", len(lead))
-        self._wanted = events[0]
+        self._number = events[0]
         self._packets, self._split, self._walk = Packets(packed), aedat4_kernels.split, aedat4_kernels.walk
         self._plain = np.empty(USUAL, np.uint8)
-        wanted = streams[self._wanted]
-        self.sensor_size: Size | None = (wanted["width"], wanted["height"]) if "width" in wanted else None
+        stream = streams[self._number]
+        self.sensor_size: Size | None = (stream["width"], stream["height"]) if "width" in stream else None
         self._highest = np.iinfo(np.int16 if self.sensor_size is None else np.uint16).max
-        named = {str(number): stream for number, stream in streams.items()}
-        self.metadata: dict[str, Any] = {"compression": packed, "streams": named}
+        streams_by_name = {str(number): each for number, each in streams.items()}
+        self.metadata: dict[str, Any] = {"compression": packed, "streams": streams_by_name}
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        cursor, held = Cursor(self._source, self._start, block), GrowingArray()
-        held.reserve(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
+        """Yield the events; see `Reader`."""
+        cursor, buffer = Cursor(self._source, self._start, block), GrowingArray()
+        buffer.reserve(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
         counts = np.full(_NUMBERS, -1, np.int64)
         counts[[number for number in self._streams if 0 <= number < _NUMBERS]] = 0
         others: Counter[str] = Counter()
         damage: Damage | None = None
         begin = self._start
         try:
-            while self._one(cursor, held, others):
-                self._alike(cursor, held, counts)
+            while self._add_next(cursor, buffer, others):
+                self._add_similar(cursor, buffer, counts)
                 if cursor.at - begin >= block:
-                    yield held.piece()
+                    yield buffer.piece()
                     begin = cursor.at
-        except Damage as found:
-            damage = Damage(found.what, found.offset)  # without the frames, which hold the file
-        yield held.piece()
+        except Damage as original:
+            damage = Damage(original.what, original.offset)  # a copy without frames, which would keep the file open
+        yield buffer.piece()
         for number, stream in self._streams.items():
-            if number != self._wanted and 0 <= number < _NUMBERS and counts[number]:
+            if number != self._number and 0 <= number < _NUMBERS and counts[number]:
                 others[stream["type"]] += int(counts[number])
         self.metadata["other_packets"] = dict(others)
         if damage is not None:
             raise damage
 
-    def _one(self, cursor: Cursor, held: GrowingArray, others: Counter[str]) -> bool:
-        """Take one packet of any kind; whether there was one."""
+    def _add_next(self, cursor: Cursor, buffer: GrowingArray, others: Counter[str]) -> bool:
+        """Process the next packet of any stream, and return False at the end."""
         place, end = cursor.at, self._table if self._table > 0 else None
         if end is not None and place >= end:
             return False
@@ -317,49 +318,50 @@ class Aedat4:
         if stream not in self._streams:
             raise Damage(f"a packet of stream {stream}, which the header does not list", place)
         if not 0 <= size <= LIMIT or (end is not None and place + ENTRY.size + size > end):
-            raise Damage(f"a packet of {size} bytes, which do not fit before the table of packets", place)
+            raise Damage(f"a packet of {size} bytes extends beyond the table of packets or the limit", place)
         data = cursor.take(size)
         if data.size < size:
             raise Damage(f"the file ends in a packet: it has {data.size} of {size} bytes", place)
-        if stream == self._wanted:
-            self._add(held, place, *self._packets.events(data, place))
+        if stream == self._number:
+            self._add(buffer, place, *self._packets.events(data, place))
         else:
             others[self._streams[stream]["type"]] += 1
         return True
 
-    def _add(self, held: GrowingArray, place: int, plain: bytes, start: int, count: int) -> None:
+    def _add(self, buffer: GrowingArray, place: int, plain: bytes, start: int, count: int) -> None:
         """Add the events of one packet."""
-        held.reserve(count)
-        columns = held.t, held.x, held.y, held.p
-        x, y, ordered = self._split(np.frombuffer(plain, np.uint8), start, count, held.used, *columns)
+        buffer.reserve(count)
+        columns = buffer.t, buffer.x, buffer.y, buffer.p
+        x, y, ordered = self._split(np.frombuffer(plain, np.uint8), start, count, buffer.used, *columns)
         if max(x, y) > self._highest:
-            raise Damage("a packet has an event at a negative place", place)
-        held.commit([held.used], [place], held.used + count, (x, y), ordered)
+            raise Damage("a packet has an event at a negative position", place)
+        buffer.commit([buffer.used], [place], buffer.used + count, (x, y), ordered)
 
-    def _alike(self, cursor: Cursor, held: GrowingArray, counts: npt.NDArray[np.int64]) -> None:
-        """Add the packets that come next and are like those before, as far as they are read and there is room."""
-        if not self._packets.alike:
+    def _add_similar(self, cursor: Cursor, buffer: GrowingArray, counts: npt.NDArray[np.int64]) -> None:
+        """Add the next packets that begin like those before, as long as they are buffered and the columns suffice."""
+        if not self._packets.is_known:
             return
         place, data = cursor.at, cursor.buffered
         data = data[: self._table - place] if self._table > 0 else data[:]
         data.flags.writeable = False
-        room = min(data.size // ENTRY.size, _MOST)
-        begins, places = np.empty(room, np.int64), np.empty(room, np.int64)
-        alike = aedat4_kernels.Alike(self._wanted, self._packets.head, self._packets.lead, self._highest)
-        columns = held.t, held.x, held.y, held.p
-        taken = self._walk(data, counts, alike, self._plain, begins, places, held.used, columns)
-        used, found, n, highest, ordered = taken
+        capacity = min(data.size // ENTRY.size, _MOST)
+        begins, places = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+        pattern = aedat4_kernels.Pattern(self._number, self._packets.head, self._packets.lead, self._highest)
+        columns = buffer.t, buffer.x, buffer.y, buffer.p
+        used, n_packets, n, highest, ordered = self._walk(
+            data, counts, pattern, self._plain, begins, places, buffer.used, columns
+        )
         cursor.take(used)
-        held.commit(begins[:found].tolist(), (place + places[:found]).tolist(), n, highest, ordered)
+        buffer.commit(begins[:n_packets].tolist(), (place + places[:n_packets]).tolist(), n, highest, ordered)
 
 
 class Header(NamedTuple):
-    """What a header says.
+    """Content of a header.
 
     Attributes:
-        compression: a word of `COMPRESSIONS`.
-        table: place of the table of packets, -1 without one.
-        streams: what is known of each, by its number.
+        compression: one of `COMPRESSIONS`.
+        table: byte at which the table of packets begins, -1 without a table.
+        streams: properties of each stream, by its number.
     """
 
     compression: str
@@ -371,28 +373,28 @@ def read_header(data: bytes) -> Header:
     """Read the FlatBuffer `IOHE`.
 
     Raises:
-        Malformed: it is none.
+        Malformed: the data are not such a buffer.
     """
     table = FlatTable(data, b"IOHE")
     compression = table.number(0, I32, 0)
     if not 0 <= compression < len(COMPRESSIONS):
-        raise Malformed(f"compression {compression} is not known")
+        raise Malformed(f"unknown compression {compression}")
     start, count = table.vector(2, 1)
     return Header(COMPRESSIONS[compression], table.number(1, I64, -1), _streams(data[start : start + count]))
 
 
 def _streams(info: bytes) -> dict[int, dict[str, Any]]:
-    """The streams that the XML lists."""
+    """Return the properties of the streams in the XML."""
     if b"<!" in info:
-        raise Malformed("its list of streams is no plain XML")
+        raise Malformed("its list of streams is not plain XML")
     try:
         nodes = ElementTree.fromstring(info).findall("./node[@name='outInfo']/node")
-        found = {int(node.get("name", "")): _stream(node) for node in nodes}
+        streams = {int(node.get("name", "")): _stream(node) for node in nodes}
     except Malformed:
         raise
     except (ElementTree.ParseError, ValueError) as error:
         raise Malformed(f"its list of streams cannot be read ({error})") from None
-    return found
+    return streams
 
 
 def _stream(node: ElementTree.Element) -> dict[str, Any]:
@@ -408,9 +410,9 @@ def _stream(node: ElementTree.Element) -> dict[str, Any]:
 
 
 PACKET = 1 << 13
-"""Events of a packet, at most."""
+"""Largest number of events in a packet."""
 LIMITS = Limits(0, 1 << 15)
-"""Places are int16."""
+"""Range of the writer; positions are int16."""
 
 _ROW = np.dtype(
     {
@@ -420,12 +422,12 @@ _ROW = np.dtype(
         "itemsize": 48,
     }
 )
-"""A packet in the table at the end: the distance back to the list of fields, and the fields."""
+"""Record of a packet in the table at the end: the distance back to the list of fields, and the fields."""
 _HEADER = Struct("<II4sHHHHHHiiqII")
 _HEAD_OF_TABLE = 14 + 32
-"""The byte of a file that says where the table begins, in `_HEADER` behind the line."""
+"""Offset of the field in `_HEADER` that states the offset of the table, from the beginning of the file."""
 _VECTOR = Struct("<II4sHHHHiII")
-"""A root table with one field, items: all before these."""
+"""Root table with one field, a list of items: the bytes before the items."""
 _FIELDS = Struct("<7H")
 _STREAM = (
     '<dv version="2.0"><node name="outInfo" path="/mainloop/Recorder/outInfo/">'
@@ -442,11 +444,11 @@ _STREAM = (
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as AEDAT 4 with one stream of events; packed with LZ4. Metadata are not kept.
+    """Write a recording as AEDAT 4 with one stream of events, compressed with LZ4, without metadata.
 
-    The FlatBuffers are written as they lie in memory, since each has one form: the size, the place of the root table,
-    four letters for the kind, the table's own list of fields, the table, what it points to. Numbers stand at multiples
-    of their size from the beginning, as verifiers of FlatBuffers ask.
+    Each FlatBuffer has a fixed form, so it is written directly: the size, the offset of the root table, four letters
+    for the kind, the table's own list of fields, the table, and its items. Numbers are aligned to multiples of their
+    size, as verifiers of FlatBuffers require.
 
     Source: the schemas ``ioheader.fbs``, ``events.fbs`` and ``file_data_table.fbs`` of iniVation's dv-processing.
     """
@@ -454,16 +456,16 @@ def write(parts: Iterator[Events], path: Path) -> None:
     rows: list[tuple[int, int, int, int, int]] = []
     place = 0
     with growing(path.open("wb")) as append:
-        for done, events in in_order(parts):
+        for n_before, events in in_order(parts):
             if not place:
                 append(head := MAGIC + new_header(number, *events.sensor_size))
                 place = len(head)
-            LIMITS.check(events, done)
+            LIMITS.check(events, n_before)
             for k in range(0, len(events), PACKET):
-                some = events[k : k + PACKET]
-                data = pack(packet(some))
+                part = events[k : k + PACKET]
+                data = pack(packet(part))
                 append(ENTRY.pack(0, len(data)) + data)
-                rows.append((place + ENTRY.size, len(data), len(some), int(some.t[0]), int(some.t[-1])))
+                rows.append((place + ENTRY.size, len(data), len(part), int(part.t[0]), int(part.t[-1])))
                 place += ENTRY.size + len(data)
         append(pack(_packet_table(rows)))
     with path.open("r+b") as file:
@@ -472,12 +474,12 @@ def write(parts: Iterator[Events], path: Path) -> None:
 
 
 def _packer() -> tuple[int, Callable[[bytes], bytes]]:
-    """The number of the compression in the header, and what does it."""
+    """Return the number of the compression in the header, and the compressing function."""
     return 1, partial(lz4.frame.compress, store_size=False)
 
 
 def packet(events: Events) -> bytes:
-    """A packet that is not compressed."""
+    """Return an uncompressed packet."""
     records = np.zeros(len(events), RECORD)
     for name in "txyp":
         records[name] = getattr(events, name)
@@ -485,7 +487,7 @@ def packet(events: Events) -> bytes:
 
 
 def new_header(compression: int, width: int, height: int) -> bytes:
-    """The FlatBuffer `IOHE`; the place of the table is written when it is known."""
+    """Return the FlatBuffer `IOHE`, without the offset of the table, which `write` fills in at the end."""
     text = _STREAM.format(compression=("NONE", "LZ4")[compression], width=width, height=height).encode()
     padded = text + bytes(8 - len(text) % 8)
     size, fields = _HEADER.size - 4 + len(padded), (10, 20, 4, 8, 16)
@@ -493,12 +495,12 @@ def new_header(compression: int, width: int, height: int) -> bytes:
 
 
 def _vector(kind: bytes, count: int, items: bytes) -> bytes:
-    """A FlatBuffer whose root table has one field, a list."""
+    """Return a FlatBuffer whose root table has one field, a list."""
     return _VECTOR.pack(_VECTOR.size - 4 + len(items), 16, kind, 6, 8, 4, 0, 8, 4, count) + items
 
 
 def _packet_table(rows: list[tuple[int, int, int, int, int]]) -> bytes:
-    """The FlatBuffer `FTAB`: for each packet a table of its own; all have one list of fields."""
+    """Return the FlatBuffer `FTAB`: one table per packet, with one list of fields for all."""
     n = len(rows)
     fields = _VECTOR.size + 4 * n
     begin = (fields + _FIELDS.size + 7) // 8 * 8
@@ -522,4 +524,4 @@ AEDAT4 = Format(
     holds=LIMITS.holds,
     grows=True,
 )
-"""Read and written."""
+"""AEDAT 4, read and written."""

@@ -1,16 +1,16 @@
-"""Formats of five bytes an event: Event Stream of the Vision Institute in Paris, and the ``.bin`` of N-MNIST (`Bin`).
+"""Formats with five bytes per event: Event Stream of the Vision Institute in Paris, and ``.bin`` of N-MNIST (`Bin`).
 
-Event Stream 2.0 (``.es``) has DVS events, and generic ones as bytes.
+Event Stream 2.0 (``.es``) has DVS events, or generic events of bytes.
 
-"Event Stream", three bytes of version and one of type (0 generic, 1 DVS, 2 ATIS, 3 display, 4 colour). A DVS file goes
-on with width and height (uint16, little-endian) and events of 5 bytes: time since the event before (7 bits, us) and
-polarity (lowest bit, 1 = ON), x, y (uint16, little-endian). Before an event, a byte 0xff adds 127 us and a byte 0xfe
-says nothing. A generic event is a byte of time, bytes of size (7 bits each, lowest first; the lowest bit of a byte is
-set where another follows), and so many bytes; 0xff adds 254 us.
+A file begins with "Event Stream", three bytes of version and one of type (0 generic, 1 DVS, 2 ATIS, 3 display,
+4 colour). In a DVS file, width and height follow (uint16, little-endian), then events of 5 bytes: time since the event
+before (7 bits, us) and polarity (lowest bit, 1 = ON), x, y (uint16, little-endian). Before an event, a byte 0xff adds
+127 us, and a byte 0xfe has no effect. A generic event is a byte of time, bytes of size (7 bits each, lowest first; the
+lowest bit of a byte is set if another follows), and as many bytes of content; 0xff adds 254 us.
 
-Rows stay as the file numbers them. The specification does not say where they begin: the format's own viewers count from
-the bottom and faery turns them round, while the file of POKER-DVS has the rows of the arrays that were published, which
-stand upright with y downwards.
+Rows are numbered as in the file. The specification does not define the first row. The format's own viewers count from
+the bottom, and faery flips the rows, while the file of POKER-DVS has the rows of the published arrays, which are
+upright with y downwards.
 
 Source: github.com/neuromorphic-paris/event_stream, README, version 2.0.
 """
@@ -36,16 +36,16 @@ word_kernels = LazyModule("neuro_events.formats._word_kernels")
 MAGIC = b"Event Stream"
 VERSION = (2, 0, 0)
 HEADER = 16
-"""Bytes of the header up to the type."""
+"""Size of the header up to the type, bytes."""
 START = 20
-"""Bytes of the header of a DVS file."""
+"""Size of the header of a DVS file, bytes."""
 EVENT = 5
 OVERFLOW_US = 127
 GENERIC_OVERFLOW_US = 254
 GENERIC, DVS = 0, 1
 TYPES = {GENERIC: "generic", DVS: "DVS", 2: "ATIS", 3: "display", 4: "colour"}
 LONGEST_GAP = OVERFLOW_US << 26
-"""us; an event after a longer one would take more than 64 MB, since 127 us of silence take a byte."""
+"""Longest gap that the writer accepts, us. Silence needs a byte per 127 us, so a longer one would need over 64 MB."""
 
 LAYOUT = Layout(
     EVENT, t=Field(1, 7, size=1), x=Field(0, 16, byte=1), y=Field(16, 16, byte=1), p=Field(0, 1, size=1),
@@ -54,7 +54,7 @@ LAYOUT = Layout(
 
 
 class EventStream(WordReader):
-    """An open Event Stream file of DVS events."""
+    """A reader of Event Stream files with DVS events."""
 
     layout = LAYOUT
     start = START
@@ -76,13 +76,13 @@ class EventStream(WordReader):
         self.metadata = {"version": ".".join(str(number) for number in header[12:15])}
 
     def check_end(self, rest: Bytes, end: int, decoder: Decoder) -> None:
-        """See `WordReader`."""
+        """Check the end of the file; see `WordReader`."""
         if rest.size:
             raise Damage(f"the last event is cut after {rest.size} of {EVENT} bytes", end)
 
 
 def _kind(source: Source) -> int:
-    """Check the header up to the type, and give that."""
+    """Check the header up to the type, and return the type."""
     header = source.head(HEADER)
     if not header.startswith(MAGIC):
         raise Damage(f"begins with {header[: len(MAGIC)]!r}, expected {MAGIC!r}", 0)
@@ -97,7 +97,7 @@ def _kind(source: Source) -> int:
 
 
 def is_generic(head: bytes) -> bool:
-    """Whether a file that begins so has generic events."""
+    """Return whether a file with these first bytes has generic events."""
     return head.startswith(MAGIC) and len(head) >= HEADER and head[12] == VERSION[0] and head[15] == GENERIC
 
 
@@ -106,20 +106,20 @@ def generic(source: FileInput, *, name: str | None = None, strict: bool = True) 
 
     Args:
         source: a path, the bytes of a file, or an open binary file.
-        name: what to call bytes or an open file in messages.
-        strict: False gives what is whole of a damaged file, with an `EventFileWarning`.
+        name: name of bytes or of an open file in messages.
+        strict: raise an error at damage. False returns the readable part, with an `EventFileWarning`.
 
     Returns:
-        Time in us and bytes of each event.
+        Time in us and content of each event.
 
     Raises:
-        EventFileError: no such file, other events, or damage; the message says at which byte.
+        EventFileError: no such file, events of another type, or damage; the message names the byte.
     """
     with opened_source(source, name) as data:
-        return _all_generic(data, strict)
+        return _read_generic(data, strict)
 
 
-def _all_generic(data: Source, strict: bool) -> list[tuple[int, bytes]]:
+def _read_generic(data: Source, strict: bool) -> list[tuple[int, bytes]]:
     try:
         kind = _kind(data)
     except Damage as damage:
@@ -128,7 +128,7 @@ def _all_generic(data: Source, strict: bool) -> list[tuple[int, bytes]]:
         raise EventFileError(data.name, f"has {TYPES[kind]} events, expected generic events", HEADER - 1)
     events: list[tuple[int, bytes]] = []
     try:
-        for event in _generic(data.all().tobytes()):
+        for event in _generic_events(data.all().tobytes()):
             events.append(event)
     except Damage as damage:
         error = EventFileError(data.name, damage.what, damage.offset)
@@ -138,7 +138,7 @@ def _all_generic(data: Source, strict: bool) -> list[tuple[int, bytes]]:
     return events
 
 
-def _generic(data: bytes) -> Iterator[tuple[int, bytes]]:
+def _generic_events(data: bytes) -> Iterator[tuple[int, bytes]]:
     now, at = 0, HEADER
     while at < len(data):
         first = data[at]
@@ -163,22 +163,23 @@ def _generic(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as Event Stream 2.0 of DVS events; the metadata are not kept."""
+    """Write a recording as Event Stream 2.0 of DVS events, without metadata."""
     now = 0
 
-    def encoded(done: int, events: Events) -> bytes:
+    def encode_part(n_before: int, events: Events) -> bytes:
         nonlocal now
         gaps = np.diff(events.t, prepend=now)
         limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
-        bad = (gaps < 0) | (gaps > LONGEST_GAP)
-        late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
-        refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
+        unsavable = (gaps < 0) | (gaps > LONGEST_GAP)
+        # A filter can move the beginning of a recording, so the hint is useful there, but not at a gap within it.
+        first_is_unsavable = not n_before and unsavable[:1].any()
+        refuse(events, unsavable, n_before, limits, np.zeros(len(events), np.bool_) if first_is_unsavable else None)
         out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
         word_kernels.encode_event_stream(events.t, events.x, events.y, events.p, now, out)
         now = int(events.t[-1]) if len(events) else now
         return out.tobytes()
 
-    write_words(parts, path, _new_header, encoded)
+    write_words(parts, path, _new_header, encode_part)
 
 
 def _new_header(sensor: Size | None) -> bytes:
@@ -189,7 +190,7 @@ def _new_header(sensor: Size | None) -> bytes:
 
 
 def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
-    """All up to the first after a gap that is too long: those behind it are as far from what was written."""
+    """Return True for the events before the first gap that is too long, since later ones are even further away."""
     gaps = np.diff(events.t, prepend=last or 0)
     return ~np.logical_or.accumulate(gaps > LONGEST_GAP) & (events.t >= 0)
 
@@ -198,14 +199,14 @@ EVENT_STREAM = Format(
     "event_stream", "Event Stream", (".es",), lambda head: head.startswith(MAGIC), EventStream, write,
     holds=_holds, grows=True,
 )  # fmt: skip
-"""Read and written."""
+"""Event Stream of DVS events, read and written."""
 
 
 NMNIST_SENSOR = (34, 34)
-"""Of N-MNIST, px."""
+"""Sensor of N-MNIST, px."""
 
 OVERFLOW_ROW = 240
-"""Such a word is no event but adds 2^13 us to all times after it."""
+"""Row of a word that is not an event, but adds 2^13 us to all later times."""
 
 NMNIST_LAYOUT = Layout(
     EVENT, t=Field(0, 23, byte=1), x=Field(0, 8, size=1), y=Field(24, 8, byte=1), p=Field(23, 1, byte=1),
@@ -215,13 +216,13 @@ NMNIST_LIMITS = Limits(1 << 23, 256, reserved=OVERFLOW_ROW)
 
 
 class Bin(WordReader):
-    """An open ``.bin`` of N-MNIST or N-Caltech101; ``sensor_size`` is None, since the file does not tell it.
+    """A reader of the ``.bin`` files of N-MNIST and N-Caltech101, which do not state their sensor.
 
-    Five bytes an event, big-endian: x, y, then one bit polarity (1 = ON) and 23 bits of time in us.
-    The file has no header, so neither its kind nor its sensor is written in it.
+    Five bytes per event, big-endian: x, y, then one bit polarity (1 = ON) and 23 bits of time in us.
+    A file has no header, so neither the format nor the sensor is stored.
 
-    Source: Orchard et al., Front. Neurosci. 9:437, 2015, and the data set's own Matlab reader, from which
-    the rule for y = 240 comes.
+    Source: Orchard et al., Front. Neurosci. 9:437, 2015, and the data set's own Matlab reader, the source of the rule
+    for y = 240.
     """
 
     layout = NMNIST_LAYOUT
@@ -239,4 +240,4 @@ NMNIST = Format(
     layout_writer(lambda size: b"", NMNIST_LAYOUT, NMNIST_LIMITS), holds=NMNIST_LIMITS.holds, grows=True,
     usual=NMNIST_SENSOR,
 )  # fmt: skip
-"""Read and written; the sensor size and the metadata are not kept."""
+"""``.bin`` of N-MNIST, read and written, without the sensor size and the metadata."""

@@ -1,19 +1,19 @@
 """HDF5 in the layouts of this library, DSEC, Prophesee, aertb, e2vid, M3ED, v2e and MVSEC.
 
-This library's and DSEC's: ``/events/t``, ``x``, ``y``, ``p``; ``/t_offset``, us, is added to every time;
+This library and DSEC: ``/events/t``, ``x``, ``y``, ``p``; ``/t_offset``, us, is added to every time;
 ``/ms_to_idx[k]`` is the number of the first event at or after k ms on the file's own clock. This library writes t as
 int64 us from the first event on, chunks with gzip and shuffle, and sensor size and metadata (JSON) as attributes of
-``/events``; of recordings of more than 28 hours no ``ms_to_idx``.
-Prophesee's: ``/CD/events``, rows x, y, p, t; the sensor as attribute ``geometry`` of the file. Files packed with
-Prophesee's own ECF filter cannot be unpacked by HDF5 alone and are refused.
-aertb's: ``/<class>/<sample>``, rows x, y, ts, p; a file with one sample is a recording, one with more a data set.
-e2vid's: ``/events/ts`` (s), ``xs``, ``ys``, ``ps``; the sensor as attribute ``sensor_resolution``, height first.
-M3ED's: ``/prophesee/left/t`` (us), ``x``, ``y``, ``p``; the sensor in ``calib/resolution`` beside them, width first.
-v2e's: the table ``/events``, t (us) x y p. MVSEC's: the table ``/davis/left/events``, x y t (s) p, with p -1 or 1.
+``/events``. Recordings of more than 28 hours have no ``ms_to_idx``.
+Prophesee: ``/CD/events``, rows x, y, p, t; the sensor as attribute ``geometry`` of the file. Files compressed with
+Prophesee's own ECF filter cannot be decoded by HDF5 alone and are refused.
+aertb: ``/<class>/<sample>``, rows x, y, ts, p. A file with one sample is a recording, with several a data set.
+e2vid: ``/events/ts`` (s), ``xs``, ``ys``, ``ps``; the sensor as attribute ``sensor_resolution``, height first.
+M3ED: ``/prophesee/left/t`` (us), ``x``, ``y``, ``p``; the sensor in ``calib/resolution`` beside them, width first.
+v2e: the table ``/events``, t (us) x y p. MVSEC: the table ``/davis/left/events``, x y t (s) p, with p -1 or 1.
 
-Names and units of columns as in `_columns`, so that similar files are read too; the order of those without names as in
-`_hdf5_recording`, the sensor as in `size_of`. Columns, rows and tables called ``event...`` are looked for in three
-levels. Of a file with several recordings one is read with ``format="hdf5:/davis/left"``, a path inside the file.
+Names and units of columns are as in `_columns`, so that similar files can be read too. For columns without names see
+`_hdf5_recording`, for the sensor `size_of`. Columns, rows and tables called ``event...`` are searched for in three
+levels. ``format="hdf5:/davis/left"``, a path inside the file, selects one of several recordings.
 
 Source: DSEC's data format page (dsec.ifi.uzh.ch/data-format); Metavision's "HDF5 event file format"; aertb's
 ``hdf5tools.py``; v2e's ``emulator.py``; published readers of M3ED and MVSEC.
@@ -37,19 +37,19 @@ from neuro_events.source import WHOLE, Bytes, EventFileError, Source
 
 h5py = LazyModule("h5py")
 
-UNTESTED = "no recording in another layout than this library's was at hand"
+UNTESTED = "no recording in another layout than this library's was available"
 
 
 class Hdf5:
-    """An open HDF5 file with one recording, or one of several.
+    """A reader of an HDF5 file with one recording, or of one of several.
 
     Args:
         source: the file.
-        where: the group or dataset of the recording, "" where there is only one; see `_hdf5_recording.find`.
+        where: group or dataset of the recording, "" if there is only one; see `_hdf5_recording.find`.
 
     Attributes:
-        metadata: made of the attributes; ``columns`` is the order of those that have no names.
-        untested: why a layout was not tried on real files, "" for this library's own.
+        metadata: the attributes of the recording, and ``columns``, the order of columns without names.
+        untested: reason why a layout was not tested on real files, "" for this library's own.
     """
 
     def __init__(self, source: Source, where: str = "") -> None:
@@ -59,59 +59,60 @@ class Hdf5:
             self._file = h5py.File(source.path or Padded(source.all().data), "r")
             self._recording = find(self._file, where)
             self._bytes = source.all()
-            self._heaps = heaps_whole(self._bytes)
-            own, whole = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
-            self._sizes = own, whole, _calibration(self._recording.node)
-            self.metadata: Mapping[str, Any] = metadata_of(own) | self._recording.told()
+            self._heaps = heaps_are_intact(self._bytes)
+            own, of_file = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
+            self._sizes = own, of_file, _calibration(self._recording.node)
+            self.metadata: Mapping[str, Any] = metadata_of(own) | self._recording.column_order()
             self.untested = "" if {"sensor_size", "metadata"} <= own.keys() else UNTESTED
         except Damage:
             self.close()
             raise
         except FAILURES as error:
             self.close()
-            raise Damage(f"no whole HDF5: {one_line(error)}", None) from None
+            raise Damage(f"not an intact HDF5 file: {one_line(error)}", None) from None
 
     def close(self) -> None:
-        """Close all that is open of the file: HDF5 would take what is written to its place for the same file."""
+        """Close the file completely: HDF5 would otherwise identify a new file at the same path with the open one."""
         self._bytes = b""
         if self._file is not None:
             self._file.close()
 
     @property
     def sensor_size(self) -> Size | None:
-        """Width and height that the file states, None where it does not.
+        """Width and height that the file states, or None.
 
         Raises:
-            Damage: they are impossible, or may be height and width.
+            Damage: the size is impossible, or its order is ambiguous.
         """
         return next((size for facts in self._sizes if (size := size_of(facts))), None)
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
+        """Yield the events; see `Reader`."""
         return self._pieces(block, None)
 
     def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """The events from some chunk on; see `Seeker`."""
+        """Yield the events from a chunk on; see `Seeker`."""
         return self._pieces(block, start_us)
 
     def _pieces(self, block: int, start_us: int | None) -> Iterator[Piece]:
         yield from self._recording.pieces(block, start_us)
         if not self._heaps:
-            raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
-        front = None if start_us is not None else hdf5.Front.of(bytes(self._bytes[: hdf5.FRONT]))  # of our own files
+            raise Damage("a heap of strings is damaged; attributes with strings were skipped", None)
+        # Only files of this library have a front with a digest.
+        front = None if start_us is not None else hdf5.Front.of(bytes(self._bytes[: hdf5.FRONT]))
         if front is not None and not front.fits(lambda at, n: self._bytes[at : at + n]):
             raise Damage("damaged: the content does not match the digest", None)
 
 
 def read_sample(dataset: Any) -> Events:
-    """A sample of a data set that `write_sample` or aertb wrote.
+    """Return a sample of a data set that `write_sample` or aertb wrote.
 
     Args:
         dataset: an open h5py dataset of rows.
 
     Raises:
-        EventFileError: it has no rows of events, or they cannot be read.
-        ValueError: an event is impossible; the first is named.
+        EventFileError: the dataset has no rows of events, or the rows cannot be read.
+        ValueError: an event is impossible; the message names the first one.
     """
     place = f"{dataset.file.filename}:{dataset.name}"
     if (recording := of_rows(dataset)) is None:
@@ -126,49 +127,44 @@ def read_sample(dataset: Any) -> Events:
 
 
 def sample_size(dataset: Any) -> Size | None:
-    """Width and height that a sample states, None where it does not.
+    """Return the width and height that a sample states, or None.
 
     Args:
         dataset: as for `read_sample`.
 
     Raises:
-        Damage: they are impossible, or may be height and width.
+        Damage: the size is impossible, or its order is ambiguous.
     """
     return size_of(attributes(dataset, heaps=False))
 
 
 def _calibration(node: Any) -> dict[str, Any]:
-    """The sensor beside M3ED's columns: ``calib/resolution``, width and height."""
+    """Return the sensor in ``calib/resolution`` (width, height) beside M3ED's columns, as an attribute, if any."""
     resolution = node.get("calib/resolution") if hasattr(node, "get") else None
     return {} if resolution is None or getattr(resolution, "size", 0) != 2 else {"sensor_size": resolution[()]}
 
 
 NEAR = 1 << 25
-"""Bytes at the beginning and the end of a file in which heaps are looked for; 32 MiB."""
+"""Number of bytes at the beginning and at the end of a file that are searched for heaps: 32 MiB."""
 
 _HEAP = re.compile(b"GCOL\x01")
 
 
-def heaps_whole(data: Bytes) -> bool:
-    """Whether the heaps of a file that lie near its beginning and end have sizes that add up.
+def heaps_are_intact(data: Bytes) -> bool:
+    """Return whether the heaps near the beginning and the end of a file are intact: the sizes of their objects add up.
 
-    HDF5 keeps strings of any length in heaps, and its library goes round without end in a heap whose sizes are damaged.
-    So such strings are read only where all heaps of the file are whole. Strings of a fixed length, which this library
-    writes, lie elsewhere.
+    HDF5 stores strings of variable length in heaps, and its library loops forever in a heap with damaged sizes. Such
+    strings are therefore read only if all heaps of the file are intact. Strings of fixed length, as in files of this
+    library, are not stored in heaps.
 
-    The sensor is given by ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
-    ``sensor_resolution``: height, width and perhaps channels, as the shape of an image. Some have written it the other
-    way round. So a sensor that stands upright is refused; a file whose events lie off a sensor is refused in any case.
-
-    Source: "HDF5 File Format Specification 3.0", section III.E, "Disk Format: Level 1E - Global Heap"; the event
-    packagers of rpg_e2vid's and its successors' tools (``sensor_resolution`` = ``image.shape``).
+    Source: "HDF5 File Format Specification 3.0", section III.E, "Disk Format: Level 1E - Global Heap".
     """
     near = [data] if data.size <= 2 * NEAR else [data[:NEAR], data[-NEAR:]]
-    return all(_whole(part[found.start() :]) for part in near for found in _HEAP.finditer(part.data))
+    return all(_is_filled(part[match.start() :]) for part in near for match in _HEAP.finditer(part.data))
 
 
-def _whole(heap: Bytes) -> bool:
-    """Whether the objects of a heap fill it: 16 bytes and the content each, and the rest as object 0."""
+def _is_filled(heap: Bytes) -> bool:
+    """Return whether the objects fill the heap: 16 bytes and the content each, and free space as object 0."""
     end = _number(heap, 8)
     if end > heap.size:
         return False
@@ -186,27 +182,33 @@ def _number(data: Bytes, at: int) -> int:
 
 
 def attributes(node: Any, heaps: bool) -> dict[str, Any]:
-    """The attributes of a group or dataset that hold numbers or text.
+    """Return the attributes of a group or dataset that are numbers or text.
 
     Args:
         node: an open h5py group or dataset.
-        heaps: whether strings of any length may be read.
+        heaps: also read strings of variable length.
     """
-    found = {}
+    values = {}
     for name in node.attrs:
         attribute = h5py.h5a.open(node.id, name.encode())
-        fixed = attribute.dtype.kind in "biufSU" and attribute.get_space().get_simple_extent_npoints() < NEAR
-        if fixed or (heaps and h5py.check_string_dtype(attribute.dtype) is not None):
+        has_fixed_size = attribute.dtype.kind in "biufSU" and attribute.get_space().get_simple_extent_npoints() < NEAR
+        if has_fixed_size or (heaps and h5py.check_string_dtype(attribute.dtype) is not None):
             value = node.attrs[name]
-            found[name] = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-    return found
+            values[name] = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    return values
 
 
 def size_of(facts: Mapping[str, Any]) -> Size | None:
-    """The sensor that attributes tell, width and height.
+    """Return the width and height of the sensor in attributes, or None.
+
+    The attribute is ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
+    ``sensor_resolution``: height, width and optionally channels, as the shape of an image. Some tools write width
+    before height. An upright sensor in ``sensor_resolution`` is therefore ambiguous and refused.
 
     Raises:
-        Damage: it is impossible, or `sensor_resolution` may be in either order.
+        Damage: the size is impossible, or the order of ``sensor_resolution`` is ambiguous.
+
+    Source: the event packagers of rpg_e2vid's and its successors' tools (``sensor_resolution`` = ``image.shape``).
     """
     if "sensor_size" in facts:
         size = np.ravel(facts["sensor_size"]).tolist()
@@ -224,19 +226,19 @@ def size_of(facts: Mapping[str, Any]) -> Size | None:
 
 
 def _resolution(values: list[Any]) -> list[Any]:
-    """Width and height of height, width and perhaps channels."""
+    """Return width and height of (height, width[, channels])."""
     size = [int(n) if isinstance(n, float) and n.is_integer() else n for n in values[1::-1]]
     if len(values) not in (2, 3) or not all(isinstance(n, int) for n in size):
         raise Damage(f"sensor_resolution is {values}, expected height and width", None)
     width, height = size
     if height > width:
-        hint = f"give sensor_size=({height}, {width}) or ({width}, {height}), or --sensor WxH"
-        raise Damage(f"sensor_resolution is {values}, height and width or width and height: {hint}", None)
+        hint = f"specify sensor_size=({height}, {width}) or ({width}, {height}), or --sensor WxH"
+        raise Damage(f"sensor_resolution is {values}, in an unclear order of height and width: {hint}", None)
     return size
 
 
 def metadata_of(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Attributes as metadata; those that this library wrote as JSON as they were."""
+    """Convert attributes to metadata. Metadata that this library stored as JSON are restored."""
     text = facts.get("metadata", "{}")
     rest = {key: value for key, value in facts.items() if key not in ("sensor_size", "metadata")}
     plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in rest.items()}
@@ -244,7 +246,7 @@ def metadata_of(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def describe(target: Any, sensor_size: tuple[int, int], metadata: Any) -> None:
-    """Put sensor size and metadata into attributes of a group or dataset, once."""
+    """Store sensor size and metadata as attributes of a group or dataset, unless already stored."""
     if "sensor_size" not in target.attrs:
         text = as_json(metadata).encode()
         target.attrs["sensor_size"] = np.array(sensor_size, np.int64)
@@ -254,36 +256,36 @@ def describe(target: Any, sensor_size: tuple[int, int], metadata: Any) -> None:
 FORMAT = "neuro events 1"
 
 SAMPLE = np.dtype([("ts", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
-"""A row of a sample: aertb's field names, with times that are exact."""
+"""Row of a sample, with aertb's field names and integer times."""
 
 CHUNK = 1 << 15
-"""Events of a chunk; 256 KiB of times, within HDF5's cache of 1 MiB."""
+"""Number of events in a chunk; 256 KiB of times, within HDF5's cache of 1 MiB."""
 
 INDEX_LIMIT = 10**8
-"""Longest recording that gets an index, ms: 28 hours."""
+"""Duration of the longest recording with an index, ms: 28 hours."""
 INDEX_BLOCK = 10**6
 
 PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Encode as HDF5, laid out as DSEC's recordings are; see `neuro.events.formats.hdf5`.
+    """Write a recording as HDF5 in DSEC's layout; see the module's docstring.
 
     Raises:
         Unsavable: a time lies 2^63 us or more after the first.
     """
-    # The format of HDF5 1.8 has room for attributes longer than 64 KiB.
+    # The format of HDF5 1.8 allows attributes longer than 64 KiB.
     with hdf5.new_file(path, FORMAT, libver=("v108", "v108")) as file:
         group = file.create_group("events")
         columns = {key: _column(group, key, EVENT[key]) for key in "txyp"}
-        index, offset, done = _column(file, "ms_to_idx", np.dtype("<u8")), 0, 0
+        index, offset, n_written = _column(file, "ms_to_idx", np.dtype("<u8")), 0, 0
         for events in parts:
             describe(group, events.sensor_size, events.metadata)
             if not len(events):
                 continue
-            offset = offset if done else int(events.t[0])
+            offset = offset if n_written else int(events.t[0])
             if int(events.t[-1]) - offset >= 1 << 63:
-                raise Unsavable(f"t {events.t[-1]} lies 2^63 us or more after the first", done + len(events) - 1)
+                raise Unsavable(f"t {events.t[-1]} lies 2^63 us or more after the first", n_written + len(events) - 1)
             t = events.t - offset
             for key, values in (("t", t), ("x", events.x), ("y", events.y), ("p", events.p)):
                 _append(columns[key], values)
@@ -291,21 +293,21 @@ def write(parts: Iterator[Events], path: Path) -> None:
                 del file["ms_to_idx"]
                 index = None
             if index is not None:
-                _extend_index(index, t, done)
-            done += len(events)
+                _extend_index(index, t, n_written)
+            n_written += len(events)
         file.create_dataset("t_offset", data=np.int64(offset))
 
 
 def write_sample(group: Any, name: str, events: Events) -> None:
-    """Write a recording into a data set as one array of rows ts, x, y, p, as aertb lays data sets out.
+    """Write a recording into a data set as one array of rows ts, x, y, p, in aertb's layout.
 
     Args:
         group: an open h5py group, that of the class.
-        name: of the sample.
-        events: what to write; sensor size and metadata become attributes.
+        name: name of the sample.
+        events: the recording; sensor size and metadata become attributes.
 
     Raises:
-        ValueError: the group has something of this name.
+        ValueError: the group already has an item with this name.
     """
     rows = np.empty(len(events), SAMPLE)
     rows["ts"], rows["x"], rows["y"], rows["p"] = events.t, events.x, events.y, events.p
@@ -324,13 +326,13 @@ def _append(dataset: Any, values: npt.NDArray[Any]) -> None:
     dataset[begin:] = values
 
 
-def _extend_index(index: Any, t: npt.NDArray[np.int64], done: int) -> None:
-    """Go on with the number of the first event at or after each ms, for those until the last event."""
+def _extend_index(index: Any, t: npt.NDArray[np.int64], n_before: int) -> None:
+    """Extend the index, the number of the first event at or after each ms, up to the last event."""
     end = int(t[-1]) // 1000 + 1
     for begin in range(index.shape[0], end, INDEX_BLOCK):
         starts = 1000 * np.arange(begin, min(end, begin + INDEX_BLOCK), dtype=np.int64)
-        _append(index, done + np.searchsorted(t, starts).astype(np.uint64))
+        _append(index, n_before + np.searchsorted(t, starts).astype(np.uint64))
 
 
 HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), hdf5.is_hdf5, Hdf5, write, inside=Hdf5)
-"""Read and written."""
+"""HDF5, read and written."""

@@ -1,17 +1,17 @@
 """MATLAB ``.mat``: four vectors, in the file itself or in structs and cells at any depth.
 
-Names and units as in `_columns`. Versions 5 to 7 are read from their bytes, 7.3 by h5py, both at once into
-memory. SciPy reads version 5 too, but ends the program with a segmentation fault on some damaged files.
+Names and units are as in `_columns`. Versions 5 to 7 are decoded here, version 7.3 by h5py, both completely into
+memory. SciPy also reads version 5, but crashes with a segmentation fault on some damaged files.
 
 Version 5: 128 bytes of header, then elements of a type and a size (or both in four bytes, with up to four bytes of
-content), padded to 8 bytes; a matrix is an element of elements: flags and class, shape, name, content; compressed
+content), padded to 8 bytes. A matrix is an element of elements: flags and class, shape, name, content. Compressed
 elements are zlib streams. Numbers become arrays (flat, in the file's order), structs mappings, cells and arrays of
-structs lists; text, sparse matrices, objects and functions are left out.
+structs lists. Text, sparse matrices, objects and functions are skipped.
 
 A struct with ``ts`` beside ``x``, ``y``, ``p`` (the ``TD`` of Orchard's scripts, and in DVS-BARREL also the cells of
-``ROI``) counts columns and rows from 1, so 1 is taken from them; its polarities may be 1 for OFF and 2 for ON. One with
+``ROI``) counts columns and rows from 1, so 1 is subtracted; its polarities may be 1 for OFF and 2 for ON. A struct with
 ``timeStamp`` (jAER's AedatTools: ``aedat.data.polarity``) and vectors in the file itself count from 0.
-``metadata`` tells ``variable`` and ``counted_from``. `load` takes files with one recording, `samples` any number.
+``metadata`` has ``variable`` and ``counted_from``. `load` reads files with one recording, `samples` with any number.
 
 Sources: MathWorks, "MAT-File Format", R2024b, chapter 1; ``Read_Ndataset.m`` of the N-MNIST data set ("first pixel
 having index 1", "1 means off, 2 means on"); aertb's ``mat_loader.py`` for DVS-BARREL; AedatTools' ``ImportAedat``.
@@ -33,7 +33,7 @@ from neuro.apps import LazyModule
 from neuro_events._events import Events
 from neuro_events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro_events.formats._format import Damage, Format, Found
-from neuro_events.formats._hdf5_recording import FAILURES, believable
+from neuro_events.formats._hdf5_recording import FAILURES, check_length
 from neuro_events.source import WHOLE, EventFileError, FileInput, Source
 
 h5py = LazyModule("h5py")
@@ -46,35 +46,35 @@ Candidate = tuple[str, Columns, Names]
 
 
 def open_mat(source: Source) -> Found:
-    """Read a ``.mat``.
+    """Read a ``.mat`` file.
 
     Raises:
-        Damage: it is damaged, or has no recording or several.
+        Damage: the file is damaged, or does not have exactly one recording.
     """
-    found = _candidates(source)
-    if len(found) > 1:
-        names = ", ".join(name for name, _, _ in found[:4])
-        hint = "neuro.events.formats.mat.samples(path) gives all"
-        raise Damage(f"has {len(found)} recordings ({names}), expected one; {hint}", None)
-    return _recording(*found[0])
+    candidates = _candidates(source)
+    if len(candidates) > 1:
+        names = ", ".join(name for name, _, _ in candidates[:4])
+        hint = "neuro.events.formats.mat.samples(path) returns all"
+        raise Damage(f"has {len(candidates)} recordings ({names}), expected one; {hint}", None)
+    return _recording(*candidates[0])
 
 
-def samples(given: FileInput) -> dict[str, Events]:
-    """All recordings of a ``.mat``, such as the cells of DVS-BARREL's ``ROI``.
+def samples(file: FileInput) -> dict[str, Events]:
+    """Return all recordings of a ``.mat``, such as the cells of DVS-BARREL's ``ROI``.
 
     Args:
-        given: a path, bytes or an open file.
+        file: a path, bytes or an open file.
 
     Returns:
-        events by the name of their variable, ``ROI{3}`` for a cell.
+        The events by the name of their variable, ``ROI{3}`` for a cell.
 
     Raises:
-        EventFileError: it is damaged or has no recording.
-        ValueError: an event is impossible; the first is named.
+        EventFileError: the file is damaged or has no recording.
+        ValueError: an event is impossible; the message names the first one.
         OSError: the path cannot be opened.
     """
     recordings: dict[str, Events] = {}
-    with Source(given) as source:
+    with Source(file) as source:
         try:
             for candidate in _candidates(source):
                 recording = _recording(*candidate)
@@ -88,24 +88,24 @@ def samples(given: FileInput) -> dict[str, Events]:
 
 
 def _candidates(source: Source) -> list[Candidate]:
-    """The recordings of a file, at least one."""
+    """Return the recordings of a file, at least one."""
     data = source.all()
     if not data.size:
         raise Damage("is empty, expected a MAT file", 0)
     try:
-        known = _version_73(data.data) if b"MATLAB 7.3" in source.head(128) else variables(data.data)
+        found_variables = _version_73(data.data) if b"MATLAB 7.3" in source.head(128) else variables(data.data)
     except Damage:
         raise
     except FAILURES as error:
-        raise Damage(f"no whole MAT file: {' '.join(str(error).split())}", None) from None
-    # Variables that are a recording together have no name.
-    together = find_names(name for name, value in known.items() if _is_vector(value))
-    parts = {"": known} if together else known
-    found = [candidate for name, value in parts.items() for candidate in _search(name, value, DEPTH)]
-    if not found:
-        names = ", ".join(known) or "nothing"
+        raise Damage(f"not an intact MAT file: {' '.join(str(error).split())}", None) from None
+    # A recording of top-level vectors has no name.
+    top_level = find_names(name for name, value in found_variables.items() if _is_vector(value))
+    parts = {"": found_variables} if top_level else found_variables
+    candidates = [candidate for name, value in parts.items() for candidate in _search(name, value, DEPTH)]
+    if not candidates:
+        names = ", ".join(found_variables) or "nothing"
         raise Damage(f"has {names}; expected vectors t (or ts), x, y and p (or pol), also in a struct", None)
-    return found
+    return candidates
 
 
 def _recording(variable: str, columns: Columns, names: Names) -> Found:
@@ -128,7 +128,7 @@ def _recording(variable: str, columns: Columns, names: Names) -> Found:
 
 
 def _search(name: str, value: Any, depth: int) -> Iterator[Candidate]:
-    """The recordings in a variable; four vectors beside each other are one."""
+    """Yield the recordings in a variable. Four vectors in one struct are a recording."""
     if isinstance(value, Mapping):
         vectors = {key: item for key, item in value.items() if _is_vector(item)}
         if names := find_names(vectors):
@@ -146,7 +146,7 @@ def _is_vector(value: Any) -> bool:
 
 
 def _version_73(data: Any) -> dict[str, Any]:
-    """Variables of version 7.3, which is HDF5: structs are groups, cells are references."""
+    """Return the variables of version 7.3, which is HDF5: structs are groups, cells are references."""
     with h5py.File(io.BytesIO(data), "r") as file:
         return {name: _of_hdf5(file, node, DEPTH) for name, node in file.items() if not name.startswith("#")}
 
@@ -156,7 +156,7 @@ def _of_hdf5(file: Any, node: Any, depth: int) -> Any:
         return None
     if isinstance(node, h5py.Group):
         return {name: _of_hdf5(file, item, depth - 1) for name, item in node.items()}
-    believable(node)
+    check_length(node)
     if node.dtype == h5py.ref_dtype:
         return [_of_hdf5(file, file[reference], depth - 1) for reference in node[()].ravel()[:ITEMS]]
     return node[()]
@@ -168,44 +168,32 @@ CELL, STRUCT = 1, 2
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 
 DEPTH = 8
-"""Structs and cells within each other that are read; what lies deeper is left out."""
+"""Largest depth of nested structs and cells. Deeper ones are skipped."""
 ITEMS = 1000
-"""Most cells, structs or fields that are read of one."""
+"""Largest number of cells, structs or fields that are read from one."""
 UNPACKED = 1 << 32
-"""Most bytes that a compressed variable may have."""
+"""Largest unpacked size of a compressed variable, bytes."""
 
 
 def variables(data: Any) -> dict[str, Any]:
-    """The variables of a file by their names.
+    """Return the variables of a file of version 5 to 7 by their names; see the module's docstring for the format.
 
     Args:
-        data: its bytes.
+        data: the bytes of the file.
 
     Raises:
-        ValueError: it is damaged.
-
-    The variables of MAT files of versions 5 to 7, from their bytes.
-
-    SciPy reads these too, but ends the program with a segmentation fault on some damaged files. Numbers become arrays
-    (flat, in the file's order), structs mappings, cells and arrays of structs lists; text, sparse matrices, objects and
-    functions are left out.
-
-    A file is 128 bytes of header, then elements of a type and a size (or both in four bytes, with up to four bytes of
-    content), padded to 8 bytes; a matrix is an element of elements: flags and class, shape, name, content; compressed
-    elements are zlib streams.
-
-    Source: MathWorks, "MAT-File Format", R2024b, chapter 1.
+        ValueError: the file is damaged.
     """
     data = memoryview(data)
     mark = bytes(data[126:128])
     if mark not in (b"IM", b"MI"):
-        raise ValueError("is no MAT file of version 5 to 7.3: expected one that MATLAB saved with -v7 or -v7.3")
+        raise ValueError("is not a MAT file of version 5 to 7.3: expected one that MATLAB saved with -v7 or -v7.3")
     order = "<" if mark == b"IM" else ">"
     return dict(_matrix(content, order, DEPTH) for kind, content in _elements(data[128:], order) if kind == MATRIX)
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Types and contents one after the other; compressed ones are unpacked."""
+    """Yield the types and contents of elements. Compressed elements are unpacked."""
     at = 0
     tag = Struct(order + "II")
     while at < len(data):
@@ -215,7 +203,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
             kind, size, start = kind & 0xFFFF, kind >> 16, at + 4
         content = data[start : start + size]
         if len(content) < size or len(data) - at < 8:
-            raise ValueError("an element ends beyond the file or what it lies in")
+            raise ValueError("an element ends beyond the file or its parent element")
         if kind == COMPRESSED:
             try:
                 plain = zlib.decompressobj().decompress(content, UNPACKED)
@@ -229,7 +217,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
 
 
 def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
-    """Name and value of a matrix; None for what is left out."""
+    """Return the name and the value of a matrix. The value of a skipped one is None."""
     parts = _elements(content, order)
     try:
         flags, shape, name = (next(parts)[1] for _ in range(3))
@@ -248,7 +236,7 @@ def _value(kind: int, complex_: bool, count: int, parts: Any, order: str, depth:
     if kind in CLASSES and not complex_:
         stored, content = next(parts, (0, memoryview(b"")))
         if stored not in TYPES:
-            raise ValueError(f"numbers of type {stored}")
+            raise ValueError(f"numbers of the unknown type {stored}")
         dtype = np.dtype(order + TYPES[stored])
         if count < 0 or len(content) != count * dtype.itemsize:
             raise ValueError(f"a variable has {len(content)} bytes, expected {count} numbers of {dtype.itemsize}")
@@ -261,7 +249,10 @@ def _value(kind: int, complex_: bool, count: int, parts: Any, order: str, depth:
 
 
 def _structs(parts: Any, order: str, depth: int) -> Any:
-    """A mapping, or a list of them: length of a name, names, then the fields of one after the other."""
+    """Return a struct as a mapping, or an array of structs as a list of mappings.
+
+    The parts are the length of a field's name, the names, then the fields of one struct after the other.
+    """
     try:
         width, names = (next(parts)[1] for _ in range(2))
     except StopIteration:
@@ -272,9 +263,11 @@ def _structs(parts: Any, order: str, depth: int) -> Any:
     fields = [bytes(names[at : at + length]).split(b"\0")[0] for at in range(0, len(names), length)]
     keys = [name.decode("utf-8", "replace") for name in fields]
     values = [_matrix(field, order, depth)[1] for (_, field), _ in zip(parts, range(ITEMS), strict=False)]
-    found = [dict(zip(keys, values[at : at + len(keys)], strict=False)) for at in range(0, len(values), len(keys) or 1)]
-    return found[0] if len(found) == 1 else found
+    structs = [
+        dict(zip(keys, values[at : at + len(keys)], strict=False)) for at in range(0, len(values), len(keys) or 1)
+    ]
+    return structs[0] if len(structs) == 1 else structs
 
 
 MAT = Format("mat", "MATLAB", (".mat",), lambda head: head.startswith(MAGIC), open_mat)
-"""Read only."""
+"""MATLAB, read only."""

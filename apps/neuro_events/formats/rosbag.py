@@ -1,12 +1,12 @@
 """Bags of ROS 1 (version 2.0) and ROS 2 with events.
 
-ROS 1: the line ``#ROSBAG V2.0``, then records of a header (fields ``name=value``) and data, each after its size. Chunks
-(op 5) hold messages (op 2) and connections (op 7), plain or packed with bz2 or LZ4. Records are read one after the
-other without the index at the end, so a bag that was cut or not closed gives what is whole.
-ROS 2: ``.db3`` (SQLite) and ``.mcap``, through the package ``rosbags``.
+ROS 1: the line ``#ROSBAG V2.0``, then records of a header (fields ``name=value``) and data, each preceded by its size.
+Chunks (op 5) contain messages (op 2) and connections (op 7), uncompressed or compressed with bz2 or LZ4. Records are
+read in order, without the index at the end, so that an incomplete bag can be read up to the damage.
+ROS 2: ``.db3`` (SQLite) and ``.mcap``, read with the package ``rosbags``.
 
-The first topic with events is read; ``metadata`` has ``topic``, ``message``, ``encoding`` and ``topics`` (others with
-events).
+The first topic with events is read. ``metadata`` has ``topic``, ``message``, ``encoding`` and ``topics`` (the other
+topics with events).
 
 Source: "Bag format 2.0", wiki.ros.org/Bags/Format/2.0.
 """
@@ -32,18 +32,18 @@ from neuro_events.source import Bytes, Source
 
 MAGIC = b"#ROSBAG V2.0\n"
 RECORD_LIMIT = 1 << 30
-"""No record is longer; a damaged size must not fill the memory."""
+"""Largest size of a record, bytes, so that a damaged size cannot fill the memory."""
 
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
 OPS = frozenset(range(2, 8))
 
 _U32 = Struct("<I")
 Message = tuple[int, str, str, Bytes]
-"""Byte, topic, type and content."""
+"""Byte in the file, topic, type and content of a message."""
 
 
 class _Bag:
-    """What both kinds of bags have in common: events of the messages of one topic."""
+    """Base class of both kinds of bags, which reads the events of one topic."""
 
     cdr: bool
 
@@ -62,7 +62,7 @@ class _Bag:
             raise Damage(f"has no messages with events, expected {' or '.join(KINDS)}", None)
 
     def messages(self, block: int) -> Iterator[Message]:
-        """All messages from the beginning."""
+        """Yield all messages from the beginning."""
         raise NotImplementedError
 
     def _content(self, place: int, kind: str, data: Bytes) -> Packet:
@@ -75,8 +75,8 @@ class _Bag:
         return place
 
     def pieces(self, block: int) -> Iterator[Piece]:
-        """The events; see `Reader`."""
-        held, unpacker, taken = GrowingArray(), Unpacker(), 0
+        """Yield the events; see `Reader`."""
+        buffer, unpacker, n_bytes = GrowingArray(), PacketDecoder(), 0
         damage: Damage | None = None
         others: set[str] = set()
         try:
@@ -86,35 +86,35 @@ class _Bag:
                     continue
                 content = self._content(place, kind, data)
                 try:
-                    self._add(held, place, unpacker.piece(content))
-                except Damage as found:
-                    raise Damage(found.what, self._byte(place)) from None
-                taken += data.size
-                if taken >= block:
-                    yield held.piece()
-                    taken = 0
-        except Damage as found:
-            damage = Damage(found.what, found.offset)  # without the frames, which hold the file
-        yield held.piece()
+                    self._add(buffer, place, unpacker.piece(content))
+                except Damage as original:
+                    raise Damage(original.what, self._byte(place)) from None
+                n_bytes += data.size
+                if n_bytes >= block:
+                    yield buffer.piece()
+                    n_bytes = 0
+        except Damage as original:
+            damage = Damage(original.what, original.offset)  # a copy without frames, which would keep the file open
+        yield buffer.piece()
         self.metadata["topics"] = sorted(others)
         if damage is not None:
             raise damage
 
-    def _add(self, held: GrowingArray, place: int, piece: Piece) -> None:
-        n, count = held.used, piece.t.size
-        held.reserve(count)
-        held.t[n : n + count], held.p[n : n + count] = piece.t, piece.p
-        held.x[n : n + count], held.y[n : n + count] = piece.x, piece.y
+    def _add(self, buffer: GrowingArray, place: int, piece: Piece) -> None:
+        n, count = buffer.used, piece.t.size
+        buffer.reserve(count)
+        buffer.t[n : n + count], buffer.p[n : n + count] = piece.t, piece.p
+        buffer.x[n : n + count], buffer.y[n : n + count] = piece.x, piece.y
         if not count:
             return
         highest = piece.highest or (int(piece.x.max(initial=0)), int(piece.y.max(initial=0)))
         ordered = bool(np.all(piece.t[1:] >= piece.t[:-1])) if piece.ordered is None else piece.ordered
-        forward = ordered and (not n or bool(held.t[n] >= held.t[n - 1]))
-        held.commit([n], [self._byte(place)], n + count, highest, forward)
+        forward = ordered and (not n or bool(buffer.t[n] >= buffer.t[n - 1]))
+        buffer.commit([n], [self._byte(place)], n + count, highest, forward)
 
 
 class Ros1Bag(_Bag):
-    """An open bag of ROS 1."""
+    """A reader of ROS 1 bags."""
 
     cdr = False
 
@@ -126,9 +126,9 @@ class Ros1Bag(_Bag):
         super().__init__(source)
 
     def messages(self, block: int) -> Iterator[Message]:
-        """See `_Bag`; messages in a chunk have the chunk's byte."""
+        """Yield all messages; see `_Bag`. Messages in a chunk have the byte of the chunk."""
         cursor = Cursor(self.source, len(MAGIC), block)
-        known: dict[int, tuple[str, str]] = {}
+        connections: dict[int, tuple[str, str]] = {}
         while True:
             place = cursor.at
             if not (size := cursor.take(4)).size:
@@ -137,31 +137,33 @@ class Ros1Bag(_Bag):
             if fields["op"] == bytes([CHUNK]):
                 inner = Cursor(Source(_unpacked(fields, data, place).data), 0, 1 << 62)
                 while (size := inner.take(4)).size:
-                    yield from _message(*_record(inner, place, size), known, place)
+                    yield from _message(*_record(inner, place, size), connections, place)
             else:
-                yield from _message(fields, data, known, place)
+                yield from _message(fields, data, connections, place)
 
 
-def _message(fields: dict[str, bytes], data: Bytes, known: dict[int, tuple[str, str]], place: int) -> Iterator[Message]:
-    """The message of a record, if it is one; connections become known."""
+def _message(
+    fields: dict[str, bytes], data: Bytes, connections: dict[int, tuple[str, str]], place: int
+) -> Iterator[Message]:
+    """Yield the message of a record, if it is one. A record of a connection is added to `connections`."""
     op = fields["op"][0]
     if op not in (MESSAGE, CONNECTION):
         return
     number = fields.get("conn", b"")
     if len(number) != 4:
-        raise Damage("a record does not tell its connection", place)
+        raise Damage("a record does not state its connection", place)
     connection = _U32.unpack(number)[0]
     if op == CONNECTION:
         kind = _fields(data.tobytes(), place).get("type", b"")
-        known[connection] = (fields.get("topic", b"").decode("utf-8", "replace"), kind.decode("utf-8", "replace"))
-    elif connection not in known:
+        connections[connection] = (fields.get("topic", b"").decode("utf-8", "replace"), kind.decode("utf-8", "replace"))
+    elif connection not in connections:
         raise Damage(f"a message of connection {connection}, which is not declared", place)
     else:
-        yield (place, *known[connection], data)
+        yield (place, *connections[connection], data)
 
 
 def _record(cursor: Cursor, place: int, size: Bytes) -> tuple[dict[str, bytes], Bytes]:
-    """Header and data of the record whose first four bytes are taken."""
+    """Return the header and data of the record whose first four bytes are `size`."""
     head = _part(cursor, place, size)
     fields = _fields(head.tobytes(), place)
     if len(fields.get("op", b"")) != 1 or fields["op"][0] not in OPS:
@@ -173,15 +175,15 @@ def _part(cursor: Cursor, place: int, size: Bytes) -> Bytes:
     count = int.from_bytes(size.tobytes(), "little")
     if count > RECORD_LIMIT:
         raise Damage(f"a record of {count} bytes, expected at most {RECORD_LIMIT}", place)
-    taken = cursor.take(count)
-    if size.size < 4 or taken.size < count:
+    data = cursor.take(count)
+    if size.size < 4 or data.size < count:
         raise Damage("the file ends in a record", place)
-    return taken
+    return data
 
 
 def _fields(data: bytes, place: int) -> dict[str, bytes]:
-    """Fields ``name=value``, each after its size."""
-    found, at = {}, 0
+    """Return the fields ``name=value``, each of which is preceded by its size."""
+    fields, at = {}, 0
     while at < len(data):
         try:
             (size,) = _U32.unpack_from(data, at)
@@ -189,15 +191,15 @@ def _fields(data: bytes, place: int) -> dict[str, bytes]:
             size = len(data)
         field = data[at + 4 : at + 4 + size]
         if len(field) < size or b"=" not in field:
-            raise Damage("a record has no whole header", place)
+            raise Damage("the header of a record is incomplete", place)
         name, value = field.split(b"=", 1)
-        found[name.decode("ascii", "replace")] = value
+        fields[name.decode("ascii", "replace")] = value
         at += 4 + size
-    return found
+    return fields
 
 
 def _unpacked(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
-    """The records of a chunk."""
+    """Unpack the records of a chunk."""
     packed = fields.get("compression", b"").decode("ascii", "replace")
     size = int.from_bytes(fields.get("size", b""), "little")
     plain: Any
@@ -209,21 +211,21 @@ def _unpacked(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
         elif packed == "lz4":
             plain = lz4.frame.decompress(data)
         else:
-            raise Damage(f"a chunk is packed with {packed!r}, expected none, bz2 or lz4", place)
+            raise Damage(f"a chunk is compressed with {packed!r}, expected none, bz2 or lz4", place)
     except (OSError, EOFError, RuntimeError, MemoryError):
-        raise Damage(f"a chunk is no {packed} data", place) from None
+        raise Damage(f"a chunk is not valid {packed} data", place) from None
     if len(plain) != size:
         raise Damage(f"a chunk has {len(plain)} bytes, expected {size}", place)
     return np.frombuffer(plain, np.uint8)
 
 
 class Ros2Bag(_Bag):
-    """An open file of a ROS 2 bag; its messages have no byte, since another library finds them."""
+    """A reader of ROS 2 bags. Bytes of messages are unknown, since another library reads the file."""
 
     cdr = True
 
     def messages(self, block: int) -> Iterator[Message]:
-        """See `_Bag`."""
+        """Yield all messages; see `_Bag`."""
         bags = extra("rosbags.rosbag2", "a ROS 2 bag")
         with tempfile.TemporaryDirectory() as folder:
             try:
@@ -233,11 +235,11 @@ class Ros2Bag(_Bag):
             except Damage:
                 raise
             except Exception as failure:
-                # The package lets errors of many kinds through for a damaged bag.
-                raise Damage(f"no whole ROS 2 bag: {' '.join(str(failure).split())}", None) from None
+                # The package raises errors of many types for a damaged bag.
+                raise Damage(f"not an intact ROS 2 bag: {' '.join(str(failure).split())}", None) from None
 
     def _path(self, folder: Path) -> Path:
-        """The file on the disk with the ending that its content needs."""
+        """Return the path of the file, or of a temporary copy with the ending that the library requires."""
         ending = ".mcap" if self.source.head(len(MCAP)) == MCAP else ".db3"
         path = self.source.path
         if path is not None and path.suffix == ending:
@@ -258,11 +260,11 @@ _U64, _U8 = Struct("<Q"), Struct("<B")
 _ROS1 = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")])
 _CDR = np.dtype([*((name, _ROS1[name]) for name in ("x", "y")), ("unused", "u1", 2),
                  *((name, _ROS1[name]) for name in ("s", "ns", "p")), ("after", "u1")])  # fmt: skip
-"""Any event but the first, which needs no bytes between y and the time."""
+"""Layout of an event in CDR. The first event of a message has no padding between y and the time."""
 
 
 class _MessageFields:
-    """Reads the fields of a message one after the other."""
+    """Reader of the fields of a message, in order."""
 
     def __init__(self, data: Bytes, cdr: bool) -> None:
         if cdr and data[1:2].tobytes() != b"\x01":
@@ -282,17 +284,17 @@ class _MessageFields:
         return value
 
     def bytes(self, count: int) -> Bytes:
-        taken = self._data[self._at : self._at + count]
-        if taken.size < count:
-            raise Damage(f"a message ends within its fields: {taken.size} of {count} bytes", None)
+        data = self._data[self._at : self._at + count]
+        if data.size < count:
+            raise Damage(f"a message ends within its fields: {data.size} of {count} bytes", None)
         self._at += count
-        return taken
+        return data
 
     def text(self) -> str:
         return self.bytes(self.number(_U32)).tobytes().rstrip(b"\0").decode("utf-8", "replace")
 
     def header(self) -> None:
-        """Number (ROS 1 only), time and frame."""
+        """Skip the number (ROS 1 only), the time and the frame."""
         for _ in range(2 if self.cdr else 3):
             self.number(_U32)
         self.text()
@@ -300,7 +302,16 @@ class _MessageFields:
 
 @dataclass(slots=True)
 class Packet:
-    """The content of a message, its events not yet decoded."""
+    """Content of a message, with events that are not yet decoded.
+
+    Attributes:
+        size: width and height of the sensor, px, or None.
+        encoding: encoding of the events.
+        base: time_base, ns.
+        data: the encoded events.
+        big: words are big-endian.
+        count: number of events of an array.
+    """
 
     size: Size | None
     encoding: str
@@ -311,28 +322,28 @@ class Packet:
 
 
 def packet(data: Bytes, kind: str, cdr: bool) -> Packet:
-    """Take a message apart.
-
-    Args:
-        data: its bytes.
-        kind: `PACKET` or `ARRAY`.
-        cdr: whether ROS 2 wrote it.
-
-    Raises:
-        Damage: it is shorter than its fields.
+    """Parse a message.
 
     ``event_camera_msgs/EventPacket``: header, height, width, seq, time_base (ns), encoding, is_bigendian, bytes.
-    Encodings: ``evt3`` (words of EVT 3.0, whose clock goes on from packet to packet) and ``mono`` (uint64: bit 63
+    Encodings: ``evt3`` (words of EVT 3.0, whose clock continues from packet to packet) and ``mono`` (uint64: bit 63
     polarity, bits 48-62 y, 32-47 x, 0-31 ns after time_base).
     ``dvs_msgs/EventArray`` and ``prophesee_event_msgs/EventArray``: header, height, width, events of x, y (uint16),
     time in s and ns (uint32), polarity.
-    Times in ns are cut to us.
+    Times in ns are rounded down to us.
 
-    ROS 1 writes the fields one after the other; ROS 2 (CDR) after four bytes, each at a multiple of its size, strings
-    with a zero at the end.
+    ROS 1 stores the fields without padding. ROS 2 (CDR) stores four bytes first, then each field at a multiple of its
+    size, and strings with a terminating zero.
+
+    Args:
+        data: the bytes of the message.
+        kind: `PACKET` or `ARRAY`.
+        cdr: True for a message of ROS 2.
+
+    Raises:
+        Damage: the message is shorter than its fields.
 
     Source: event_camera_msgs (github.com/ros-event-camera/event_camera_msgs), dvs_msgs
-    (github.com/uzh-rpg/rpg_dvs_ros); "DDSI-RTPS", section 10, for CDR.
+        (github.com/uzh-rpg/rpg_dvs_ros); "DDSI-RTPS", section 10, for CDR.
     """
     fields = _MessageFields(data, cdr)
     fields.header()
@@ -348,25 +359,25 @@ def packet(data: Bytes, kind: str, cdr: bool) -> Packet:
     return Packet(size, encoding, base, fields.bytes(fields.number(_U32)), big, 0)
 
 
-class Unpacker:
-    """Decodes the packets of one camera in order."""
+class PacketDecoder:
+    """Decoder of the packets of one camera, in order."""
 
     def __init__(self) -> None:
         self._evt3: Decoder | None = None
 
     def piece(self, content: Packet) -> Piece:
-        """The events of a packet.
+        """Decode a packet.
 
         Raises:
-            Damage: its encoding is not known, or its bytes are no whole words.
+            Damage: unknown encoding, or incomplete words.
         """
         if content.encoding == ARRAY:
             return _array(content)
         word = {"evt3": 2, "mono": 8}.get(content.encoding)
         if word is None:
-            raise Damage(f"encoding {content.encoding!r} is not known, expected evt3 or mono", None)
+            raise Damage(f"unknown encoding {content.encoding!r}, expected evt3 or mono", None)
         if content.data.size % word:
-            raise Damage(f"a packet of {content.data.size} bytes, expected whole words of {word} bytes", None)
+            raise Damage(f"a packet of {content.data.size} bytes, expected a multiple of {word} bytes", None)
         data = content.data.reshape(-1, word)[:, ::-1] if content.big else content.data
         data = np.ascontiguousarray(data).reshape(-1)
         if content.encoding == "mono":
@@ -384,7 +395,7 @@ def _mono(words: Any, base: int) -> Piece:
 
 
 def _array(content: Packet) -> Piece:
-    """Events of an array; CDR ones begin with one that is two bytes shorter."""
+    """Decode the events of an array. In CDR the first event is two bytes shorter than the others."""
     raw = content.data
     if raw.size == _ROS1.itemsize * content.count:
         events = raw.view(_ROS1)
@@ -403,9 +414,9 @@ MCAP = b"\x89MCAP0\r\n"
 SQLITE = b"SQLite format 3\0"
 
 ROS1 = Format("rosbag1", "ROS 1 bag", (".bag",), lambda head: head.startswith(MAGIC), Ros1Bag)
-"""Read only. Bags with EventPacket are tested with a real one, those with EventArray with made ones."""
+"""ROS 1 bags, read only. EventPacket is tested on a real bag, EventArray on synthetic ones."""
 ROS2 = Format(
     "rosbag2", "ROS 2 bag", (".mcap", ".db3"), lambda head: head.startswith((MCAP, SQLITE)), Ros2Bag,
-    untested="made with the package rosbags; no recording of a camera was at hand",
+    untested="made with the package rosbags; no recording of a camera was available",
 )  # fmt: skip
-"""Read only."""
+"""ROS 2 bags, read only."""

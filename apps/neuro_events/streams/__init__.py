@@ -1,4 +1,4 @@
-"""Events by the network: received while a program runs, and sent at their own pace."""
+"""Streams of events over the network: receive while a program runs, and send in real time."""
 
 from __future__ import annotations
 

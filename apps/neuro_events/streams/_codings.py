@@ -1,4 +1,4 @@
-"""Where a stream comes from or goes to."""
+"""Addresses and codings of streams: formats of datagrams, and packets of AEDAT 4 over TCP."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ SCHEMES = ("udp", "tcp")
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A URL of a stream.
+    """A URL of a stream, with its host looked up.
 
     Attributes:
-        url: as given.
+        url: the URL as specified.
         scheme: udp or tcp.
-        family: of its sockets.
-        place: host and port, as sockets take them.
+        family: family of its sockets.
+        place: host and port, as sockets expect them.
     """
 
     url: str
@@ -56,32 +56,32 @@ class Address:
     place: Any
 
     def new_socket(self) -> socket.socket:
-        """A socket of its kind."""
+        """Return a new socket for this address."""
         return socket.socket(self.family, socket.SOCK_DGRAM if self.scheme == "udp" else socket.SOCK_STREAM)
 
-    def bound(self, place: Any) -> str:
-        """The URL with the port that a socket has got."""
+    def bound_url(self, place: Any) -> str:
+        """Return the URL with the port of a bound socket."""
         host = f"[{place[0]}]" if self.family == socket.AF_INET6 else place[0]
         return f"{self.scheme}://{host}:{place[1]}"
 
-    def refused(self, error: OSError) -> ModelError:
-        """What the system says of it."""
-        low = "ports below 1024 are for administrators; 3333 is none of them"
-        known = {
-            errno.EADDRINUSE: ("another program listens there", "port 0 takes a free one"),
-            errno.EACCES: ("this user may not use it", low if self.place[1] < 1024 else ""),
-            errno.EADDRNOTAVAIL: ("no interface of this machine has the address", "0.0.0.0 is all of them"),
-            errno.ECONNREFUSED: ("nobody listens there", "start the sender first"),
+    def as_model_error(self, error: OSError) -> ModelError:
+        """Convert a socket's error to one about this address."""
+        low = "ports below 1024 are for administrators; use a higher one, such as 3333"
+        messages = {
+            errno.EADDRINUSE: ("another program listens at this port", "port 0 selects a free one"),
+            errno.EACCES: ("this user may not use this port", low if self.place[1] < 1024 else ""),
+            errno.EADDRNOTAVAIL: ("no interface of this machine has this address", "0.0.0.0 stands for all interfaces"),
+            errno.ECONNREFUSED: ("no program listens at this port", "start the sender first"),
         }
-        text, hint = known.get(error.errno or 0, (error.strerror or str(error) or type(error).__name__, ""))
+        text, hint = messages.get(error.errno or 0, (error.strerror or str(error) or type(error).__name__, ""))
         return ModelError(f"{self.url}: {text}", hint=hint)
 
 
-def parsed(url: object) -> tuple[str, str, int]:
-    """Scheme, host and port of a URL such as udp://127.0.0.1:3333 or tcp://[::1]:7777.
+def parse_url(url: object) -> tuple[str, str, int]:
+    """Return scheme, host and port of a URL such as udp://127.0.0.1:3333 or tcp://[::1]:7777.
 
     Raises:
-        ModelError: it is none.
+        ModelError: the URL is invalid.
     """
     expected = "expected udp://HOST:PORT or tcp://HOST:PORT, such as udp://127.0.0.1:3333"
     if not isinstance(url, str):
@@ -100,29 +100,29 @@ def parsed(url: object) -> tuple[str, str, int]:
 
 
 def address(url: str) -> Address:
-    """Look up the host of a URL.
+    """Parse a URL, and look up its host.
 
     Raises:
-        ModelError: it is none, or its host is not known.
+        ModelError: the URL is invalid, or its host is unknown.
     """
-    scheme, host, port = parsed(url)
+    scheme, host, port = parse_url(url)
     if os.environ.get(CLOSED):
-        raise ModelError(f"{url}: is not opened while a file is made again")
+        raise ModelError(f"{url}: streams cannot be opened while a file is reproduced")
     kind = socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM
     try:
         family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise ModelError(f"{url}: host '{host}' is not known ({getattr(error, 'strerror', '') or error})") from None
+        raise ModelError(f"{url}: unknown host '{host}' ({getattr(error, 'strerror', '') or error})") from None
     return Address(url, scheme, family, place)
 
 
-def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
-    """The format of a stream: by TCP only aedat4, by UDP one that is named.
+def format_for(scheme: str, format: object, udp_formats: Iterable[str]) -> str:
+    """Return the format of a stream: aedat4 for TCP, the specified one for UDP.
 
     Raises:
-        ModelError: there is no such format, or it does not come this way.
+        ModelError: unknown format, or a format of the other scheme.
     """
-    by_udp = tuple(known)
+    by_udp = tuple(udp_formats)
     names = ("aedat4",) if scheme == "tcp" else by_udp
     if format is None:
         if scheme == "tcp":
@@ -131,35 +131,35 @@ def format_for(scheme: str, format: object, known: Iterable[str]) -> str:
     if not isinstance(format, str) or format not in names:
         if isinstance(format, str) and format in ("aedat4", *by_udp):
             other = "tcp" if scheme == "udp" else "udp"
-            raise ModelError(f"format '{format}' comes by {other}://: found {scheme}://")
+            raise ModelError(f"format '{format}' requires {other}://: found {scheme}://")
         raise unknown("format of a stream", format, names)
     return str(format)
 
 
 DATAGRAM = 1400
-"""Bytes of a datagram, at most; the usual Ethernet carries 1,472."""
+"""Default size limit of a datagram, bytes; a usual Ethernet frame carries 1,472."""
 
 
 Decoder = Callable[[NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, Columns, int]]
-"""Decodes entries of a ring: (bytes of a `Receiver`, its entries, the first to decode, the one after the last) ->
-number of events, room that begins with them, number of damaged entries."""
+"""Decoder of the entries of a ring: (bytes of a `Receiver`, its index, first entry, end) -> number of events, columns
+that begin with these events, number of damaged entries."""
 
 Encoder = Callable[[Events, int], Iterator[Any]]
-"""Datagrams (bytes) of at most so many bytes for events; parts of one recording in their order."""
+"""Encoder: (events, size limit in bytes) -> datagrams. Called with the parts of one recording in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Coding:
-    """A way to write events in datagrams.
+    """A format of events in datagrams.
 
     Attributes:
-        name: the word for `format`.
-        title: what it is.
-        decoder: makes a decoder for a stream that began at a time, ns.
-        encoder: makes an encoder.
-        period: after which its clock begins again, us; 0: never.
-        sides: columns and rows that it has room for.
-        datagram: bytes of a datagram, at most, unless said otherwise.
+        name: value of the option `format`.
+        title: description.
+        decoder: function that creates a decoder for a stream opened at a time, ns.
+        encoder: function that creates an encoder.
+        period: period after which its clock wraps, us; 0: never.
+        sides: largest number of columns and rows.
+        datagram: default size limit of a datagram, bytes.
     """
 
     name: str
@@ -171,10 +171,10 @@ class Coding:
     datagram: int = DATAGRAM
 
     def check(self, sensor: tuple[int, int]) -> None:
-        """Refuse a sensor for which it has no room.
+        """Check that the format can represent the positions of a sensor.
 
         Raises:
-            ModelError: it is too wide or too high.
+            ModelError: the sensor is too wide or too high.
         """
         if max(sensor) > self.sides:
             size = "{}x{}".format(*sensor)
@@ -183,7 +183,7 @@ class Coding:
 
 @dataclass(slots=True)
 class _Plain:
-    """Events of a layout; each takes `least` bytes, at least."""
+    """Decoder of events of a layout, of at least `least` bytes each."""
 
     layout: Layout
     least: int
@@ -193,14 +193,14 @@ class _Plain:
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
-        room = empty_columns(int(_sizes(index, first, last).sum()) // self.least + 1)
+        columns = empty_columns(int(_sizes(index, first, last).sum()) // self.least + 1)
         decode = (kernels.plain_decoder if self.least == self.layout.size else kernels.spif_decoder)(self.layout)
-        n, damaged = decode(ring, index, first, last, self.opened_ns, self.state, *room)
-        return n, room, damaged
+        n, damaged = decode(ring, index, first, last, self.opened_ns, self.state, *columns)
+        return n, columns, damaged
 
 
 def _sizes(index: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
-    """Bytes of entries."""
+    """Return the sizes of entries, bytes."""
     begin, count, m = first % len(index), last - first, len(index)
     sizes = index[:, kernels.SIZE]
     if begin + count <= m:
@@ -209,38 +209,39 @@ def _sizes(index: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]
 
 
 class _Evt3:
-    """Words of EVT 3.0."""
+    """Decoder of EVT 3.0."""
 
     def __init__(self, opened_ns: int) -> None:
         from neuro_events.formats.evt import evt3_decoder
 
-        begin = evt3_decoder().state
+        initial = evt3_decoder().state
         self._state = np.zeros(kernels.STATES, np.int64)
-        self._state[: begin.size] = begin
+        self._state[: initial.size] = initial
 
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
     ) -> tuple[int, Columns, int]:
         words = ring.view("<u2")
-        room = empty_columns(kernels.room_evt3(words, index, first, last))
-        n, damaged = kernels.decode_evt3(words, index, first, last, self._state, *room)
-        return n, room, damaged
+        columns = empty_columns(kernels.capacity_evt3(words, index, first, last))
+        n, damaged = kernels.decode_evt3(words, index, first, last, self._state, *columns)
+        return n, columns, damaged
 
 
 def _cut(records: NDArray[Any], size: int) -> Iterator[Any]:
-    """Datagrams of whole records."""
+    """Split records into datagrams of complete records."""
     step = max(1, size // records.itemsize)
     for k in range(0, len(records), step):
         yield records[k : k + step].data.cast("B")
 
 
 SPIF = Layout(8, t=Field(0, 32, byte=4), x=Field(16, 15), y=Field(0, 15), p=Field(15, 1))
-"""An event with its time."""
+"""Layout of an event of SPIF with its time."""
 FAERY_13 = Layout(
     13, t=Field(0, 64, size=8), x=Field(0, 16, byte=8), y=Field(16, 16, byte=8), p=Field(0, 1, byte=12, size=1),
     odd=Odd(0xFE << 56 | 3 << 22, byte=5, size=8),
 )  # fmt: skip
-"""No time has its upper two bits set, and polarities are 0 or 1: the word at byte 5 tells."""
+"""Layout of faery's events. Valid times have their upper two bits clear, and polarities are 0 or 1; the word at byte 5
+contains these bits."""
 FAERY_8 = Layout(8, t=Field(0, 32), x=Field(0, 16, byte=4), y=Field(17, 15, byte=4), p=Field(16, 1, byte=4))
 
 
@@ -263,15 +264,15 @@ def _faery8(events: Events, size: int) -> Iterator[Any]:
 
 _PERIOD_3 = 1 << 24
 _BEAT = 1 << 22
-"""At least so often, us, a TIME_HIGH is sent, so that a receiver counts all wraps."""
+"""Longest time between two TIME_HIGH, us, so that a receiver counts all wraps."""
 _LONGEST = 1 << 32
-"""A longer silence, us, would need too many of them."""
+"""Longest silence, us. A longer one would need too many TIME_HIGH."""
 _EVENT_BYTES = 8
-"""An event takes at most so many bytes, in `encode3`: time (two words), row and column."""
+"""Largest size of an event of `encode3`, bytes: time (two words), row and column."""
 
 
 def _evt3() -> Encoder:
-    """Datagrams that each begin with time and row, so that one that is lost harms no other."""
+    """Return an encoder whose datagrams begin with time and row, so that a lost datagram does not affect the others."""
     last: int | None = None
 
     def encode(events: Events, size: int) -> Iterator[Any]:
@@ -296,7 +297,7 @@ def _evt3() -> Encoder:
 
 
 AESTREAM = 512
-"""Bytes of the datagrams of aestream, which reads no more of one."""
+"""Size limit of aestream's datagrams, bytes; aestream reads only these first bytes of one."""
 _32 = 1 << 32
 
 CODINGS = {
@@ -321,19 +322,22 @@ CODINGS = {
         Coding("raw-evt3", "Prophesee's EVT 3.0, words of 16 bits", _Evt3, _evt3, 0, 1 << 11),
     )
 }  # fmt: skip
-"""By name."""
+"""Formats of datagrams by name."""
 
 
 _LARGEST = 1 << 24
-"""No packet is longer; a damaged length must not fill the memory."""
+"""Largest size of a packet, bytes, so that a damaged length cannot fill the memory."""
 
 
-def received_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[int, int]]:
-    """Read the header of a connection: it, the number of its stream of events, and the sensor.
+def receive_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[int, int]]:
+    """Read the header of a connection.
+
+    Returns:
+        The header, the number of its stream of events, and the sensor.
 
     Raises:
-        ModelError: this is no header, or lists no events.
-        OSError: it does not come.
+        ModelError: the data are not a header, or the header lists no events.
+        OSError: the header does not arrive in time.
     """
     size = U32.unpack(_exactly(sock, 4, url))[0]
     if size > HEADER_LIMIT:
@@ -349,28 +353,28 @@ def received_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[i
 
 
 def _exactly(sock: socket.socket, count: int, url: str) -> bytes:
-    found = b""
-    while len(found) < count:
-        more = sock.recv(count - len(found))
+    data = b""
+    while len(data) < count:
+        more = sock.recv(count - len(data))
         if not more:
             raise ModelError(f"{url}: does not send AEDAT 4: the connection ended within its header")
-        found += more
-    return found
+        data += more
+    return data
 
 
 class PacketDecoder:
-    """Decodes the bytes of connections as they come; see `neuro.events.streams._codings.Decoder`.
+    """Decoder of the bytes of connections as they arrive; see `neuro.events.streams._codings.Decoder`.
 
     Args:
-        compression: of the packets, as the header says.
-        wanted: number of the stream of events.
-        broken: called where bytes are no packets; what follows is left out up to the next connection.
+        compression: compression of the packets, from the header.
+        number: number of the stream of events.
+        on_damage: called at bytes that are not packets. The rest of the connection is skipped.
     """
 
-    def __init__(self, compression: str, wanted: int, broken: Callable[[], None]) -> None:
-        self._packets, self._wanted, self._broken = Packets(compression), wanted, broken
-        self._held = bytearray()
-        self._lost = False
+    def __init__(self, compression: str, number: int, on_damage: Callable[[], None]) -> None:
+        self._packets, self._number, self._on_damage = Packets(compression), number, on_damage
+        self._buffer = bytearray()
+        self._skips_rest = False
 
     def __call__(
         self, ring: NDArray[np.uint8], index: NDArray[np.int64], first: int, last: int
@@ -378,42 +382,42 @@ class PacketDecoder:
         parts: list[Columns] = []
         damaged = n = 0
         for entry in range(first, last):
-            row, had = index[entry % len(index)], len(parts)
+            row, n_parts = index[entry % len(index)], len(parts)
             start, size = row[[kernels.START, kernels.SIZE]].tolist()
             if not size:
-                damaged += bool(self._held)
-                self._held.clear()
-                self._lost = False
-            elif not self._lost:
-                self._held += ring[start : start + size].data
+                damaged += bool(self._buffer)
+                self._buffer.clear()
+                self._skips_rest = False
+            elif not self._skips_rest:
+                self._buffer += ring[start : start + size].data
                 try:
-                    self._take(parts)
+                    self._decode_packets(parts)
                 except Damage:
                     damaged += 1
-                    self._lost = True
-                    self._held.clear()
-                    self._broken()
-            n += sum(len(each[0]) for each in parts[had:])
+                    self._skips_rest = True
+                    self._buffer.clear()
+                    self._on_damage()
+            n += sum(len(each[0]) for each in parts[n_parts:])
             row[kernels.EVENTS] = n
         columns = parts[0] if len(parts) == 1 else joined_columns(parts)
         return n, columns, damaged
 
-    def _take(self, parts: list[Columns]) -> None:
-        """Take all whole packets."""
+    def _decode_packets(self, parts: list[Columns]) -> None:
+        """Decode all complete packets in the buffer."""
         at = 0
         try:
-            while len(self._held) - at >= ENTRY.size:
-                stream, size = ENTRY.unpack_from(self._held, at)
+            while len(self._buffer) - at >= ENTRY.size:
+                stream, size = ENTRY.unpack_from(self._buffer, at)
                 if not 0 <= size <= _LARGEST:
                     raise Damage(f"a packet of {size} bytes", None)
                 end = at + ENTRY.size + size
-                if len(self._held) < end:
+                if len(self._buffer) < end:
                     return
-                if stream == self._wanted:
-                    parts.append(self._events(np.frombuffer(self._held[end - size : end], np.uint8)))
+                if stream == self._number:
+                    parts.append(self._events(np.frombuffer(self._buffer[end - size : end], np.uint8)))
                 at = end
         finally:
-            del self._held[:at]
+            del self._buffer[:at]
 
     def _events(self, data: NDArray[np.uint8]) -> Columns:
         plain, start, count = self._packets.events(data, 0)
@@ -422,7 +426,7 @@ class PacketDecoder:
         return columns
 
 
-def sent_packets(events: Events) -> bytes:
-    """Events as packets."""
+def encode_packets(events: Events) -> bytes:
+    """Encode events as packets of AEDAT 4."""
     parts = [packet(events[k : k + PACKET]) for k in range(0, len(events), PACKET)]
     return b"".join(ENTRY.pack(0, len(data)) + data for data in parts)

@@ -1,7 +1,8 @@
 # mypy: ignore-errors
-"""The loop that receives: from a socket into a ring of bytes, without the interpreter, so that nothing holds it up.
+"""Compiled loops that receive from a socket into a ring of bytes, and decode the entries of the ring.
 
-A ring has one writer, `receive`, and one reader, who takes entries of the index in their order and stores how many.
+The receiving loop runs outside the interpreter, so that Python code cannot delay it. A ring has one writer, `receive`,
+and one reader, which reads the entries of the index in order and stores the number of entries read.
 """
 
 from __future__ import annotations
@@ -13,29 +14,31 @@ from numba import types
 
 from neuro.apps import address, caller, load_acquire, store_release
 from neuro.extend import kernel, subkernel
-from neuro_events.formats._evt_kernels import BASE, ROW, STATES_3, TIME_HIGH, decode3, room3
+from neuro_events.formats._evt_kernels import BASE, ROW, STATES_3, TIME_HIGH, capacity3, decode3
 from neuro_events.formats._word_kernels import decoder, field, word
 from neuro_events.formats._words import OTHER
 
 PUT, TAKEN, STOP, AT, LAST, REFUSED, OVERFLOWN, ROWS = range(8)
-"""Rows of the state: entries written and taken; whether to stop; the next byte of the ring; time of the last receipt,
-ns; datagrams for which the ring, and before it the kernel's own queue, had no room."""
+"""Rows of the state. `PUT`, `TAKEN`: number of entries written and read. `STOP`: 1 to stop. `AT`: next byte of the
+ring. `LAST`: time of the last receipt, ns. `REFUSED`, `OVERFLOWN`: datagrams lost because the ring, or the system's
+queue, was full."""
 START, SIZE, RECEIVED, MISSING, EVENTS, FIELDS = range(6)
-"""Columns of the index: first byte, bytes, time of receipt in ns, how many datagrams were lost before it in all; and,
-by whoever decodes it, the number of events up to its end among those that were decoded at once."""
+"""Columns of the index. `START`, `SIZE`: first byte and number of bytes. `RECEIVED`: time of receipt, ns. `MISSING`:
+number of datagrams lost before, in total. `EVENTS`: number of events up to the end of the entry, among those decoded in
+one call; set by the decoder."""
 
 LARGEST = 1 << 16
-"""Bytes that one call can receive."""
+"""Largest number of bytes that one call can receive."""
 ALIGNED = 16
-"""Entries begin at multiples of it, so that they can be read as words."""
+"""Alignment of entries, bytes, so that they can be read as words."""
 SECOND, SOON = 1_000_000_000, 1_000_000
-"""ns of a second, and of a call that did not wait for anything to come."""
+"""A second, and the longest duration of a call that failed without waiting, ns."""
 FULL = -2
-"""Instead of a number of bytes: the ring has no room."""
+"""Return value instead of a number of bytes: the ring is full."""
 
 NAME, PIECE, CONTROL, TIMESPEC, BYTE, WORDS = 0, 7, 9, 17, 19, 20
-"""Places in the words that the system reads and writes: `msghdr`, `iovec`, its control message, `timespec`, a byte."""
-_LENGTH, _ROOM = 5, 64
+"""Offsets in the words that the system reads and writes: `msghdr`, `iovec`, its control message, `timespec`, a byte."""
+_LENGTH, _CONTROL_BYTES = 5, 64
 
 _recvmsg = caller(types.int64, types.int32, types.int64, types.int32)
 _clock_gettime = caller(types.int32, types.int32, types.int64)
@@ -43,13 +46,13 @@ _write = caller(types.int64, types.int32, types.int64, types.int64)
 
 
 @subkernel
-def place(at, put, taken, index, bytes_):
-    """Where the next entry may begin, -1 without room for the largest."""
-    if put == taken:
+def place(at, put, n_read, index, bytes_):
+    """Return the byte at which the next entry can begin, -1 if the ring has no space for the largest entry."""
+    if put == n_read:
         return 0
-    if put - taken >= len(index):
+    if put - n_read >= len(index):
         return -1
-    tail = index[taken % len(index), START]
+    tail = index[n_read % len(index), START]
     if at > tail:
         if at + LARGEST <= bytes_:
             return at
@@ -59,20 +62,21 @@ def place(at, put, taken, index, bytes_):
 
 @kernel
 def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
-    """Receive until the connection ends, nothing can be received, or it is to stop.
+    """Receive until the connection ends, a call fails, or the state says stop.
 
     Args:
         calls: (4,) int64, addresses of `recvmsg`, `clock_gettime` and `write`, and the number of the clock.
-        descriptor: the socket.
-        wake: a pipe that gets a byte for each entry.
-        datagrams: whether what finds no room is dropped; else nothing is received before there is room.
-        ring: (n,) uint8; the last `LARGEST` bytes receive what is dropped.
+        descriptor: file descriptor of the socket.
+        wake: file descriptor of a pipe to which a byte is written for each entry.
+        datagrams: True: drop datagrams while the ring is full. False: stop receiving while the ring is full.
+        ring: (n,) uint8; the last `LARGEST` bytes are a buffer for datagrams that are dropped.
         index: (m, FIELDS) int64.
-        state: (ROWS, 8) int64, each row on a line of the cache.
-        message: (WORDS,) int64, as `msghdr` lies in 64-bit systems.
+        state: (ROWS, 8) int64; each row has a cache line of its own.
+        message: (WORDS,) int64, laid out as `msghdr` of 64-bit systems.
 
     Returns:
-        bytes of the last call: 0 at the end of a connection, -1 if it failed at once; or `FULL`.
+        The number of bytes of the last call, 0 at the end of a connection, -1 if the call failed immediately, or
+        `FULL`.
     """
     words = address(message)
     bytes_ = ring.size - LARGEST
@@ -84,7 +88,7 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
         at = place(state[AT, 0], put, load_acquire(state, TAKEN), index, bytes_)
         if at < 0 and not datagrams:
             return FULL
-        message[_LENGTH], message[_LENGTH + 1] = _ROOM, 0
+        message[_LENGTH], message[_LENGTH + 1] = _CONTROL_BYTES, 0
         message[PIECE], message[PIECE + 1] = address(ring) + (bytes_ if at < 0 else at), LARGEST
         got = _recvmsg(calls[0], (descriptor, words, 0))
         before = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
@@ -97,7 +101,7 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
         if datagrams and message[_LENGTH] & 0xFFFFFFFF > 0:
             state[OVERFLOWN, 0] = message[CONTROL + 2] & 0xFFFFFFFF
         state[LAST, 0] = received
-        if at < 0:  # there may be room now
+        if at < 0:  # the reader may have released space in the meantime
             at = place(state[AT, 0], put, load_acquire(state, TAKEN), index, bytes_)
             if at < 0:
                 state[REFUSED, 0] += 1
@@ -115,19 +119,19 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
 
 @kernel
 def arrived(state):
-    """How many entries were written; all of them can be read."""
+    """Return the number of entries written so far."""
     return load_acquire(state, PUT)
 
 
 @kernel
-def release(state, taken):
-    """Give the room of so many entries back."""
-    store_release(state, TAKEN, taken)
+def release(state, n_read):
+    """Release the space of the first `n_read` entries."""
+    store_release(state, TAKEN, n_read)
 
 
 @kernel
 def end_entry(index, state):
-    """Write an entry of no bytes, as between two connections; whether there was room for it."""
+    """Write an empty entry, which separates two connections. Return False if the index is full."""
     put = state[PUT, 0]
     if put - load_acquire(state, TAKEN) >= len(index):
         return False
@@ -140,16 +144,16 @@ def end_entry(index, state):
 
 U = np.uint32
 UNTIMED = 1 << 31
-"""The bit of a word of SPIF that says that no time follows."""
+"""Bit of a SPIF word that is set if no time follows."""
 
 
 @cache
 def plain_decoder(layout):
-    """Return the decoder of datagrams of events of a layout.
+    """Return a decoder of datagrams with events of a layout.
 
-    Its arguments are the ring (n,) uint8, the index of its entries, the first entry and the one after the last, the
-    time from which receipts count, ns, a state, and arrays (m,) of times, columns, rows and polarities to fill. It
-    returns the number of events, and of entries that are damaged. An event that cannot be is left out.
+    The decoder's arguments are the ring, (n,) uint8, the index of its entries, the first entry and the end, the time
+    from which receipts count, ns, the state, and the output arrays (m,) of times, columns, rows and polarities. The
+    decoder returns the number of events and the number of damaged entries. Impossible events are dropped.
     """
     decode = decoder(layout, subkernel)
 
@@ -160,8 +164,8 @@ def plain_decoder(layout):
             row = entry % len(index)
             start, size = index[row, START], index[row, SIZE]
             others = state[OTHER]
-            found, used, _, _, _ = decode(ring[start : start + size], state, t[n:], x[n:], y[n:], p[n:])
-            n += found
+            count, used, _, _, _ = decode(ring[start : start + size], state, t[n:], x[n:], y[n:], p[n:])
+            n += count
             index[row, EVENTS] = n
             damaged += (used != size) | (state[OTHER] != others)
         return n, damaged
@@ -171,10 +175,10 @@ def plain_decoder(layout):
 
 @cache
 def spif_decoder(layout):
-    """Return the decoder of SPIF, as `plain_decoder`.
+    """Return a decoder of SPIF, as `plain_decoder` does.
 
-    A word for an event is followed by a word of time, unless its uppermost bit is set: then the time is that of its
-    receipt, us.
+    A word for an event is followed by a word of time, unless its uppermost bit is set. An event without a time gets the
+    time of its receipt, us.
     """
     word_of, (x_of, y_of, p_of) = word(4, False), (field(getattr(layout, name)) for name in "xyp")
 
@@ -206,26 +210,27 @@ def spif_decoder(layout):
 
 
 @kernel
-def room_evt3(ring, index, first, last):
-    """Events that entries of EVT 3.0 have at most, with one more for each."""
+def capacity_evt3(ring, index, first, last):
+    """Return the largest number of events of entries of EVT 3.0, plus 1 for each entry."""
     n = 1
     for entry in range(first, last):
         row = entry % len(index)
         start, size = index[row, START] // 2, index[row, SIZE] // 2
-        n += room3(ring[start : start + size])
+        n += capacity3(ring[start : start + size])
     return n
 
 
 SEEKS, LOST, STATES = STATES_3, STATES_3 + 1, STATES_3 + 2
-"""State of EVT 3.0 after that of `decode3`: whether a TIME_HIGH has to come first; what was lost so far."""
+"""Indices into the state after those of `decode3`. `SEEKS`: 1 while words before the next TIME_HIGH are skipped.
+`LOST`: number of datagrams lost so far."""
 
 
 @kernel
 def decode_evt3(ring, index, first, last, state, t, x, y, p):
-    """Decode EVT 3.0; as `plain_decoder`, with a ring of words of 16 bits.
+    """Decode EVT 3.0, with arguments as for `plain_decoder` and a ring of 16-bit words.
 
-    A row, a base of vectors and the lower bits of the time hold across datagrams. After a loss none of them is known:
-    words up to the next TIME_HIGH are left out, then events up to the next row.
+    The row, the base of vectors and the low bits of the time hold across datagrams. After a loss they are unknown:
+    words before the next TIME_HIGH are skipped, and then events before the next row.
     """
     n = 0
     damaged = 0
@@ -243,49 +248,50 @@ def decode_evt3(ring, index, first, last, state, t, x, y, p):
                 state[SEEKS] = 0
             else:
                 at += 1
-        found, _, _, _ = decode3(words[at:], state[:STATES_3], t[n:], x[n:], y[n:], p[n:])
-        n += found
+        count, _, _, _ = decode3(words[at:], state[:STATES_3], t[n:], x[n:], y[n:], p[n:])
+        n += count
         index[row, EVENTS] = n
         damaged += size % 2
     return n, damaged
 
 
 CLOCK, ADDED, DOUBT, BEHIND, OUTSIDE, BACK, RESTARTS, DAMAGED, FACTS = range(9)
-"""What `settle` remembers: the time of the last event; what is added to times; that of an event that was not believed;
-datagrams in a row that began behind the clock; and counts of events that were left out and of clocks that began anew.
-"""
+"""Indices into the state of `settle`. `CLOCK`: time of the last event. `ADDED`: offset added to times. `DOUBT`: time of
+the last implausible event. `BEHIND`: datagrams in a row that began before the clock. The others count dropped events
+(`OUTSIDE` the sensor, `BACK` in time, `DAMAGED` time) and `RESTARTS` of the sender's clock."""
 BACKWARD, FORWARD = 100_000, 10_000_000
-"""A clock that moves by more, us, has begun anew, or stood still with its sender, or the time is damaged; the network
-brings datagrams in another order by far less."""
-AGAIN = 4
-"""So many datagrams in a row that begin behind the clock are those of a sender that began anew."""
+"""Largest plausible steps of the clock, backward and forward, us. A larger step means that the sender restarted or
+paused, or that the time is damaged. The network reorders datagrams by far less."""
+RESTART_DATAGRAMS = 4
+"""Number of datagrams in a row before the clock that identify a restarted sender."""
 NOWHERE = -1 << 61
-"""A time that no event is near."""
+"""Time that is far from that of any event."""
 
 
 @kernel
 def settle(index, first, last, width, height, period, ordered, forward, facts, columns):
-    """Keep the events that can be, with a time that does not run back; move them to the front.
+    """Select the events on the sensor, with times that never run back, and move them to the front of the columns.
 
-    A time far from the clock is believed if that of the event before it, or after it in its datagram, is near it.
+    A time far from the clock is accepted only if it is confirmed by the event before, or by the next one in the same
+    datagram, whose time is near it.
 
     Args:
-        index: of the entries.
-        first: the first entry.
-        last: the one after the last.
-        width: of the sensor, px.
-        height: likewise.
-        period: after which the clock begins again, us; 0: never.
-        ordered: whether nothing is damaged or comes in another order, as by TCP.
-        forward: how far the clock may move between two events unless a second one agrees, us.
-        facts: (FACTS,) int64, changed.
+        index: index of the entries.
+        first: first entry.
+        last: end of the entries.
+        width: width of the sensor, px.
+        height: height of the sensor, px.
+        period: period after which the clock wraps, us; 0: never.
+        ordered: True if data are neither damaged nor reordered, as with TCP.
+        forward: largest step of the clock without confirmation, us.
+        facts: (FACTS,) int64, updated.
         columns: all events of the entries: t, (m,) int64, us; x and y, uint16; p, uint8.
 
     Returns:
-        number of events that stay.
+        The number of selected events.
     """
     t, x, y, p = columns
-    kept = 0
+    n_selected = 0
     begin = 0
     clock, added, doubt, behind = facts[CLOCK], facts[ADDED], facts[DOUBT], facts[BEHIND]
     if period:
@@ -298,13 +304,13 @@ def settle(index, first, last, width, height, period, ordered, forward, facts, c
                 facts[OUTSIDE] += 1
                 continue
             now = t[k] + added
-            if not 0 <= now - clock <= forward or clock == 0:  # else nothing is to be asked
+            if not 0 <= now - clock <= forward or clock == 0:  # otherwise the time is plausible
                 if period and clock - now > period // 2:
                     now += period
-                elif period and added and clock > now - period >= clock - BACKWARD:  # of before it began again
+                elif period and added and clock > now - period >= clock - BACKWARD:  # an event from before the wrap
                     now -= period
-                ahead = now - clock
-                if not ordered and (clock == 0 or ahead > forward or ahead < -BACKWARD):
+                lead = now - clock
+                if not ordered and (clock == 0 or lead > forward or lead < -BACKWARD):
                     agrees = -BACKWARD <= t[k] - doubt <= forward or (clock == 0 and k + 1 == end)
                     if k + 1 < end:
                         step = t[k + 1] - t[k]
@@ -314,10 +320,10 @@ def settle(index, first, last, width, height, period, ordered, forward, facts, c
                         doubt = t[k]
                         facts[DAMAGED] += 1
                         continue
-                if ahead < 0:
+                if lead < 0:
                     behind += begins
                     begins = False
-                    if not (ordered or ahead < -BACKWARD or behind >= AGAIN):
+                    if not (ordered or lead < -BACKWARD or behind >= RESTART_DATAGRAMS):
                         doubt = NOWHERE
                         facts[BACK] += 1
                         continue
@@ -329,11 +335,11 @@ def settle(index, first, last, width, height, period, ordered, forward, facts, c
             begins = False
             doubt = NOWHERE
             clock = now
-            t[kept] = now
-            x[kept] = x[k]
-            y[kept] = y[k]
-            p[kept] = p[k]
-            kept += 1
+            t[n_selected] = now
+            x[n_selected] = x[k]
+            y[n_selected] = y[k]
+            p[n_selected] = p[k]
+            n_selected += 1
         begin = end
     facts[CLOCK], facts[ADDED], facts[DOUBT], facts[BEHIND] = clock, added, doubt, behind
-    return kept
+    return n_selected

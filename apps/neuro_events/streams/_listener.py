@@ -1,4 +1,4 @@
-"""Events that come by the network while a program runs."""
+"""Events received from the network while a program runs."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ from neuro_events.streams._codings import (
     PacketDecoder,
     address,
     format_for,
-    parsed,
-    received_header,
+    parse_url,
+    receive_header,
 )
 from neuro_events.streams._receiver import LEAST, Receiver
 
 kernels = LazyModule("neuro_events.streams._kernels")
 
 BUFFER = 1 << 25
-"""Bytes that wait to be taken, at most; 0.8 s of 5 million events a second of 8 bytes."""
+"""Default size of the buffer, bytes: 0.8 s of 5 million events/s of 8 bytes."""
 _CONNECT_S = 5.0
-"""Time that a sender has to accept a connection and to say what it sends, s."""
+"""Longest time until a sender accepts a connection and sends its header, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamCounts:
-    """What came and what was lost, since the stream was opened.
+    """Counts of received and lost events since the stream was opened.
 
     Attributes:
-        events: that were taken.
-        datagrams: that were taken; by TCP, pieces.
-        dropped_kernel: datagrams that came while the system's queue was full; None where it does not count them.
-        dropped_buffer: datagrams that came while the stream's own buffer was full.
-        damaged: datagrams, or connections, with bytes that are no event; and events left out, since their time is
-            far from that of those beside it.
-        out_of_order: events left out, since they are earlier than one before them.
-        outside: events left out, since they are off the sensor.
-        restarts: how often the sender's clock fell back; the time of the events goes on from there.
-        connections: how often a connection was made anew.
+        events: events returned by `take`.
+        datagrams: datagrams processed by `take`; for TCP, pieces.
+        dropped_kernel: datagrams dropped because the system's queue was full, None if the system does not count them.
+        dropped_buffer: datagrams dropped because the stream's own buffer was full.
+        damaged: datagrams or connections with invalid bytes, and events dropped because their time is far from those
+            of their neighbours.
+        out_of_order: events dropped because they are earlier than an event before.
+        outside: events dropped because they are off the sensor.
+        restarts: number of times the sender's clock fell back. The times of the events continue from there.
+        connections: number of reconnections.
     """
 
     events: int = 0
@@ -67,23 +67,24 @@ class StreamCounts:
 
     @property
     def lost(self) -> dict[str, int]:
-        """What is not as it should be: all counts above 0 but those of events and datagrams."""
-        named = {f.name: getattr(self, f.name) for f in fields(self)[2:]}
-        return {name: count for name, count in named.items() if count}
+        """All counts above 0 except events and datagrams: losses and irregularities."""
+        counts = {f.name: getattr(self, f.name) for f in fields(self)[2:]}
+        return {name: count for name, count in counts.items() if count}
 
 
 class Listener:
-    """A stream of events that is received from now on; made by `listen`, closed by `close` or a `with` block.
+    """A stream of events, received from now on. Made by `listen`, closed by `close` or a `with` block.
 
-    A thread receives, without the interpreter, into a buffer of fixed size. One thread of the program takes what is
-    there. A loop goes through the parts as they come, at most one each `tick_ms`, so that filters and representations
-    take a stream as they take the parts of a recording.
+    A thread receives, outside the interpreter, into a buffer of fixed size. One thread of the program takes the events
+    from the buffer. Iteration yields parts as they arrive, at most one per `tick_ms`, so that filters and
+    representations process a stream like the parts of a recording.
 
     Attributes:
-        url: the address, with the port that was free where 0 was asked for.
-        format: of the stream.
+        url: the address, with the actual port if port 0 was specified.
+        format: format of the stream.
         sensor_size: width and height, px.
-        received_ns: when the oldest datagram of the last `take` came, by `time.monotonic_ns`; None if there was none.
+        received_ns: time of receipt of the oldest datagram of the last `take`, by `time.monotonic_ns`; None without
+            one.
     """
 
     def __init__(
@@ -98,20 +99,20 @@ class Listener:
         self._facts[kernels.DOUBT] = kernels.NOWHERE
         self._events = self._datagrams = self._damaged = 0
         self._close = weakref.finalize(self, receiver.close)
-        self._seen_ns = receiver.opened_ns
-        self._take(0, 0)  # compiles what decodes
+        self._last_ns = receiver.opened_ns
+        self._take(0, 0)  # compile the decoder
         self._ready_ns = time.monotonic_ns()
 
     def take(self) -> Events:
-        """All events that have come and were not taken, in the order in which they came.
+        """Return all events that have arrived since the last call, in the order of arrival.
 
-        Events off the sensor, and those earlier than one before them, are left out and counted. A clock of 32 bits is
-        continued where it begins again.
+        Events off the sensor, and events earlier than one before, are dropped and counted. A wrap of a 32-bit clock is
+        continued.
         """
         return self._take_up_to(self._receiver.entries[1])
 
     def take_before(self, ns: int) -> Events:
-        """As `take`, of what came before a time of `time.monotonic_ns`; the rest waits."""
+        """Return only the events that arrived before a time of `time.monotonic_ns`; see `take`."""
         return self._take_up_to(self._receiver.before(ns))
 
     def _take_up_to(self, last: int) -> Events:
@@ -126,42 +127,42 @@ class Listener:
     def _take(self, first: int, last: int) -> Events:
         receiver, kernels = self._receiver, self._kernels
         _, columns, damaged = self._decoder(receiver.ring, receiver.index, first, last)
-        now = receiver.received(last - 1) if last > first else self._seen_ns
-        forward = kernels.FORWARD + (now - self._seen_ns) // 1000
+        now = receiver.received(last - 1) if last > first else self._last_ns
+        forward = kernels.FORWARD + (now - self._last_ns) // 1000
         words = *self.sensor_size, self._period, self.format == "aedat4", forward
         n = kernels.settle(receiver.index, first, last, *words, self._facts, columns)
         self._damaged += damaged
         if n:
-            self._seen_ns = now
+            self._last_ns = now
         t, x, y, p = columns
         return Events._trusted(t[:n], x[:n], y[:n], p[:n], self.sensor_size, {"stream": self.url})
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until something has come that was not taken; whether it has.
+        """Wait for new events, and return whether there are any.
 
         Args:
-            timeout_s: the longest wait, s.
+            timeout_s: longest wait, s.
 
         Raises:
-            ModelError: it is not a number.
+            ModelError: `timeout_s` is not a number.
         """
         return self._receiver.wait(argument("timeout_s", timeout_s, infinite=True))
 
     def __iter__(self) -> Iterator[Events]:
-        due = time.monotonic()
+        next_part_at = time.monotonic()
         while not self.ended:
             if not self.wait(min(self._silence_left(), 0.1)):
                 continue
-            if (early := due - time.monotonic()) > 0:
-                time.sleep(early)
-            due = time.monotonic() + self._tick_s
+            if (delay := next_part_at - time.monotonic()) > 0:
+                time.sleep(delay)
+            next_part_at = time.monotonic() + self._tick_s
             part = self.take()
             if len(part):
                 yield part
 
     @property
     def ended(self) -> bool:
-        """Whether it was closed or silent for too long, see `listen`, and everything is taken."""
+        """True if all events are taken, and the stream is closed or was silent for too long (see `listen`)."""
         first, last = self._receiver.entries
         return first == last and (self._receiver.closed or self._silence_left() <= 0)
 
@@ -172,7 +173,7 @@ class Listener:
 
     @property
     def counts(self) -> StreamCounts:
-        """What came and what was lost so far."""
+        """Counts of received and lost events so far."""
         kernels, facts, receiver = self._kernels, self._facts, self._receiver
         return StreamCounts(
             events=self._events,
@@ -187,7 +188,7 @@ class Listener:
         )
 
     def close(self) -> None:
-        """Stop listening, as when it is dropped; what has come can still be taken."""
+        """Stop listening; deleting the object has the same effect. Events in the buffer can still be taken."""
         self._close()
 
     def __enter__(self) -> Listener:
@@ -219,18 +220,20 @@ def listen(
                 events = stream.take()
 
     Args:
-        url: ``udp://HOST:PORT``, the address of this machine at which events come, 0.0.0.0 for all of its addresses;
-            port 0 takes a free one. Or ``tcp://HOST:PORT``, the address of a sender of AEDAT 4 as dv-processing is.
-        format: "spif" (or "spif-timed", which is received alike), "faery13", "faery8", "raw-evt3"; by TCP "aedat4".
-        sensor: width and height, px. By TCP the sender gives it.
-        until_silent: a loop over the stream ends when nothing has come for so long after something had, s; None: never.
-        first_within: a loop over the stream ends when nothing at all has come for so long, s; None: never.
-        tick_ms: a loop over the stream gives at most one part in so long, ms.
-        buffer: bytes that may wait to be taken; at least 262,144.
+        url: ``udp://HOST:PORT``, an address of this machine that receives events; 0.0.0.0 stands for all addresses,
+            and port 0 selects a free port. Or ``tcp://HOST:PORT``, the address of an AEDAT 4 sender such as
+            dv-processing.
+        format: "spif" (or "spif-timed", which is decoded in the same way), "faery13", "faery8", "raw-evt3"; for TCP
+            "aedat4".
+        sensor: width and height, px. With TCP the sender states it.
+        until_silent: longest silence after the first data, s; then iteration ends. None: no limit.
+        first_within: longest wait for the first data, s; then iteration ends. None: no limit.
+        tick_ms: shortest time between two parts of an iteration, ms.
+        buffer: size of the buffer, bytes, at least 262,144.
 
     Raises:
-        ModelError: the address cannot be used, the format is unknown, the sensor is missing or too large, or by TCP
-            nobody sends there, or something else than AEDAT 4.
+        ModelError: the address cannot be used, the format is unknown, the sensor is missing or too large, or, with
+            TCP, there is no sender or it does not send AEDAT 4.
     """
     where = address(url)
     name = format_for(where.scheme, format, CODINGS)
@@ -250,47 +253,47 @@ def listen(
     sock = where.new_socket()
     try:
         sock.bind(where.place)
-        bound = where.bound(sock.getsockname())
+        bound_url = where.bound_url(sock.getsockname())
     except OSError as error:
         sock.close()
-        raise where.refused(error) from None
+        raise where.as_model_error(error) from None
     receiver = Receiver(sock, buffer, None)
-    return Listener(bound, name, size, receiver, coding.decoder(receiver.opened_ns), coding.period, *times)
+    return Listener(bound_url, name, size, receiver, coding.decoder(receiver.opened_ns), coding.period, *times)
 
 
 def _connected(
     where: Address, name: str, size: tuple[int, int] | None, buffer: int, times: tuple[float, float, float]
 ) -> Listener:
-    """A listener to a server of AEDAT 4."""
+    """Connect to a sender of AEDAT 4."""
 
     def connect() -> tuple[socket.socket, Any]:
         sock = where.new_socket()
         try:
             sock.settimeout(_CONNECT_S)
             sock.connect(where.place)
-            return sock, received_header(sock, where.url)
+            return sock, receive_header(sock, where.url)
         except BaseException:
             sock.close()
             raise
 
-    def again() -> socket.socket | None:
+    def reconnect() -> socket.socket | None:
         try:
             sock, (other, *rest) = connect()
         except (OSError, ModelError):
             return None
-        if (other.compression, *rest) == (header.compression, number, found):
+        if (other.compression, *rest) == (header.compression, number, sensor):
             return sock
         sock.close()
         return None
 
     try:
-        sock, (header, number, found) = connect()
+        sock, (header, number, sensor) = connect()
     except OSError as error:
-        raise where.refused(error) from None
+        raise where.as_model_error(error) from None
     try:
-        if size is not None and size != found:
-            said, given = ("{}x{}".format(*each) for each in (found, size))
-            raise ModelError(f"{where.url}: sends events of a {said} sensor: expected {given}")
+        if size is not None and size != sensor:
+            actual, expected = ("{}x{}".format(*each) for each in (sensor, size))
+            raise ModelError(f"{where.url}: sends events of a {actual} sensor: expected {expected}")
         decoder = PacketDecoder(header.compression, number, lambda: receiver.hang_up())
     except Damage as damage:
         sock.close()
@@ -298,23 +301,24 @@ def _connected(
     except ModelError:
         sock.close()
         raise
-    receiver = Receiver(sock, buffer, again)
-    return Listener(where.url, name, found, receiver, decoder, 0, *times)
+    receiver = Receiver(sock, buffer, reconnect)
+    return Listener(where.url, name, sensor, receiver, decoder, 0, *times)
 
 
 TICK_MS = 1.0
-"""Events that come within it are given together."""
+"""Time span of the events that a played stream yields as one part, ms."""
 
 
 def check_stream(url: str | None, format: str | None, sensor: tuple[int, ...] | None) -> None:
-    """Refuse what `listen` would refuse, without listening.
+    """Check the arguments of `listen` without listening.
 
     Raises:
-        ModelError: the address or the format is none, or the sensor is missing or too large; `path` is the word.
+        ModelError: the address or the format is invalid, or the sensor is missing or too large. The error's `path` is
+            the word of the network description: stream, format or sensor.
     """
     word = "stream"
     try:
-        scheme = parsed(url)[0]
+        scheme = parse_url(url)[0]
         word = "format"
         name = format_for(scheme, format, CODINGS)
         word = "sensor"
@@ -329,15 +333,15 @@ def check_stream(url: str | None, format: str | None, sensor: tuple[int, ...] | 
 
 @dataclass(frozen=True, slots=True)
 class OfStream:
-    """A stream that is played as a recording is; see `neuro.events.playing.Played`.
+    """A stream as input of an event camera; see `neuro.events.playing.Played`.
 
     Attributes:
-        url: as of `listen`, as are the others.
-        format: of the stream.
+        url: as for `listen`.
+        format: as for `listen`.
         sensor_size: width and height, px.
-        until_silent: s, as is the next.
-        first_within: of the first datagram.
-        again: it cannot be played several times.
+        until_silent: as for `listen`, s.
+        first_within: as for `listen`, s.
+        again: False, since a stream cannot be played again.
         no_sensor: "", since its sensor is known.
     """
 
@@ -351,17 +355,17 @@ class OfStream:
 
     @property
     def identity(self) -> str:
-        """Its address."""
+        """Address of the stream."""
         return f"stream {self.url}"
 
     def first(self) -> None:
-        """Not known before it comes."""
+        """Return None, since the first event is unknown before it arrives."""
 
     def opened(self) -> Listener:
-        """Begin to listen.
+        """Start listening.
 
         Raises:
-            ModelError: as of `listen`.
+            ModelError: as for `listen`.
         """
         return listen(
             self.url, format=self.format, sensor=self.sensor_size, until_silent=self.until_silent,
@@ -369,7 +373,7 @@ class OfStream:
         )  # fmt: skip
 
     def parts(self, start_us: int | None = None, least: tuple[int, int] = (1, 1)) -> Iterator[Events]:
-        """Its events as they come; at the end a warning if some were lost."""
+        """Yield the events as they arrive. Warn at the end if events were lost."""
         with self.opened() as stream:
             yield from stream
             lost = ", ".join(f"{name.replace('_', ' ')} {count:,}" for name, count in stream.counts.lost.items())

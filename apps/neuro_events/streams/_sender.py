@@ -1,4 +1,4 @@
-"""Events that are sent by the network, at their own pace."""
+"""Send events over the network in real time."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from neuro_events._events import Event, Events
 from neuro_events.files import stream
 from neuro_events.formats.aedat4 import new_header
 from neuro_events.playing import played
-from neuro_events.streams._codings import CODINGS, Address, Coding, address, format_for, sent_packets
+from neuro_events.streams._codings import CODINGS, Address, Coding, address, encode_packets, format_for
 
 TICK = 0.001
-"""Events whose time has come are sent so often, s."""
+"""Time between two sends, s."""
 MOST = 1 << 16
-"""Events that are encoded at once, at most."""
+"""Largest number of events that are encoded at a time."""
 _LARGEST = 65_507
-"""Bytes that a datagram can have."""
+"""Largest size of a UDP datagram, bytes."""
 _STUCK_S = 5.0
-"""A receiver that takes nothing for so long is left, s."""
-_WHOLE = (Events, Event, np.ndarray, list, tuple)
-"""Events in memory."""
+"""Longest time that a receiver may block, s, before its connection is closed."""
+_IN_MEMORY = (Events, Event, np.ndarray, list, tuple)
+"""Types of events in memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """What was sent.
+    """Result of `send`.
 
     Attributes:
-        events: that were sent.
-        datagrams: in which they were sent; by TCP, packets to each receiver.
-        seconds: from the first to the last.
-        latest_ms: by how much the latest event was late.
+        events: number of events sent.
+        datagrams: number of datagrams sent; for TCP, packets to each receiver.
+        seconds: duration from the first to the last event sent, s.
+        latest_ms: largest delay of an event, ms.
     """
 
     events: int
@@ -51,7 +51,7 @@ class Sent:
 
 
 class Datagrams:
-    """UDP."""
+    """Channel that sends datagrams over UDP."""
 
     def __init__(self, where: Address, coding: Coding, size: int) -> None:
         self.url, self._where, self._coding, self._size = where.url, where, coding, size
@@ -59,7 +59,7 @@ class Datagrams:
         self._checked: tuple[int, int] | None = None
 
     def put(self, events: Events) -> int:
-        """Send events."""
+        """Send events, and return the number of datagrams."""
         if events.sensor_size != self._checked:
             self._coding.check(events.sensor_size)
             self._checked = events.sensor_size
@@ -68,7 +68,7 @@ class Datagrams:
             try:
                 self._sock.sendto(data, self._where.place)
             except OSError as error:
-                raise self._where.refused(error) from None
+                raise self._where.as_model_error(error) from None
             count += 1
         return count
 
@@ -78,7 +78,7 @@ class Datagrams:
 
 
 class Server:
-    """TCP: AEDAT 4 for whoever connects; what is sent before is not kept."""
+    """Channel that serves AEDAT 4 over TCP. A receiver gets the events sent after it has connected."""
 
     def __init__(self, where: Address) -> None:
         self._server, self._readers = where.new_socket(), dict[socket.socket, bool]()
@@ -88,25 +88,25 @@ class Server:
             self._server.listen()
         except OSError as error:
             self._server.close()
-            raise where.refused(error) from None
-        self.url = where.bound(self._server.getsockname())
+            raise where.as_model_error(error) from None
+        self.url = where.bound_url(self._server.getsockname())
 
     def wait(self) -> None:
-        """Wait until somebody has connected."""
+        """Wait for the first receiver."""
         self._server.settimeout(None)
         self._readers[self._server.accept()[0]] = False
 
     def put(self, events: Events) -> int:
-        """Send events to all that have connected; one that is gone, or takes nothing, is left."""
+        """Send events to all receivers, and return their number. A receiver that is gone or blocks is disconnected."""
         self._server.settimeout(0.0)
         with contextlib.suppress(BlockingIOError):
             while True:
                 self._readers[self._server.accept()[0]] = False
-        data = sent_packets(events)
-        for reader, begun in list(self._readers.items()):
+        data = encode_packets(events)
+        for reader, has_header in list(self._readers.items()):
             try:
                 reader.settimeout(_STUCK_S)
-                reader.sendall(data if begun else new_header(0, *events.sensor_size) + data)
+                reader.sendall(data if has_header else new_header(0, *events.sensor_size) + data)
                 self._readers[reader] = True
             except OSError:
                 reader.close()
@@ -114,7 +114,7 @@ class Server:
         return len(self._readers)
 
     def close(self) -> None:
-        """Close all connections."""
+        """Close the server and all connections."""
         for each in (self._server, *self._readers):
             each.close()
 
@@ -123,15 +123,15 @@ Channel = Datagrams | Server
 
 
 def channel(url: str, format: str | None, datagram: int | None) -> Channel:
-    """Open an address for sending; see `send`."""
+    """Open a channel to an address; see `send`."""
     where = address(url)
     name = format_for(where.scheme, format, CODINGS)
     if where.scheme == "tcp":
         if datagram is not None:
-            raise ModelError(f"datagram = {datagram!r:.40}: expected None, as {where.url} has none")
+            raise ModelError(f"datagram = {datagram!r:.40}: expected None, as {where.url} uses no datagrams")
         return Server(where)
     if where.place[1] == 0:
-        raise ModelError(f"{url}: found port 0: expected the port at which somebody listens")
+        raise ModelError(f"{url}: found port 0: expected the port at which the receiver listens")
     coding = CODINGS[name]
     size = coding.datagram if datagram is None else argument("datagram", datagram, kind="integer", at_least=16)
     if size > _LARGEST:
@@ -148,19 +148,20 @@ def send(
     datagram: int | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Sent:
-    """Send events by the network, each at its time.
+    """Send events over the network in real time.
 
     Args:
-        url: ``udp://HOST:PORT``, where somebody listens. Or ``tcp://HOST:PORT``, an address of this machine at which
-            AEDAT 4 is served, as dv-processing serves it; sending begins when the first receiver has connected.
-        events: the path of a recording, `Events`, or an iterable of parts in the order of time, which may be a stream.
-        format: as for `listen`. By TCP "aedat4". "spif" has no times, which the receiver then takes; "spif-timed" has.
-        speed: how many times as fast as they were recorded; infinite: as fast as it goes.
-        datagram: bytes of a datagram at most; None: 512 for SPIF, as aestream, else 1,400.
+        url: ``udp://HOST:PORT``, the address of a receiver. Or ``tcp://HOST:PORT``, an address of this machine that
+            serves AEDAT 4 as dv-processing does; sending begins when the first receiver connects.
+        events: path of a recording, `Events`, or an iterable of parts in the order of time, which may be a stream.
+        format: as for `listen`. For TCP "aedat4". "spif" contains no times, so the receiver uses the time of receipt;
+            "spif-timed" contains times.
+        speed: speed relative to real time; infinite: as fast as possible.
+        datagram: size limit of a datagram, bytes. None: 512 for SPIF, as in aestream, else 1,400.
         report: called with the number of events sent so far.
 
     Raises:
-        ModelError: the address or the format is none, or the format cannot hold the sensor or a time.
+        ModelError: the address or the format is invalid, or the format cannot represent the sensor or a time.
         EventFileError: the recording cannot be read.
     """
     speed = argument("speed", speed, above=0, infinite=True)
@@ -177,40 +178,40 @@ def send(
 
 
 def _parts(events: Any) -> Iterable[Events]:
-    given = iter(events) if isinstance(events, Iterable) and not isinstance(events, _WHOLE) else events
-    return played(given).parts()
+    is_iterable = isinstance(events, Iterable) and not isinstance(events, _IN_MEMORY)
+    return played(iter(events) if is_iterable else events).parts()
 
 
 def paced(parts: Iterable[Events], to: Channel, speed: float, report: Callable[[int], None] | None = None) -> Sent:
-    """Put each event when its time has come; see `send`."""
+    """Send each event at its time; see `send`."""
     events = datagrams = 0
     latest, begin, zero = 0.0, time.monotonic(), None
     for part in parts:
         if zero is None and len(part):
             zero, begin = int(part.t[0]), time.monotonic()
-        for due, piece in _due(part, zero or 0, begin, speed):
+        for send_at, piece in _timed_pieces(part, zero or 0, begin, speed):
             if len(piece):
                 datagrams += to.put(piece)
-                latest = max(latest, time.monotonic() - due)
+                latest = max(latest, time.monotonic() - send_at)
         events += len(part)
         if report is not None:
             report(events)
-    late = 0.0 if math.isinf(speed) else 1000.0 * latest
-    return Sent(events, datagrams, time.monotonic() - begin, late)
+    latest_ms = 0.0 if math.isinf(speed) else 1000.0 * latest
+    return Sent(events, datagrams, time.monotonic() - begin, latest_ms)
 
 
-def _due(part: Events, zero: int, begin: float, speed: float) -> Iterator[tuple[float, Events]]:
-    """Pieces of a part as their time comes, each with the time at which its first event was due."""
-    done = 0
-    while done < len(part):
+def _timed_pieces(part: Events, zero: int, begin: float, speed: float) -> Iterator[tuple[float, Events]]:
+    """Yield pieces of a part at their times, each with the scheduled time of its first event."""
+    first = 0
+    while first < len(part):
         now = time.monotonic()
         end = len(part)
-        due = begin + (int(part.t[done]) - zero) / 1e6 / speed
+        send_at = begin + (int(part.t[first]) - zero) / 1e6 / speed
         if not math.isinf(speed):
-            if due > now:
-                time.sleep(max(due - now, TICK))
+            if send_at > now:
+                time.sleep(max(send_at - now, TICK))
                 continue
             end = int(np.searchsorted(part.t, zero + int((now - begin) * speed * 1e6), "right"))
-        end = min(max(end, done + 1), done + MOST)
-        yield due, part[done:end]
-        done = end
+        end = min(max(end, first + 1), first + MOST)
+        yield send_at, part[first:end]
+        first = end
