@@ -158,9 +158,7 @@ def test_the_sensor_of_a_file_without_a_chip(read):
     assert f"a.aedat: byte {len(HEADER)}: {what}: {OPTION}" in refusal(read, one(5, 100, 50, 1), name="a.aedat")
     corner = one(5, 345, 259, 1)  # its address is also one of a DVS128
     told = refusal(read, corner, name="a.aedat")
-    assert (
-        f"byte {len(HEADER)}: no line '# AEChip:' names the camera, and the addresses may be those of a DVS128" in told
-    )
+    assert f"byte {len(HEADER)}: no line '# AEChip:' names the camera, and the addresses may be from a DVS128" in told
     assert OPTION in told
 
 

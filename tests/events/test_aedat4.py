@@ -123,7 +123,9 @@ def test_compressions(compression):
 def test_sensor_that_is_not_told():
     plain = header(info=INFO.format(size=""))
     assert (load(plain + packet(events_table(ROWS))).sensor_size, len(load(plain))) == ((4, 5), 0)
-    assert "a packet has an event at a negative place" in refusal(load, plain + packet(events_table([(1, -1, 0, 1)])))
+    assert "a packet has an event at a negative position" in refusal(
+        load, plain + packet(events_table([(1, -1, 0, 1)]))
+    )
 
 
 def test_the_second_stream_of_events_is_counted():

@@ -117,7 +117,7 @@ def test_part_and_classes(folder):
 
 @pytest.mark.parametrize("part", ["Test", "test", "Val"])
 def test_data_with_one_part_stands_for_the_other(train, part):
-    with pytest.warns(EventFileWarning, match=rf"^{train}: has only the part 'train', taken for '{part}'$"):
+    with pytest.warns(EventFileWarning, match=rf"^{train}: has only the part 'train', used as '{part}'$"):
         found = recordings(train, part=part)
     assert names(found) == names(recordings(train)) == names(recordings(train, part="TRAIN"))
     assert refused(train, part=part, whole=False) == f"no recordings in a folder {part!r}"
@@ -229,7 +229,7 @@ def test_parts_of_known_layouts(tmp_path):
     assert refusal(Dataset, cars, part="val") == f"{cars}: no recordings in a folder 'val'"
     assert names(Dataset(poker, part="Train")) == ["trcl0.es", "trsp16.es"]
     assert names(Dataset(poker, part="test")) == ["tssp1.es"]
-    assert refusal(Dataset, cars, layout="nmnist") == f"{cars}: does not lie as N-MNIST does"
+    assert refusal(Dataset, cars, layout="nmnist") == f"{cars}: does not have the layout of N-MNIST"
     assert refusal(Dataset, cars, layout="n-mnist") == "unknown layout 'n-mnist'\n  hint: did you mean 'nmnist'?"
 
 
@@ -480,15 +480,15 @@ def test_the_sensor_that_holds_all(tmp_path, train, shared):
     root = saved(tmp_path / "a", "a/1.npz", "b/2.npz", size=(40, 30))
     assert recordings(root).sensor_size() == (40, 30)
     saved(root, "b/3.npz", size=(20, 50))
-    text = "sensors differ, such as 20x50 of b/3.npz and 40x30 of a/1.npz: 40x50 is taken, which holds all"
-    expected = f"{root}: {text}; sensor_size=(width, height), or --sensor WxH gives another"
+    text = "sensors differ, such as 20x50 of b/3.npz and 40x30 of a/1.npz: assuming 40x50, which contains every event"
+    expected = f"{root}: {text}; sensor_size=(width, height), or --sensor WxH sets another"
     assert told_sensor(recordings(root), (40, 50)) == [expected]
     root = tmp_path / "b"
     for k, (x, y) in enumerate([(70, 3), (5, 80)]):
         (root / "ab"[k]).mkdir(parents=True)
         save(Events([1], [x], [y], [1], (100, 100)), root / "ab"[k] / "1.bin")
-    expected = "2 of 2 recordings do not tell their sensor, such as a/1.bin: 71x81 is taken, which holds all"
-    assert told_sensor(recordings(root), (71, 81), setting="size") == [f"{root}: {expected}; size gives another"]
+    expected = "2 of 2 recordings do not state their sensor, such as a/1.bin: assuming 71x81, which contains every event"
+    assert told_sensor(recordings(root), (71, 81), setting="size") == [f"{root}: {expected}; size sets another"]
     expected = "has no recording, expected at least one to find the sensor"
     assert refusal(recordings(root)[:0].sensor_size) == f"<Recordings 0 of 2 classes in {root}>: {expected}"
     assert recordings(train).sensor_size() == SIZE  # known for the format, or the data set
@@ -582,4 +582,4 @@ def test_an_hdf5_cache_has_the_same_samples_in_the_same_order(small, tmp_path):
     assert list(kept) == list(mixed)
     Path(small.path).rename(tmp_path / "gone")
     assert list(mixed.cached(path, jobs=1)) == list(kept) == list(pickle.loads(pickle.dumps(kept)))
-    assert refusal(small.cached, path, jobs=1) == f"{path}: exists and holds something else; expected a new name"
+    assert refusal(small.cached, path, jobs=1) == f"{path}: exists with other content; expected a new name"

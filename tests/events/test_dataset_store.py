@@ -59,9 +59,9 @@ def test_the_same_call_again_does_nothing_and_another_is_refused(folder, tmp_pat
     data, out = Dataset(folder), tmp_path / "o.h5"
     first, made = data.to_hdf5(out, jobs=1), out.stat().st_mtime_ns
     assert (data.to_hdf5(out, jobs=1), out.stat().st_mtime_ns) == (first, made)
-    assert refusal(data[:4].to_hdf5, out, jobs=1) == f"{out}: exists and holds something else; expected a new name"
+    assert refusal(data[:4].to_hdf5, out, jobs=1) == f"{out}: exists with other content; expected a new name"
     (tmp_path / "other.h5").write_text("mine")
-    with pytest.raises(EventFileError, match=r"other\.h5: exists and holds something else; expected a new name$"):
+    with pytest.raises(EventFileError, match=r"other\.h5: exists with other content; expected a new name$"):
         data.to_hdf5(tmp_path / "other.h5", jobs=1)
     assert (tmp_path / "other.h5").read_text() == "mine"
 
@@ -90,7 +90,7 @@ def test_samples_that_changed_are_not_taken_for_those_stored(folder, tmp_path):
     data, out = Dataset(folder), tmp_path / "o.h5"
     data.to_hdf5(out, jobs=1)
     (folder / "Train/1/4.bin").write_bytes(word(7) + word(8))
-    text = "was made of samples that have changed since, or by neuro 0.2.0; expected a new name"
+    text = "was made from samples that changed later, or by neuro 0.2.0; expected a new name"
     assert refusal(Dataset(folder).to_hdf5, out, jobs=1) == f"{out}: {text}"
     assert refusal(Dataset(folder).cached, out, jobs=1) == f"{out}: {text}"
     with h5py.File(data.to_hdf5(tmp_path / "new.h5", jobs=1).path) as file:
@@ -122,7 +122,7 @@ def test_a_zip_tells_changes_by_check_sums(folder, tmp_path):
     pack(1)
     assert Dataset(packed).to_hdf5(out, jobs=1) == first
     pack(9)
-    assert "was made of samples that have changed since" in refusal(Dataset(packed).to_hdf5, out, jobs=1)
+    assert "was made from samples that changed later" in refusal(Dataset(packed).to_hdf5, out, jobs=1)
 
 
 def test_a_folder_of_another_conversion_is_left_alone(messages, folder, tmp_path):
@@ -204,7 +204,7 @@ def test_a_process_that_is_killed_loses_nothing(folder, tmp_path, monkeypatch, w
             same(out, folder)
         else:
             lost = "a process that packs samples was ended by SIGKILL, 2 times: it was killed or ran out of memory"
-            assert refusal(data.to_hdf5, out, jobs=2) == f"{out}.parts: {lost}; the same call goes on"
+            assert refusal(data.to_hdf5, out, jobs=2) == f"{out}.parts: {lost}; the same call resumes"
     assert data.to_hdf5(out, jobs=1).samples == 30
 
 

@@ -134,8 +134,8 @@ def test_a_sensor_that_may_be_two():
     data = hdf5({"sensor_resolution": [346, 260]}, **E2VID)
     for use in (load, info, lambda given, name: next(stream(given, name=name))):
         assert refusal(use, data, name="f") == (
-            "f: sensor_resolution is [346, 260], height and width or width and height: "
-            "give sensor_size=(346, 260) or (260, 346), or --sensor WxH"
+            "f: sensor_resolution is [346, 260], in an unclear order of height and width: "
+            "specify sensor_size=(346, 260) or (260, 346), or --sensor WxH"
         )
     assert load(data, sensor_size=(346, 260)).sensor_size == (346, 260)
     found = info(data, sensor_size=(346, 260))
@@ -143,7 +143,7 @@ def test_a_sensor_that_may_be_two():
 
 
 def test_info_says_what_was_never_tried(tmp_path):
-    text = "no recording in another layout than this library's was at hand"
+    text = "no recording in another layout than this library's was available"
     for data in (v2e(), hdf5(davis__left__events=mvsec()), hdf5(**m3ed())):
         assert info(data).untested == text
     save(Events(T, X, Y, P, (346, 260)), tmp_path / "a.h5")

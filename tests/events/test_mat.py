@@ -46,7 +46,7 @@ def test_dvs_barrel():
     data = mat({"ROI": cells})
     assert refusal(load, data, name="f.mat") == (
         "f.mat: has 3 recordings (ROI{1}, ROI{2}, ROI{3}), expected one; "
-        "neuro.events.formats.mat.samples(path) gives all"
+        "neuro.events.formats.mat.samples(path) returns all"
     )
     found = samples(data)
     assert list(found) == ["ROI{1}", "ROI{2}", "ROI{3}"]

@@ -101,7 +101,7 @@ def test_a_data_set_holds_files_of_a_third_party_format(tmp_path, events):
     ({"name": "hdf5:mine"}, "'hdf5:mine': expected a name without ':', '/' and spaces"),
     ({"suffixes": ".a"}, "'mine': suffixes = '.a': expected endings with a dot, such as ('.mine',)"),
     ({"suffixes": ("a",)}, "'mine': suffixes = ('a',): expected endings with a dot, such as ('.mine',)"),
-    ({"suffixes": (".A",)}, "'mine': suffixes = ('.A',): expected lower case, which any case of a name fits"),
+    ({"suffixes": (".A",)}, "'mine': suffixes = ('.A',): expected lower case, which matches names in any case"),
     ({"open": None}, "'mine': expected two functions, knows(head) and open(source)")
 ])  # fmt: skip
 def test_a_format_that_cannot_be_used(changes, expected):

@@ -528,8 +528,8 @@ SILENT = Events(np.array([0, 1 << 33]), *[np.zeros(2, int)] * 3, SIZE)
 def test_mistakes_are_told_in_one_sentence(messages):
     with open_udp("spif") as stream:
         messages.calls(globals() | locals())
-        assert "another program listens there" in refused(listen, stream.url, **UDP)
-        assert "host 'no-such-host.invalid' is not known" in refused(listen, "udp://no-such-host.invalid:1", **UDP)
+        assert "another program listens at this port" in refused(listen, stream.url, **UDP)
+        assert "unknown host 'no-such-host.invalid'" in refused(listen, "udp://no-such-host.invalid:1", **UDP)
 
 
 def test_a_port_that_may_not_be_used(messages, monkeypatch):

@@ -170,7 +170,7 @@ def test_a_stream_that_was_played(folder, run, again):
     assert "a.h5: listens to udp://127.0.0.1:0: what came from there does not come again" in err
     assert "'neuro events listen' keeps a stream" in err
     page_of(folder, "neuro compare streamed.yaml --backends reference,event --html p.html", "streamed.yaml")
-    assert "udp://127.0.0.1:0: is not opened while a file is made again" in again("p.html", status=2)
+    assert "udp://127.0.0.1:0: streams cannot be opened while a file is reproduced" in again("p.html", status=2)
 
 
 def test_a_page_is_made_again_and_asks_for_no_code(made, run, again):

@@ -1,4 +1,4 @@
-"""Labelled recordings: found in a folder, a zip or an HDF5 file, drawn, split, cached and loaded one at a time."""
+"""Labelled recordings in a folder, a zip or an HDF5 file: listed, sampled, split, cached and loaded one at a time."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class _Both:
-    """One function after the other; unlike a lambda it can be sent to another process."""
+class _Composed:
+    """Composition of two functions. Unlike a lambda, an instance can be sent to another process."""
 
     first: Callable[[Events], Any]
     second: Callable[[Any], Any]
@@ -45,27 +45,27 @@ class _Both:
 class Dataset(Sequence[tuple[Any, int]]):
     """Labelled recordings of a folder, a zip or an HDF5 file.
 
-    ``data[i]`` is (events, label), so that PyTorch's ``DataLoader`` takes it as it is; ``data[10:20]``, an array of
-    indices and a mask such as ``data.labels == 3`` give a data set of those samples. Nothing is read before it is
-    asked for. Drawing and splitting give new data sets of the same samples and change nothing.
+    ``data[i]`` is (events, label), as PyTorch's ``DataLoader`` expects. ``data[10:20]``, an array of indices and a mask
+    such as ``data.labels == 3`` give a data set of those samples. Recordings are read on access. Sampling and splitting
+    return new data sets and change nothing.
 
     Args:
-        path: the folder, zip or HDF5 file (``/<class>/<sample>``, as aertb lays it out and `to_hdf5` writes it).
-        part: of a folder or zip with parts, such as ``Train`` and ``Test``, only this one.
-        classes: class names in the order of their labels; None takes those found.
-        layout: name of the layout of a folder or zip, see `neuro.events.dataset.LAYOUTS`; None finds it.
-        ending: only files whose names end so, such as ``bin``.
-        sensor_size: width and height of all recordings, px; None takes those that the files tell.
+        path: the folder, zip or HDF5 file (``/<class>/<sample>``, as aertb and `to_hdf5` write).
+        part: part of a folder or zip with parts, such as ``Train`` or ``Test``. None: all.
+        classes: class names in the order of their labels. None: the classes of the data.
+        layout: name of the layout of a folder or zip, see `neuro.events.dataset.LAYOUTS`. None: detected.
+        ending: ending of the files to list, such as ``bin``. None: all.
+        sensor_size: width and height of all recordings, px. None: as the files state.
 
     Attributes:
-        path: where it lies.
+        path: the folder, zip or HDF5 file.
         classes: class names; a label is an index into them.
-        samples: name, path, label and ``load()`` of each.
-        layout: how it lies there.
+        samples: name, path, label and ``load()`` of each recording.
+        layout: name of the layout.
 
     Raises:
-        EventFileError: there are no labelled recordings, or no such part; the message says what was expected.
-        ModelError: `path` is no name of a file; a part, an ending or a layout of an HDF5 file.
+        EventFileError: no labelled recordings, or no such part; the message says what was expected.
+        ModelError: `path` is not a file name, or a part, an ending or a layout is specified for an HDF5 file.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Dataset(Sequence[tuple[Any, int]]):
         self.path = os.fspath(path)
         self._size = sensor_size
         self._transform: Callable[[Events], Any] | None = None
-        self._kept: dict[Sample, Events] | None = None
+        self._cache: dict[Sample, Events] | None = None
         self.samples: tuple[Sample, ...]
         if is_hdf5(self.path):
             for name, value in (("part", part), ("layout", layout), ("ending", ending)):
@@ -91,8 +91,8 @@ class Dataset(Sequence[tuple[Any, int]]):
             self.classes, self.samples = stored_samples(self.path, classes)
             self.layout = "hdf5"
         else:
-            found = labelled(self.path, part, classes, layout, ending, whole=False)
-            self.classes, self.samples, self.layout = found.classes, tuple(found), found.layout
+            listing = labelled(self.path, part, classes, layout, ending, whole=False)
+            self.classes, self.samples, self.layout = listing.classes, tuple(listing), listing.layout
 
     def _with(self, **changed: Any) -> Self:
         other = object.__new__(type(self))
@@ -121,12 +121,12 @@ class Dataset(Sequence[tuple[Any, int]]):
         return self._with(samples=tuple(self.samples[k] for k in chosen.tolist()))
 
     def _loaded(self, sample: Sample) -> Events:
-        """The events of a sample, which are kept if they are to be; views of a data set share what is kept."""
-        if self._kept is None:
+        """Return the events of a sample, from the cache if there is one. Derived data sets share the cache."""
+        if self._cache is None:
             return sample.load(sensor_size=self._size)
-        if sample not in self._kept:
-            self._kept[sample] = sample.load(sensor_size=self._size)
-        return self._kept[sample]
+        if sample not in self._cache:
+            self._cache[sample] = sample.load(sensor_size=self._size)
+        return self._cache[sample]
 
     def __iter__(self) -> Iterator[tuple[Any, int]]:
         return (self[k] for k in range(len(self)))
@@ -136,61 +136,61 @@ class Dataset(Sequence[tuple[Any, int]]):
 
     @property
     def labels(self) -> Any:
-        """(samples,) int64, the label of each."""
+        """Label of each sample, (samples,) int64."""
         return np.array([sample.label for sample in self.samples], np.int64)
 
     def only(self, *names: str) -> Self:
-        """The samples of some classes; labels stay as they are.
+        """Return the samples of some classes. The labels do not change.
 
         Args:
-            names: of classes.
+            names: names of the classes.
 
         Raises:
-            ModelError: there is no such class.
+            ModelError: no such class.
         """
         for name in names:
             if name not in self.classes:
                 raise unknown("class", name, self.classes)
-        kept = {self.classes.index(name) for name in names}
-        return self._with(samples=tuple(sample for sample in self.samples if sample.label in kept))
+        selected = {self.classes.index(name) for name in names}
+        return self._with(samples=tuple(sample for sample in self.samples if sample.label in selected))
 
     def shuffled(self, seed: int) -> Self:
-        """All samples in an order that the seed decides.
+        """Return all samples in random order.
 
         Args:
-            seed: >= 0.
+            seed: seed of the order, >= 0.
         """
         order: list[int] = np.random.default_rng(seed).permutation(len(self)).tolist()
         return self[order]
 
     def per_class(self, n: int, *, seed: int | None = None) -> Self:
-        """Equally many samples of each class that has any, in the order of the data set.
+        """Return n samples of each class with samples, in the order of the data set.
 
         Args:
-            n: of each class.
-            seed: which ones are drawn; None takes the first.
+            n: number of samples per class.
+            seed: seed for a random choice. None: the first n samples.
 
         Raises:
-            ModelError: a class has fewer.
+            ModelError: a class has fewer samples.
         """
-        taken: list[int] = []
-        for label, mine in self._by_class(seed):
-            if not 1 <= n <= len(mine):
+        indices: list[int] = []
+        for label, members in self._by_class(seed):
+            if not 1 <= n <= len(members):
                 raise ModelError(
-                    f"per_class(n={n!r}): class '{self.classes[label]}' has {len(mine)} samples, "
-                    f"expected n from 1 to {len(mine)}"
+                    f"per_class(n={n!r}): class '{self.classes[label]}' has {len(members)} samples, "
+                    f"expected n from 1 to {len(members)}"
                 )
-            taken += mine[:n]
-        return self[sorted(taken)]
+            indices += members[:n]
+        return self[sorted(indices)]
 
     def split(self, share: float, *, seed: int) -> tuple[Self, Self]:
-        """Two parts with the same share of each class; every sample is in one of them.
+        """Split into two parts with the same share of each class. Every sample is in exactly one part.
 
-        Of a class of k samples, round(share * k) are in the first part, halves rounded up, drawn by the seed.
+        Of a class of k samples, round(share * k) (half rounded up) are drawn for the first part.
 
         Args:
-            share: of the first part, between 0 and 1.
-            seed: of the draw, >= 0.
+            share: share of the first part, between 0 and 1.
+            seed: seed of the draw, >= 0.
 
         Returns:
             The two parts, each in the order of the data set.
@@ -201,45 +201,44 @@ class Dataset(Sequence[tuple[Any, int]]):
         if not 0 < share < 1:
             raise ModelError(f"split(share={share!r}): expected a share between 0 and 1")
         first: list[int] = []
-        for _, mine in self._by_class(seed):
-            first += mine[: int(np.floor(share * len(mine) + 0.5))]
+        for _, members in self._by_class(seed):
+            first += members[: int(np.floor(share * len(members) + 0.5))]
         chosen = set(first)
         return self[sorted(first)], self[[k for k in range(len(self)) if k not in chosen]]
 
     def _by_class(self, seed: int | None) -> Iterator[tuple[int, list[int]]]:
-        """Each label with the indices of its samples, in order or shuffled."""
+        """Yield each label with the indices of its samples, in order or shuffled."""
         for label in sorted({sample.label for sample in self.samples}):
-            mine = [k for k, sample in enumerate(self.samples) if sample.label == label]
+            members = [k for k, sample in enumerate(self.samples) if sample.label == label]
             if seed is not None:
-                mine = np.random.default_rng((seed, label)).permutation(mine).tolist()
-            yield label, mine
+                members = np.random.default_rng((seed, label)).permutation(members).tolist()
+            yield label, members
 
     def mapped(self, transform: Callable[[Events], Any]) -> Self:
-        """The same samples, of which ``data[i]`` is (transform(events), label).
+        """Return the same samples with a transform: ``data[i]`` is (transform(events), label).
 
         Args:
-            transform: makes what is wanted of events, such as a representation; after an earlier one.
+            transform: function of events, such as a representation. Applied after earlier transforms.
         """
         before = self._transform
-        return self._with(_transform=transform if before is None else _Both(before, transform))
+        return self._with(_transform=transform if before is None else _Composed(before, transform))
 
     def cached(self, path: str | os.PathLike[str] | None = None, *, jobs: int | None = None) -> Self:
-        """The same samples, decoded once.
+        """Return the same samples with a cache, so that each is decoded once.
 
         Args:
-            path: an HDF5 file that is made with `to_hdf5` if it is not there; None keeps events in memory as they are
-                asked for.
-            jobs: processes that make it; None: one for each core.
+            path: an HDF5 file, written with `to_hdf5` if missing. None: events stay in memory after their first access.
+            jobs: number of processes that write the file. None: one per core.
 
         Raises:
-            EventFileError: a sample is damaged, or the file is of other samples.
+            EventFileError: a sample is damaged, or the file belongs to other samples.
         """
         if path is None:
-            return self._with(_kept={})
+            return self._with(_cache={})
         self.to_hdf5(path, jobs=jobs, damaged="stop")
         _, samples = stored_samples(os.fspath(path), self.classes)
-        in_order = {sample.number: sample for sample in samples}
-        return self._with(samples=tuple(in_order[k] for k in range(len(self))), path=os.fspath(path), layout="hdf5")
+        by_number = {sample.number: sample for sample in samples}
+        return self._with(samples=tuple(by_number[k] for k in range(len(self))), path=os.fspath(path), layout="hdf5")
 
     def to_hdf5(
         self,
@@ -249,22 +248,24 @@ class Dataset(Sequence[tuple[Any, int]]):
         damaged: str = "skip",
         report: Report | None = None,
     ) -> StoredDataSet:
-        """Write all samples to one HDF5 file as ``/<class>/<sample>``, by several processes.
+        """Write all samples to one HDF5 file as ``/<class>/<sample>``, with several processes.
 
-        After a kill the same call goes on where it was: what is done lies in a folder beside the file, which appears
-        when it is whole. A script that calls this needs ``if __name__ == "__main__":``, as all do that use processes.
+        After an interruption, the same call resumes: finished samples are in a folder beside the file, and the file
+            appears
+        when it is complete. A script that calls this method needs ``if __name__ == "__main__":``, as any that starts
+        processes.
 
         Args:
-            path: the file; it may exist only if it is the result of the same call.
-            jobs: processes; None: one for each core.
-            damaged: what to do with a damaged sample: ``"skip"`` leaves it out, ``"mend"`` takes what is whole,
-                ``"stop"`` stops.
-            report: called with what is going on, samples done, and all samples.
+            path: the file. It may exist only if it is the result of the same call.
+            jobs: number of processes. None: one per core.
+            damaged: treatment of damaged samples: ``"skip"`` omits them, ``"mend"`` reads them up to the damage,
+                ``"stop"`` raises an error.
+            report: called with the activity, the number of finished samples, and the number of samples.
 
         Returns:
-            How many samples there are, and which are damaged.
+            The number of samples, and the damaged samples.
 
         Raises:
-            EventFileError: the file or its folder belongs to something else; or damage with ``"stop"``.
+            EventFileError: the file or its folder belongs to something else, or a sample is damaged, with ``"stop"``.
         """
         return store(self.samples, self.classes, Path(path), self._size, jobs=jobs, damaged=damaged, report=report)

@@ -1,9 +1,9 @@
-"""How data sets lie in their folders: which files are recordings, and of which class and part.
+"""Layouts of data sets in folders: the recordings among the files, with their classes and parts.
 
-| name | data set | how it lies |
+| name | data set | files |
 | --- | --- | --- |
 | nmnist | N-MNIST | ``Train/<digit>/<index>.bin``, 34x34 px |
-| ncaltech101 | N-Caltech101 | ``Caltech101/<class>/image_0001.bin``; the annotations, also ``.bin``, are left out |
+| ncaltech101 | N-Caltech101 | ``Caltech101/<class>/image_0001.bin``; the annotations, also ``.bin``, are skipped |
 | ncars | N-CARS | ``n-cars_train/<class>/obj_000001_td.dat`` |
 | poker_dvs | POKER-DVS | ``xclub01.aedat``: the class is in the name; 35x35 px |
 | poker_dvs_es | POKER-DVS as Event Stream | ``trcl0.es``, ``tscl0.es``: part and class are in the name |
@@ -33,14 +33,14 @@ from neuro_events.formats import FORMATS
 from neuro_events.source import EventFileError
 
 Files = Mapping[str, Callable[[], bytes]]
-"""Path inside the folder or zip, with ``/``, to what gives the bytes."""
+"""Mapping from the path inside the folder or zip, with ``/``, to a function that returns the bytes."""
 
 ARCHIVES = (".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
-"""Endings of archives that have to be unpacked first."""
+"""Endings of archives that must be unpacked first."""
 
 
 def is_hdf5(path: str) -> bool:
-    """Whether there is an HDF5 file of this name."""
+    """Return whether the path is an HDF5 file."""
     try:
         with Path(path).open("rb") if Path(path).is_file() else io.BytesIO() as file:
             return hdf5.is_hdf5(file.read(hdf5.FRONT))
@@ -49,36 +49,36 @@ def is_hdf5(path: str) -> bool:
 
 
 def files_of(where: str) -> Files:
-    """All files but hidden ones.
+    """Return all files of a folder or zip, except hidden ones.
 
     Args:
         where: the folder or zip.
 
     Raises:
-        EventFileError: there is none, or it is another kind of file.
+        EventFileError: no such path, or a file of another kind.
     """
     path = Path(where)
     if path.is_dir():
         inside = (Path(folder, f) for folder, _, names in os.walk(path) for f in names)
-        found = {f.relative_to(path).as_posix(): FileContent(f) for f in inside}
-        return {name: read for name, read in found.items() if not _hidden(name)}
+        contents = {f.relative_to(path).as_posix(): FileContent(f) for f in inside}
+        return {name: read for name, read in contents.items() if not _is_hidden(name)}
     if not path.exists():
         raise EventFileError(where, "no such folder, zip or HDF5 file")
     if not path.is_file():
         raise EventFileError(where, "is neither file nor folder, expected a folder, zip or HDF5 file")
     try:
         archive = _Zip(where)
-        return {name: _Member(archive, name) for name in archive.names() if not _hidden(name)}
+        return {name: _Member(archive, name) for name in archive.names() if not _is_hidden(name)}
     except zipfile.BadZipFile:
-        text = "is no folder, zip or HDF5 file, expected one with recordings"
+        text = "is not a folder, zip or HDF5 file, expected one with recordings"
         hint = "; unpack it first" if where.lower().endswith(ARCHIVES) else ""
         raise EventFileError(where, f"{text}{hint}") from None
 
 
 class _Zip:
-    """A zip that is open while it is used and can be sent to another process.
+    """A zip that is opened on use and can be sent to another process.
 
-    A forked process opens it anew: the place in an open file is one for all processes that have inherited it.
+    A forked process opens the file again, because processes share the position of an inherited file.
     """
 
     def __init__(self, path: str) -> None:
@@ -119,14 +119,14 @@ class _Member:
         return self.archive.read(self.name)
 
     def stamp(self) -> str:
-        """Return the length and the check sum that the zip states."""
+        """Return the size and the checksum that the zip states."""
         entry = self.archive.entry(self.name)
         return f"{entry.file_size} {entry.CRC:08x}"
 
 
 @dataclass(frozen=True, slots=True)
 class FileContent:
-    """The bytes of a file when called."""
+    """Function that returns the bytes of a file."""
 
     path: Path
 
@@ -134,17 +134,17 @@ class FileContent:
         return self.path.read_bytes()
 
     def stamp(self) -> str:
-        """Return the size and the time of the last change, which differ where the content was replaced."""
+        """Return the size and the time of the last change, which differ after the content is replaced."""
         stat = self.path.stat()
         return f"{stat.st_size} {stat.st_mtime_ns}"
 
 
-def _hidden(name: str) -> bool:
+def _is_hidden(name: str) -> bool:
     return any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
 
 
 def natural(name: str) -> tuple[tuple[int, int, str], ...]:
-    """A key that sorts names with their numbers by value."""
+    """Return a sort key that orders names with numbers by their values, e.g. "a2" before "a10"."""
     pieces = re.split(r"(\d+)", name)
     return tuple((0, int(s), s) if s.isascii() and s.isdigit() else (1, 0, s) for s in pieces if s)
 
@@ -162,7 +162,7 @@ MANIFEST = "MANIFEST.csv"
 MANIFEST_COLUMNS = ("file", "label", "class")
 
 TABLES = (".csv", ".txt")
-"""Endings that are recordings only where there is nothing else: notes and lists have them too."""
+"""Endings that count as recordings only if there are no others, since notes and lists have them too."""
 
 _POKER = re.compile(r"x?(club|diamond|heart|spade)\d+i?\.aedat")
 _POKER_ES = re.compile(r"(tr|ts)(cl|di|he|sp)\d+\.es")
@@ -171,12 +171,12 @@ _NCALTECH = re.compile(r"image_\d{4}\.bin")
 
 
 def is_part(folder: str, part: str) -> bool:
-    """Whether a folder of this name is that of a part (lower case): ``Train`` or such as ``n-cars_train``."""
+    """Return whether a folder is that of a part (lower case), e.g. ``Train`` or ``n-cars_train`` for "train"."""
     return folder.lower() == part or folder.lower().endswith((f"-{part}", f"_{part}"))
 
 
 def _by_folder(item: LayoutItem, part: str) -> bool:
-    """Whether a folder above the class folder is that of a part."""
+    """Return whether a folder above the class folder is that of a part."""
     return any(is_part(folder, part) for folder in item.file.split("/")[:-2])
 
 
@@ -185,11 +185,11 @@ class LayoutItem:
     """A recording in a folder or zip.
 
     Attributes:
-        name: of the recording.
-        file: in which it lies.
+        name: name of the recording.
+        file: file that contains the recording.
         label: name of its class.
-        span_us: its first us and the one after its last; None: the whole file.
-        part: to which it belongs, in lower case, where a list states it.
+        span_us: first us and end (exclusive) of the recording. None: the complete file.
+        part: its part, in lower case, if a list states it.
     """
 
     name: str
@@ -201,15 +201,16 @@ class LayoutItem:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a data set lies in its folder.
+    """A layout of a data set in its folder.
 
     Attributes:
-        name: the word that ``Dataset(..., layout=name)`` takes.
-        title: what to call it.
-        fits: whether these files lie so.
-        find: the recordings, classes in the order of their labels; raises `EventFileError`.
-        in_part: whether an item is of a part, such as ``train``, in lower case.
-        sensor_size: width and height, px; None where the files tell it, or it differs.
+        name: value of ``Dataset(..., layout=name)``.
+        title: name for messages.
+        fits: function that returns whether files have this layout.
+        find: function from path and files to the recordings, with classes in the order of their labels; raises
+            `EventFileError`.
+        in_part: function that returns whether an item belongs to a part, such as ``train``, in lower case.
+        sensor_size: width and height, px. None: the files state them, or they differ.
     """
 
     name: str
@@ -221,36 +222,36 @@ class Layout:
 
 
 def recordings_in(files: Files) -> list[str]:
-    """The names of event files; of tables only if there is no other."""
+    """Return the names of event files, of tables only if there are no others."""
     endings = tuple(suffix for f in FORMATS.values() for suffix in f.suffixes)
     events = [name for name in files if name.lower().endswith(endings)]
     others = [name for name in events if not name.lower().endswith(TABLES)]
     return others or [name for name in events if PurePosixPath(name).parent.name]
 
 
-def _folders(where: str, files: Files) -> list[LayoutItem]:
+def _find_in_folders(where: str, files: Files) -> list[LayoutItem]:
     events = recordings_in(files)
     if not events:
-        raise EventFileError(where, f"no recordings, {_others(files)}")
+        raise EventFileError(where, f"no recordings, {_describe_others(files)}")
     if flat := [name for name in events if "/" not in name]:
         raise EventFileError(
-            where, f"{flat[0]} lies in no class folder (is this one? then give the one above it), and there is no "
+            where, f"{flat[0]} is in no class folder (is this folder one? then specify its parent), and there is no "
             f"{MANIFEST} with the columns {', '.join(MANIFEST_COLUMNS)}"
         )  # fmt: skip
-    return _in_order([LayoutItem(name, name, PurePosixPath(name).parent.name) for name in events])
+    return _by_label([LayoutItem(name, name, PurePosixPath(name).parent.name) for name in events])
 
 
-def _others(files: Files) -> str:
-    """What there is in place of recordings, and what to do about it."""
+def _describe_others(files: Files) -> str:
+    """Describe the files of a folder without recordings, and the remedy."""
     if packed := sorted((name for name in files if name.lower().endswith((".zip", *ARCHIVES))), key=natural):
-        return f"but {packed[0]}: unpack it first, or give its name if it is a zip"
+        return f"but {packed[0]}: unpack it first, or specify its path if it is a zip"
     endings = sorted({PurePosixPath(name).suffix.lower() for name in files} - {""})
-    there = f" (there are only {', '.join(endings[:5])})" if endings else ""
-    text = f"expected class folders with event files such as 3/00017.bin{there}"
+    present = f" (there are only {', '.join(endings[:5])})" if endings else ""
+    text = f"expected class folders with event files such as 3/00017.bin{present}"
     return f"{text}; 'neuro events formats' lists the endings"
 
 
-def _in_order(items: list[LayoutItem]) -> list[LayoutItem]:
+def _by_label(items: list[LayoutItem]) -> list[LayoutItem]:
     return sorted(items, key=lambda item: natural(item.label))
 
 
@@ -262,7 +263,7 @@ def _has_manifest(files: Files) -> bool:
     return MANIFEST in files and bool(rows := _rows(files)) and set(MANIFEST_COLUMNS) <= set(rows[0])
 
 
-def _listed(where: str, files: Files) -> list[LayoutItem]:
+def _find_in_manifest(where: str, files: Files) -> list[LayoutItem]:
     rows = _rows(files)
     for line, row in enumerate(rows, 2):
         if row["file"] not in files:
@@ -273,21 +274,21 @@ def _listed(where: str, files: Files) -> list[LayoutItem]:
     ]
 
 
-def _poker(where: str, files: Files) -> list[LayoutItem]:
-    found = {name: _POKER.fullmatch(PurePosixPath(name).name) for name in files}
-    return _in_order([LayoutItem(name, name, match[1]) for name, match in found.items() if match])
+def _find_poker(where: str, files: Files) -> list[LayoutItem]:
+    matches = {name: _POKER.fullmatch(PurePosixPath(name).name) for name in files}
+    return _by_label([LayoutItem(name, name, match[1]) for name, match in matches.items() if match])
 
 
-def _poker_es(where: str, files: Files) -> list[LayoutItem]:
-    parts, found = {"tr": "train", "ts": "test"}, []
+def _find_poker_es(where: str, files: Files) -> list[LayoutItem]:
+    parts, items = {"tr": "train", "ts": "test"}, []
     for name in files:
         if match := _POKER_ES.fullmatch(PurePosixPath(name).name):
-            found.append(LayoutItem(name, name, _SUITS[match[2]], part=parts[match[1]]))
-    return _in_order(found)
+            items.append(LayoutItem(name, name, _SUITS[match[2]], part=parts[match[1]]))
+    return _by_label(items)
 
 
-def _in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
-    """Whether there are recordings, and all have an ending and lie in some folders."""
+def _all_in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
+    """Return a test whether there are recordings, and all have an ending and are in some of the folders."""
 
     def fits(files: Files) -> bool:
         events = [PurePosixPath(name) for name in recordings_in(files)]
@@ -296,8 +297,8 @@ def _in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
     return fits
 
 
-def _named(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
-    """Whether there are recordings, and the names of all are of a pattern."""
+def _all_match(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
+    """Return a test whether there are recordings, and all names match a pattern."""
 
     def fits(files: Files) -> bool:
         events = recordings_in(files)
@@ -306,49 +307,47 @@ def _named(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
     return fits
 
 
-def _images(files: Files) -> Files:
-    """Without annotations."""
+def _without_annotations(files: Files) -> Files:
     return {name: read for name, read in files.items() if "annotation" not in name.lower()}
 
 
 def is_gestures(files: Files) -> bool:
-    """Whether there is a recording with a table of gestures beside it."""
+    """Return whether there is a recording with a table of gestures beside it."""
     return any(name.endswith(LABELS) and f"{name.removesuffix(LABELS)}.aedat" in files for name in files)
 
 
 def gestures(where: str, files: Files) -> list[LayoutItem]:
-    """All gestures, classes in the order of their numbers.
+    """Return all gestures of DVS Gesture, with classes in the order of their numbers.
+
+    Each recording has a table of the gestures and their times. ``user01_led_labels.csv`` has the columns class (from
+    1), startTime_usec, endTime_usec, on the clock of the events. ``trials_to_train.txt`` and ``trials_to_test.txt``
+    list the files of the parts.
 
     Args:
         where: the folder or zip, for messages.
-        files: what lies there.
+        files: its files.
 
     Raises:
-        EventFileError: a table is wrong; the line is named.
-
-    DVS Gesture: recordings of people with a table beside each that says when which gesture was made.
-
-    ``user01_led_labels.csv`` has the columns class (from 1), startTime_usec, endTime_usec; the times are those of the
-    events. ``trials_to_train.txt`` and ``trials_to_test.txt`` list the files of the parts.
+        EventFileError: a table is invalid; the message names the line.
 
     Source: the archive's README (Amir et al., CVPR 2017); names of the gestures from its ``gesture_mapping.csv``.
     """
     parts = _parts(files)
-    found = []
+    numbered_items = []
     for table in sorted((name for name in files if name.endswith(LABELS)), key=natural):
         file = f"{table.removesuffix(LABELS)}.aedat"
         if file not in files:
             raise EventFileError(where, f"{table} has no recording {file} beside it")
         part = parts.get(PurePosixPath(file).name, "")
         spans = enumerate(_spans(f"{where}/{table}", files[table]()))
-        found += [
+        numbered_items += [
             (number, LayoutItem(f"{file}#{k}", file, NAMES[number - 1], span, part)) for k, (number, span) in spans
         ]
-    return [item for _, item in sorted(found, key=lambda pair: pair[0])]
+    return [item for _, item in sorted(numbered_items, key=lambda pair: pair[0])]
 
 
 def _spans(path: str, data: bytes) -> list[tuple[int, tuple[int, int]]]:
-    """Number and span of each gesture of a table."""
+    """Return number and span of each gesture in a table."""
     rows = csv.DictReader(io.StringIO(data.decode("utf-8-sig", "replace")), skipinitialspace=True)
     if rows.fieldnames is None or not set(COLUMNS) <= set(rows.fieldnames):
         raise EventFileError(path, f"expected the columns {', '.join(COLUMNS)}")
@@ -366,7 +365,7 @@ def _spans(path: str, data: bytes) -> list[tuple[int, tuple[int, int]]]:
 
 
 def _parts(files: Files) -> dict[str, str]:
-    """The part of every file that a list names."""
+    """Return the part of every file in the lists of parts."""
     parts: dict[str, str] = {}
     for name in files:
         for part in ("train", "test"):
@@ -377,41 +376,45 @@ def _parts(files: Files) -> dict[str, str]:
 
 LAYOUTS: Sequence[Layout] = (
     Layout("dvs_gesture", "DVS Gesture", is_gestures, gestures, lambda item, part: item.part == part),
-    Layout("manifest", f"files listed in {MANIFEST}", _has_manifest, _listed),
-    Layout("nmnist", "N-MNIST", _in_folders(".bin", set("0123456789")), _folders),
+    Layout("manifest", f"files listed in {MANIFEST}", _has_manifest, _find_in_manifest),
+    Layout("nmnist", "N-MNIST", _all_in_folders(".bin", set("0123456789")), _find_in_folders),
     Layout(
         "ncaltech101",
         "N-Caltech101",
-        lambda files: _named(_NCALTECH)(_images(files)),
-        lambda where, files: _folders(where, _images(files)),
+        lambda files: _all_match(_NCALTECH)(_without_annotations(files)),
+        lambda where, files: _find_in_folders(where, _without_annotations(files)),
     ),
-    Layout("ncars", "N-CARS", _in_folders("_td.dat", {"background", "cars"}), _folders),
-    Layout("poker_dvs", "POKER-DVS", _named(_POKER), _poker, sensor_size=(35, 35)),
+    Layout("ncars", "N-CARS", _all_in_folders("_td.dat", {"background", "cars"}), _find_in_folders),
+    Layout("poker_dvs", "POKER-DVS", _all_match(_POKER), _find_poker, sensor_size=(35, 35)),
     Layout(
-        "poker_dvs_es", "POKER-DVS as Event Stream", _named(_POKER_ES), _poker_es, lambda item, part: item.part == part
+        "poker_dvs_es",
+        "POKER-DVS as Event Stream",
+        _all_match(_POKER_ES),
+        _find_poker_es,
+        lambda item, part: item.part == part,
     ),
-    Layout("folders", "a folder for each class", lambda files: True, _folders),
+    Layout("folders", "a folder for each class", lambda files: True, _find_in_folders),
 )
-"""In the order in which they are tried."""
+"""Layouts in the order in which they are tried."""
 
 
 def layout_of(where: str, files: Files, name: str | None = None) -> Layout:
-    """The layout of some files.
+    """Return the layout of some files.
 
     Args:
         where: the folder or zip, for messages.
-        files: what lies there.
-        name: of the layout; None finds it.
+        files: its files.
+        name: name of the layout. None: detected.
 
     Raises:
-        ModelError: there is no layout of this name.
-        EventFileError: the files do not lie so.
+        ModelError: no layout has this name.
+        EventFileError: the files do not have this layout.
     """
     if name is None:
         return next(layout for layout in LAYOUTS if layout.fits(files))
-    known = {layout.name: layout for layout in LAYOUTS}
-    if name not in known:
-        raise unknown("layout", name, known)
-    if not known[name].fits(files):
-        raise EventFileError(where, f"does not lie as {known[name].title} does")
-    return known[name]
+    layouts = {layout.name: layout for layout in LAYOUTS}
+    if name not in layouts:
+        raise unknown("layout", name, layouts)
+    if not layouts[name].fits(files):
+        raise EventFileError(where, f"does not have the layout of {layouts[name].title}")
+    return layouts[name]

@@ -1,4 +1,4 @@
-"""Labelled grey pictures in one NPZ file as recordings: a pixel has as many events as its grey level, all at 0 us."""
+"""Labelled grey pictures in an NPZ file as recordings: a pixel with grey level g has g events, all at 0 us."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Picture:
     """A grey picture as a recording; see `neuro.events.dataset.Sample`.
 
     Attributes:
-        name: ``#`` and its number in the file.
-        path: the file with the name behind it, for messages.
+        name: ``#`` and the number of the picture in the file.
+        path: path of the file followed by the name, for messages.
         label: index of its class.
         image: (height, width) uint8, grey levels.
     """
@@ -35,7 +35,7 @@ class Picture:
     image: npt.NDArray[np.uint8]
 
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        """As many events of a pixel as its grey level, so that counts of events are the picture."""
+        """Return one event per grey level of each pixel, so that the counts of events equal the picture."""
         y, x = np.nonzero(self.image)
         levels = self.image[y, x]
         n = int(levels.sum(dtype=np.int64))
@@ -43,7 +43,7 @@ class Picture:
         return Events(np.zeros(n, np.int64), columns, rows, np.ones(n, np.uint8), sensor_size or self.sensor()[0])
 
     def read(self) -> bytes:
-        """The grey levels, row after row."""
+        """Return the grey levels, row by row."""
         return self.image.tobytes()
 
     def stamp(self) -> str:
@@ -51,14 +51,14 @@ class Picture:
         return hashlib.sha256(self.read()).hexdigest()
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
-        """Width and height, px, which the file states."""
+        """Return the width and height, px, and True, since the file states them."""
         height, width = self.image.shape
         return (width, height), True
 
 
 def is_pictures(where: str) -> bool:
     """Return True if a path is an NPZ file with pictures."""
-    if not os.path.isfile(where):  # to open a pipe waits for its writer
+    if not os.path.isfile(where):  # opening a pipe would block until it has a writer
         return False
     try:
         with zipfile.ZipFile(where) as archive:
@@ -68,32 +68,34 @@ def is_pictures(where: str) -> bool:
 
 
 def pictures(where: str, classes: Sequence[str] | None) -> tuple[tuple[str, ...], list[Picture]]:
-    """Names of the classes and the pictures of an NPZ file.
+    """Return the names of the classes and the pictures of an NPZ file.
 
     Args:
         where: a file with ``images`` (n, height, width) uint8 and ``labels`` (n,), whole numbers.
-        classes: names in the order of their labels; None: the labels, in their order.
+        classes: names in the order of their labels. None: the labels of the file as text, in numeric order.
 
     Raises:
-        EventFileError: an array is absent or of another shape or type, or a class is not in `classes`.
+        EventFileError: an array is missing or has another shape or type, or a class is not in `classes`.
     """
     try:
         with np.load(where, allow_pickle=False) as file:
             images, labels = (file.get(name) for name in ARRAYS)
     except FAILURES as error:
-        raise EventFileError(where, f"no whole NPZ: {error}") from None
+        raise EventFileError(where, f"not an intact NPZ: {error}") from None
     if labels is None:
-        raise EventFileError(where, "has no array 'labels', expected one beside 'images', a whole number a picture")
+        raise EventFileError(where, "has no array 'labels', expected one beside 'images', a whole number per picture")
     if images.ndim != 3 or images.dtype != np.uint8 or 0 in images.shape:
-        found = f"{images.dtype} of shape {images.shape}"
-        raise EventFileError(where, f"images are {found}, expected uint8 (n, height, width), grey levels")
+        description = f"{images.dtype} of shape {images.shape}"
+        raise EventFileError(where, f"images are {description}, expected uint8 (n, height, width), grey levels")
     if labels.shape != images.shape[:1] or labels.dtype.kind not in "iu":
-        found = f"{labels.dtype} of shape {labels.shape}"
-        raise EventFileError(where, f"labels are {found}, expected whole numbers ({len(images)},), one a picture")
-    known = tuple(map(str, np.unique(labels))) if classes is None else tuple(classes)
+        description = f"{labels.dtype} of shape {labels.shape}"
+        raise EventFileError(
+            where, f"labels are {description}, expected whole numbers ({len(images)},), one per picture"
+        )
+    class_names = tuple(map(str, np.unique(labels))) if classes is None else tuple(classes)
     names = [str(label) for label in labels.tolist()]
-    if new := [name for name in names if name not in known]:
-        raise EventFileError(where, f"class {new[0]!r} is new, expected one of {', '.join(known)}")
-    index = {name: k for k, name in enumerate(known)}
-    both = enumerate(zip(names, images, strict=True))
-    return known, [Picture(f"#{k}", f"{where}#{k}", index[name], image) for k, (name, image) in both]
+    if new := [name for name in names if name not in class_names]:
+        raise EventFileError(where, f"class {new[0]!r} is new, expected one of {', '.join(class_names)}")
+    index = {name: k for k, name in enumerate(class_names)}
+    numbered = enumerate(zip(names, images, strict=True))
+    return class_names, [Picture(f"#{k}", f"{where}#{k}", index[name], image) for k, (name, image) in numbered]

@@ -1,4 +1,4 @@
-"""Recordings wherever they lie, as a sorted sequence: labels, parts of it, folds, the sensor."""
+"""Sequences of labelled recordings: listing, parts, folds, and the sensor of all."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ Ints = npt.NDArray[np.int64]
 
 
 UNKNOWN = -1
-"""Label of a recording whose class is not known."""
+"""Label of a recording of unknown class."""
 
 
 class Sample(Protocol):
-    """One recording.
+    """A labelled recording.
 
     Attributes:
-        name: of the recording within its data set.
-        path: the data set with the name behind it, for messages.
-        label: index of its class, `UNKNOWN` where it is unknown.
+        name: name of the recording within its data set.
+        path: path of the data set followed by the name, for messages.
+        label: index of its class, `UNKNOWN` if unknown.
     """
 
     @property
@@ -57,20 +57,22 @@ class Sample(Protocol):
     @property
     def label(self) -> int: ...
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        """The events; arguments and errors as of `neuro.events.load`."""
+        """Return the events; arguments and errors as for `neuro.events.load`."""
 
     def read(self) -> bytes:
-        """What a fingerprint is made of: the bytes of the file or, inside another file, of the events.
+        """Return the content for a fingerprint: the bytes of the file or, inside another file, of the events.
 
         Raises:
-            EventFileError: they cannot be read.
+            EventFileError: the content cannot be read.
         """
 
     def stamp(self) -> str:
-        """Return a text that differs after the content has changed, found without reading the recording if possible."""
+        """Return a text that differs after a change of the content, without reading the recording if possible."""
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
-        """Width and height, px, and whether the file or its format states them; if not, they are those that hold all.
+        """Return the width and height, px, and whether the file or its format states them.
+
+        If neither does, the size is the smallest sensor that contains all events.
 
         Raises:
             EventFileError: the file is damaged.
@@ -79,15 +81,15 @@ class Sample(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One recording that can be loaded.
+    """A recording in a file of a folder or zip.
 
     Attributes:
-        name: path inside the folder or zip, with ``/``; of a part of a file, with ``#`` and its number.
-        path: the folder or zip with the name behind it, for messages.
-        label: index of its class in `Recordings.classes`; `neuro.events.dataset.UNKNOWN`, -1, where it is unknown.
-        read: gives the bytes of the file.
-        span_us: of a file with several recordings, the first us of this one and the one after its last.
-        sensor_size: width and height that its data set is known for, px.
+        name: path inside the folder or zip, with ``/``; for a part of a file followed by ``#`` and its number.
+        path: path of the folder or zip followed by the name, for messages.
+        label: index of its class in `Recordings.classes`; `neuro.events.dataset.UNKNOWN`, -1, if unknown.
+        read: function that returns the bytes of the file.
+        span_us: first us and end (exclusive) of the recording in a file with several.
+        sensor_size: width and height that are known for its data set, px.
     """
 
     name: str
@@ -98,18 +100,20 @@ class Recording:
     sensor_size: tuple[int, int] | None = None
 
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        """The events; arguments and errors as of `neuro.events.load`."""
+        """Return the events; arguments and errors as for `neuro.events.load`."""
         size = sensor_size or self.sensor_size
         events = load(self.read(), name=self.path, sensor_size=size, sort=sort, strict=strict)
         return events if self.span_us is None else events.between(*self.span_us)
 
     def stamp(self) -> str:
-        """Return the stamp of `read` where it has one, else a digest of the bytes; see `Sample`."""
+        """Return the stamp of `read` if it has one, else a digest of the bytes; see `Sample`."""
         stamp: Callable[[], str] | None = getattr(self.read, "stamp", None)
         return stamp() if stamp else hashlib.sha256(self.read()).hexdigest()
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
-        """Width and height, px, and whether data set, file or format tell them; if not, they are those that hold all.
+        """Return the width and height, px, and whether the data set, the file or the format states them.
+
+        If none does, the size is the smallest sensor that contains all events.
 
         Raises:
             EventFileError: the file is damaged.
@@ -124,7 +128,7 @@ class Recording:
 
 
 class Recordings(Sequence[Sample]):
-    """A sorted sequence of recordings, each read when it is asked for.
+    """A sorted sequence of recordings, each read on access.
 
     Attributes:
         path: the folder, zip or file.
@@ -159,17 +163,17 @@ class Recordings(Sequence[Sample]):
 
     @property
     def labels(self) -> Ints:
-        """(recordings,) int64, the label of each; `neuro.events.dataset.UNKNOWN`, -1, where the class is unknown."""
+        """Label of each recording, (recordings,) int64; `neuro.events.dataset.UNKNOWN`, -1, for an unknown class."""
         return np.array([item.label for item in self], np.int64)
 
     def take(self, indices: npt.ArrayLike) -> Recordings:
-        """Some of the recordings, in the order given.
+        """Return some of the recordings, in the given order.
 
         Args:
-            indices: (n,) whole numbers; below 0 they count from the end.
+            indices: (n,) whole numbers; negative ones count from the end.
 
         Raises:
-            ModelError: they are something else (a mask needs `numpy.flatnonzero`), or there is no such recording.
+            ModelError: `indices` are not whole numbers (for a mask use `numpy.flatnonzero`), or one is out of range.
         """
         chosen = np.asarray(indices)
         if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
@@ -185,14 +189,14 @@ class Recordings(Sequence[Sample]):
 
         Args:
             n: number of folds, >= 2.
-            seed: which recordings lie in which fold, >= 0.
+            seed: seed of the random assignment, >= 0.
 
         Returns:
-            For each fold the indices to learn from and those to test on, both ascending. Each recording is tested on
-            once; sizes of folds, and numbers of a class in them, differ by at most one.
+            For each fold the indices for training and those for testing, both ascending. Each recording is tested once.
+            The sizes of folds, and the numbers of a class in them, differ by at most one.
 
         Raises:
-            ModelError: a class has fewer recordings than there are folds, or a recording no class.
+            ModelError: a class has fewer recordings than there are folds, or the class of a recording is unknown.
         """
         n, labels = argument("n", n, kind="integer", at_least=2), self.labels
         argument("seed", seed, whole=True, at_least=0)
@@ -210,36 +214,37 @@ class Recordings(Sequence[Sample]):
                 raise ModelError(f"folds({n}): the class of {first} is unknown, expected one for each")
             if count < n:
                 has = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
-                hint = "one of each class lies in every fold"
+                hint = "every fold needs at least one recording of each class"
                 raise ModelError(f"folds({n}): {has}, expected at least {n}", hint=hint)
 
     def sensor_size(self, *, setting: str = "sensor_size=(width, height), or --sensor WxH") -> tuple[int, int]:
-        """Width and height of the field that holds all recordings, px: the largest that any has.
+        """Return the width and height of the largest sensor of the recordings, px.
 
-        Files that tell their sensor are opened for it, others read. A warning says where sensors differ, and where
-        none is stated: then the field is what events reach, and other recordings of the same camera may not fit.
+        Files that state their sensor are only opened, others are read. A warning tells if sensors differ, or if no
+        sensor is stated. In the second case the size is the smallest that contains the events of these recordings;
+        further recordings of the same camera may exceed it.
 
         Args:
-            setting: what users set to have another, as the warning calls it.
+            setting: name of the user's setting for another size, for the warning.
 
         Raises:
             EventFileError: a recording is damaged.
-            ModelError: there is no recording.
+            ModelError: there are no recordings.
         """
         if not self:
-            raise ModelError(f"{self!r}: has no recording, expected at least one to find the sensor")
-        found = [(*item.sensor(), item.name) for item in self]
-        width, height = (max(size[axis] for size, _, _ in found) for axis in (0, 1))
-        if what := _doubt(found):
-            text = f"{self.path}: {what}: {_by((width, height))} is taken, which holds all; {setting} gives another"
-            warnings.warn(text, EventFileWarning, stacklevel=2)
+            raise ModelError(f"{self!r}: has no recording, expected at least one to determine the sensor")
+        sensors = [(*item.sensor(), item.name) for item in self]
+        width, height = (max(size[axis] for size, _, _ in sensors) for axis in (0, 1))
+        if what := _sensor_doubt(sensors):
+            text = f"{self.path}: {what}: assuming {_size_text((width, height))}, which contains every event"
+            warnings.warn(f"{text}; {setting} sets another", EventFileWarning, stacklevel=2)
         return width, height
 
     def fingerprint(self) -> str:
-        """SHA-256 over classes, names, labels and contents: equal for equal data, wherever it lies.
+        """Return a SHA-256 digest of classes, names, labels and contents, equal for equal data at any path.
 
-        All recordings are read, one at a time. An HDF5 file differs from the folder that it was made of, since its
-        recordings have other names.
+        All recordings are read, one at a time. An HDF5 file has another digest than the folder it was made from, since
+        the names of its recordings differ.
 
         Raises:
             EventFileError: a recording cannot be read.
@@ -252,19 +257,19 @@ class Recordings(Sequence[Sample]):
         return digest.hexdigest()
 
 
-def _doubt(found: Sequence[tuple[tuple[int, int], bool, str]]) -> str:
-    """Why the largest sensor may not be what was recorded with; sizes, whether they are stated, and names."""
-    untold = [name for _, stated, name in found if not stated]
-    if untold:
-        return f"{len(untold)} of {len(found)} recordings do not tell their sensor, such as {untold[0]}"
-    names = {size: name for size, _, name in reversed(found)}
+def _sensor_doubt(sensors: Sequence[tuple[tuple[int, int], bool, str]]) -> str:
+    """Return why the largest sensor may be wrong, "" if certain, from (size, True if stated, name) of recordings."""
+    unstated = [name for _, stated, name in sensors if not stated]
+    if unstated:
+        return f"{len(unstated)} of {len(sensors)} recordings do not state their sensor, such as {unstated[0]}"
+    names = {size: name for size, _, name in reversed(sensors)}
     if len(names) == 1:
         return ""
     (small, first), (large, last) = min(names.items()), max(names.items())
-    return f"sensors differ, such as {_by(small)} of {first} and {_by(large)} of {last}"
+    return f"sensors differ, such as {_size_text(small)} of {first} and {_size_text(large)} of {last}"
 
 
-def _by(size: tuple[int, int]) -> str:
+def _size_text(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 
 
@@ -278,65 +283,67 @@ def recordings(
     whole: bool = True,
     label: str | None = None,
 ) -> Recordings:
-    """Find the labelled recordings of a folder, a zip or an HDF5 file, or take a single recording.
+    """List the labelled recordings of a folder, a zip or an HDF5 file, or a single recording.
 
-    The layouts of well-known data sets are recognised, see `neuro.events.dataset.LAYOUTS`. In any other, the class of
-    a file is the name of the folder it lies in, at any depth (``Train/<digit>/<index>.bin``), and files without class
-    folders need a ``MANIFEST.csv`` beside them with the columns file, label, class. An HDF5 file has
-    ``/<class>/<sample>``, as `neuro.events.Dataset.to_hdf5` and ``neuro events tohdf5`` write it. Files may be of any
-    format that `neuro.events.load` reads, also of several. A single recording has the class of ``label``. An NPZ
-    file of ``images`` (n, height, width) uint8 and ``labels`` (n,) has a recording for each picture, with as many
-    events of a pixel as its grey level.
+    The layouts of well-known data sets are detected, see `neuro.events.dataset.LAYOUTS`. Otherwise the class of a file
+    is the name of its folder, at any depth (``Train/<digit>/<index>.bin``), and files without class folders need a
+    ``MANIFEST.csv`` with the columns file, label, class. An HDF5 file has ``/<class>/<sample>``, as
+    `neuro.events.Dataset.to_hdf5` and ``neuro events tohdf5`` write it. Files may have any format that
+    `neuro.events.load` reads, also different ones. A single recording has the class ``label``. An NPZ file of
+    ``images`` (n, height, width) uint8 and ``labels`` (n,) has one recording per picture, with one event per grey level
+    of a pixel.
 
     Args:
         path: the folder, zip, HDF5 file or recording.
-        part: of data with parts, such as ``Train`` and ``Test``, only this one; upper and lower case are the same.
-        classes: class names in the order of their labels, of the data trained on for example; None
-            takes those found: folders by name (numbers by value), those of a manifest by its labels.
-        layout: name of the layout of a folder or zip; None finds it.
-        ending: only files of a folder or zip whose names end so, such as ``bin``.
-        whole: whether data without parts stands for any part, and data that has only one for the other, which a
-            warning says; if not, only ``Train`` and its like stand for themselves.
-        label: name of the class of a single recording; None: its label is -1, `neuro.events.dataset.UNKNOWN`.
+        part: part of the data, such as ``Train`` or ``Test``, in any case. None: all.
+        classes: class names in the order of their labels, for example those of the training data. None: the classes of
+            the data, folders sorted by name (numbers by value), those of a manifest by their labels.
+        layout: name of the layout of a folder or zip. None: detected.
+        ending: ending of the files of a folder or zip to list, such as ``bin``. None: all.
+        whole: accept data without parts as any part, and data with only one part as the other one, with a warning.
+            False: only data of the requested part are accepted.
+        label: class name of a single recording. None: its label is -1, `neuro.events.dataset.UNKNOWN`.
 
     Returns:
-        The recordings, sorted by name (numbers by value). None is read yet, so a damaged one is reported when it is
-        loaded, by an `EventFileError` with its path.
+        The recordings, sorted by name (numbers by value). They are read on access, so a damaged one is reported by
+        `load`, with an `EventFileError` that names its path.
 
     Raises:
-        EventFileError: no such path, no recording in it, a class that ``classes`` lacks, a wrong manifest.
-        ModelError: `path` is no name of a file; an option that this kind of data cannot have.
+        EventFileError: no such path, no recordings, a class that is not in ``classes``, or an invalid manifest.
+        ModelError: `path` is not a file name, or an option does not apply to this kind of data.
     """
     record_input(file_path(path, "path"))
     where = os.fspath(path)
-    asked = {"layout": layout, "ending": ending, "part": None if whole else part}
+    options = {"layout": layout, "ending": ending, "part": None if whole else part}
     if is_hdf5(where) and holds_samples(where):
-        _refuse(where, "an HDF5 file", asked | {"layout": None if layout == "hdf5" else layout, "label": label})
-        known, samples = stored_samples(where, classes)
-        return Recordings(where, samples, known, "hdf5")
+        _refuse_options(
+            where, "an HDF5 file", options | {"layout": None if layout == "hdf5" else layout, "label": label}
+        )
+        class_names, samples = stored_samples(where, classes)
+        return Recordings(where, samples, class_names, "hdf5")
     if is_pictures(where):
-        _refuse(where, "an NPZ file of pictures", asked | {"label": label})
-        known, stills = pictures(where, classes)
-        return Recordings(where, stills, known, "pictures")
+        _refuse_options(where, "an NPZ file of pictures", options | {"label": label})
+        class_names, stills = pictures(where, classes)
+        return Recordings(where, stills, class_names, "pictures")
     if _is_recording(where):
-        _refuse(where, "a single recording", asked)
+        _refuse_options(where, "a single recording", options)
         return _single(Path(path), where, classes, label)
-    _refuse(where, "no single recording", {"label": label})
+    _refuse_options(where, "not a single recording", {"label": label})
     return labelled(where, part, classes, layout, ending, whole)
 
 
-def _refuse(where: str, kind: str, asked: Mapping[str, str | None]) -> None:
-    """Refuse what has no meaning for a kind of data."""
-    for name, value in asked.items():
+def _refuse_options(where: str, kind: str, options: Mapping[str, str | None]) -> None:
+    """Raise an error about options that do not apply to a kind of data."""
+    for name, value in options.items():
         if value is not None:
             raise ModelError(f"{name}={value!r}: expected None, since {where} is {kind}")
 
 
 def _is_recording(where: str) -> bool:
-    """Whether there is a file of a known format, which no zip of recordings is.
+    """Return whether the path is a file of a known event format. A zip of recordings is not.
 
     Raises:
-        EventFileError: there is a file of no known kind.
+        EventFileError: the file is of an unknown kind.
     """
     if not Path(where).is_file():
         return False
@@ -351,15 +358,15 @@ def _is_recording(where: str) -> bool:
 
 
 def _single(path: Path, where: str, classes: Sequence[str] | None, label: str | None) -> Recordings:
-    known = tuple(classes if classes is not None else () if label is None else (label,))
-    if label is not None and label not in known:
-        raise EventFileError(where, f"class {label!r} is new, expected one of {', '.join(known)}")
-    number = UNKNOWN if label is None else known.index(label)
-    return Recordings(where, [Recording(path.name, where, number, FileContent(path))], known, "recording")
+    class_names = tuple(classes if classes is not None else () if label is None else (label,))
+    if label is not None and label not in class_names:
+        raise EventFileError(where, f"class {label!r} is new, expected one of {', '.join(class_names)}")
+    number = UNKNOWN if label is None else class_names.index(label)
+    return Recordings(where, [Recording(path.name, where, number, FileContent(path))], class_names, "recording")
 
 
 PARTS = ("train", "test")
-"""Parts by which data is known to have some."""
+"""Names of parts that identify data with parts."""
 
 
 def labelled(
@@ -370,7 +377,7 @@ def labelled(
     ending: str | None,
     whole: bool,
 ) -> Recordings:
-    """The recordings of a folder or zip; arguments and errors as of `neuro.events.recordings`."""
+    """List the recordings of a folder or zip; arguments and errors as for `neuro.events.recordings`."""
     files = files_of(where)
     if ending is not None:
         tail = f".{ending.lower().lstrip('.')}"
@@ -380,33 +387,35 @@ def labelled(
     if not items:
         raise EventFileError(where, f"no recordings with names that end in {tail}")
     classes_in_order = list(dict.fromkeys(item.label for item in items))
-    items = _of_part(where, chosen, sorted(items, key=lambda item: natural(item.name)), part, whole)
+    items = _items_of_part(where, chosen, sorted(items, key=lambda item: natural(item.name)), part, whole)
     present = {item.label for item in items}
-    found = [c for c in classes_in_order if c in present]
+    present_classes = [c for c in classes_in_order if c in present]
     if classes is None:
-        classes = found
-    if missing := [c for c in found if c not in classes]:
+        classes = present_classes
+    if missing := [c for c in present_classes if c not in classes]:
         raise EventFileError(where, f"class {missing[0]!r} is new, expected one of {', '.join(classes)}")
     index = {c: k for k, c in enumerate(classes)}
     size = chosen.sensor_size
-    made = [Recording(i.name, f"{where}/{i.name}", index[i.label], files[i.file], i.span_us, size) for i in items]
-    return Recordings(where, made, classes, chosen.name)
+    members = [Recording(i.name, f"{where}/{i.name}", index[i.label], files[i.file], i.span_us, size) for i in items]
+    return Recordings(where, members, classes, chosen.name)
 
 
-def _of_part(where: str, layout: Layout, items: list[LayoutItem], part: str | None, whole: bool) -> list[LayoutItem]:
-    """The items of a part."""
+def _items_of_part(
+    where: str, layout: Layout, items: list[LayoutItem], part: str | None, whole: bool
+) -> list[LayoutItem]:
+    """Return the items of a part."""
     if part is None:
         return items
-    wanted = part.lower()
-    if inside := [item for item in items if layout.in_part(item, wanted)]:
+    name_of_part = part.lower()
+    if inside := [item for item in items if layout.in_part(item, name_of_part)]:
         return inside
-    found = {name: [item for item in items if layout.in_part(item, name)] for name in PARTS}
-    only = [name for name in PARTS if len(found[name]) == len(items)]
+    by_part = {name: [item for item in items if layout.in_part(item, name)] for name in PARTS}
+    only = [name for name in PARTS if len(by_part[name]) == len(items)]
     if only and whole:
-        warnings.warn(f"{where}: has only the part '{only[0]}', taken for {part!r}", EventFileWarning, stacklevel=4)
+        warnings.warn(f"{where}: has only the part '{only[0]}', used as {part!r}", EventFileWarning, stacklevel=4)
         return items
-    if any(found.values()):
+    if any(by_part.values()):
         raise EventFileError(where, f"no recordings in a folder {part!r}")
-    if whole or is_part(Path(where).resolve().stem, wanted):
+    if whole or is_part(Path(where).resolve().stem, name_of_part):
         return items
     raise EventFileError(where, f"has no parts, expected one named {part!r}; split() divides it")

@@ -1,4 +1,4 @@
-"""Samples in an HDF5 file that is laid out ``/<class>/<sample>``."""
+"""Data sets in an HDF5 file with samples ``/<class>/<sample>``: reading, and writing with several processes."""
 
 from __future__ import annotations
 
@@ -27,40 +27,40 @@ h5py = LazyModule("h5py")
 
 FORMAT = "neuro event data set 1"
 CLASSES = "classes"
-"""Attribute of the file: names in the order of their labels, as JSON."""
+"""Attribute of the file: class names in the order of their labels, as JSON."""
 NUMBER = "number"
-"""Attribute of a sample: its number in the data set that it was made of."""
+"""Attribute of a sample: its number in the original data set."""
 
 
-def opened(path: str, whole: bool = False) -> Any:
-    """An open HDF5 file.
+def opened(path: str, is_checked: bool = False) -> Any:
+    """Open an HDF5 file, after a check of its digest if this package wrote it.
 
     Args:
-        path: of the file.
-        whole: whether it was checked before.
+        path: the file.
+        is_checked: skip the check.
 
     Raises:
-        EventFileError: it is no whole HDF5 file, or not what this package wrote.
+        EventFileError: the file is damaged or was changed.
     """
     try:
-        if not whole:
+        if not is_checked:
             hdf5.check(Path(path))
         return h5py.File(path, "r")
     except ModelError as error:
         raise EventFileError(path, error.message.removeprefix(f"{Path(path)}: "), hint=error.hint) from None
     except OSError as error:
-        raise EventFileError(path, f"no whole HDF5: {error}") from None
+        raise EventFileError(path, f"not an intact HDF5 file: {error}") from None
 
 
 class _File:
-    """An HDF5 file that is opened when it is used, and anew in another process, which need not check it again."""
+    """An HDF5 file that is opened on use. Another process opens the file again, without a second check."""
 
-    def __init__(self, path: str, whole: bool = False) -> None:
-        self.path, self._whole = path, whole
+    def __init__(self, path: str, is_checked: bool = False) -> None:
+        self.path, self._is_checked = path, is_checked
         self._open: Any = None
 
     def __getstate__(self) -> tuple[str, bool]:
-        return self.path, self._whole
+        return self.path, self._is_checked
 
     def __setstate__(self, state: tuple[str, bool]) -> None:
         self.__init__(*state)  # type: ignore[misc]
@@ -68,12 +68,12 @@ class _File:
     @property
     def file(self) -> Any:
         if self._open is None:
-            self._open = opened(self.path, self._whole)
-            self._whole = True
+            self._open = opened(self.path, self._is_checked)
+            self._is_checked = True
         return self._open
 
     def close(self) -> None:
-        """Close the file until it is used again."""
+        """Close the file until its next use."""
         if self._open is not None:
             self._open.close()
             self._open = None
@@ -85,7 +85,7 @@ class StoredSample:
 
     Attributes:
         name: ``class/sample``.
-        path: the file with the name behind it, for messages.
+        path: path of the file followed by the name, for messages.
         label: index of its class.
     """
 
@@ -97,22 +97,22 @@ class StoredSample:
 
     @property
     def number(self) -> int:
-        """Its number in the data set that the file was made of; by name in a file of another library."""
-        with self._told():
+        """Number in the original data set, or the position by name in a file of another library."""
+        with self._naming_sample():
             return int(self._file.file[self.name].attrs.get(NUMBER, self._place))
 
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        """The events; arguments and errors as of `neuro.events.load`. Samples have no damage that could be left out."""
+        """Return the events; arguments and errors as for `neuro.events.load`. `strict` has no effect on samples."""
         from neuro_events.formats.hdf5 import read_sample
 
-        with self._told():
+        with self._naming_sample():
             events = read_sample(self._file.file[self.name])
             if sensor_size is None or sensor_size == events.sensor_size:
                 return events
             return Events(events.t, events.x, events.y, events.p, sensor_size, events.metadata)
 
     def read(self) -> bytes:
-        """Sensor and events as bytes; see `Sample`."""
+        """Return sensor and events as bytes; see `Sample`."""
         events = self.load()
         return repr(events.sensor_size).encode() + events.records().tobytes()
 
@@ -121,16 +121,16 @@ class StoredSample:
         return FileContent(Path(self._file.path)).stamp()
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
-        """Width and height, and whether they are stated; see `Sample`."""
+        """Return width and height, and whether they are stated; see `Sample`."""
         from neuro_events.formats.hdf5 import sample_size
 
-        with self._told():
+        with self._naming_sample():
             size = sample_size(self._file.file[self.name])
         return (size, True) if size else (self.load().sensor_size, False)
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Tell what is wrong with the sample as an `EventFileError` that names it; the file is closed then."""
+    def _naming_sample(self) -> Iterator[None]:
+        """Convert errors to an `EventFileError` that names the sample, and close the file."""
         try:
             yield
         except (Damage, EventFileError) as error:
@@ -142,78 +142,79 @@ class StoredSample:
 
 
 def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tuple[str, ...], tuple[StoredSample, ...]]:
-    """The classes and samples of a file, sorted by class and name (numbers by value).
+    """Return the classes and samples of a file, sorted by class and name (numbers by value).
 
     Args:
         path: the HDF5 file.
-        classes: names in the order of their labels; None takes those that the file states, else its groups by name.
+        classes: names in the order of their labels. None: those that the file states, else its groups by name.
 
     Raises:
-        EventFileError: it has no samples, or a class that ``classes`` lacks.
+        EventFileError: the file has no samples, or a class that is not in ``classes``.
     """
     holder = _File(path)
-    with _damage_told(holder):
-        return _listed(holder, path, classes)
+    with _naming_file(holder):
+        return _read_listing(holder, path, classes)
 
 
 def holds_samples(path: str) -> bool:
-    """Whether an HDF5 file is a data set; if not, it may be a recording.
+    """Return whether an HDF5 file is a data set. Otherwise it may be a recording.
 
     Raises:
-        EventFileError: it is no whole HDF5 file.
+        EventFileError: the file is damaged.
     """
     if hdf5.has_format(Path(path), FORMAT):
         return True
     holder = _File(path)
-    with _damage_told(holder):
-        found = any(True for _ in _names(holder.file))
+    with _naming_file(holder):
+        has_samples = any(True for _ in _names(holder.file))
     holder.close()
-    return found
+    return has_samples
 
 
 @contextmanager
-def _damage_told(holder: _File) -> Iterator[None]:
-    """Report what is wrong with a file as an `EventFileError` that names it; the file is closed then."""
+def _naming_file(holder: _File) -> Iterator[None]:
+    """Convert errors to an `EventFileError` that names the file, and close the file."""
     try:
         yield
     except FAILURES as error:
         holder.close()
         if isinstance(error, EventFileError):
             raise
-        what = error.what if isinstance(error, Damage) else f"no whole HDF5: {one_line(error)}"
+        what = error.what if isinstance(error, Damage) else f"not an intact HDF5 file: {one_line(error)}"
         raise EventFileError(holder.path, what) from None
 
 
 def _names(file: Any) -> Iterator[tuple[str, str]]:
-    """Class and name of each sample."""
-    if "CD/events" in file:  # Prophesee's place for the events of a recording, see `neuro.events.formats.hdf5`
+    """Yield class and name of each sample."""
+    if "CD/events" in file:  # a recording of Prophesee, see `neuro.events.formats.hdf5`
         return
-    own = CLASSES in file.attrs  # then all are samples; to open each of 10,000 takes seconds
+    is_own = CLASSES in file.attrs  # all members are samples; opening each of 10,000 would take seconds
     for group in sorted((name for name in file if isinstance(member(file, name), h5py.Group)), key=natural):
         for name in sorted(members := file[group], key=natural):
-            if own or getattr(getattr(member(members, name), "dtype", None), "names", None):
+            if is_own or getattr(getattr(member(members, name), "dtype", None), "names", None):
                 yield group, name
 
 
-def _listed(
+def _read_listing(
     holder: _File, path: str, classes: Sequence[str] | None
 ) -> tuple[tuple[str, ...], tuple[StoredSample, ...]]:
     file = holder.file
     names = list(_names(file))
     if not names:
-        raise EventFileError(path, "holds no samples, expected /<class>/<sample> with rows ts, x, y, p")
+        raise EventFileError(path, "has no samples, expected /<class>/<sample> with rows ts, x, y, p")
     groups = list(dict.fromkeys(group for group, _ in names))
-    known = tuple(classes if classes is not None else _named(file, groups))
-    if missing := [group for group in groups if group not in known]:
-        raise EventFileError(path, f"class {missing[0]!r} is new, expected one of {', '.join(known)}")
+    class_names = tuple(classes if classes is not None else _class_names(file, groups))
+    if missing := [group for group in groups if group not in class_names]:
+        raise EventFileError(path, f"class {missing[0]!r} is new, expected one of {', '.join(class_names)}")
     samples = (
-        StoredSample(f"{group}/{name}", f"{path}/{group}/{name}", known.index(group), k, holder)
+        StoredSample(f"{group}/{name}", f"{path}/{group}/{name}", class_names.index(group), k, holder)
         for k, (group, name) in enumerate(names)
     )
-    return known, tuple(samples)
+    return class_names, tuple(samples)
 
 
-def _named(file: Any, groups: Sequence[str]) -> Sequence[str]:
+def _class_names(file: Any, groups: Sequence[str]) -> Sequence[str]:
+    """Return the class names that a file states, or its groups if the statement is missing or invalid."""
     text = file.attrs.get(CLASSES)
     try:
         names = json.loads(text) if isinstance(text, str) else groups
@@ -223,31 +224,31 @@ def _named(file: Any, groups: Sequence[str]) -> Sequence[str]:
 
 
 BATCH = 64
-"""Samples of a small file; a kill costs at most so many of each process."""
+"""Number of samples in a batch file, and thus the largest loss per process at an interruption."""
 
 PLAN = "plan"
-"""Attribute of the file: what was asked for; equal for equal calls."""
+"""Attribute of the file: digest of the arguments, equal for equal calls."""
 CHOICE = "choice"
-"""Attribute of the file: what was to become of damaged samples."""
+"""Attribute of the file: treatment of damaged samples."""
 DAMAGED = "damaged"
-"""Attribute of the file: number of each damaged sample, and what is wrong with it, as JSON."""
+"""Attribute of the file: number and fault of each damaged sample, as JSON."""
 
 STAMPS = "stamps"
-"""Attribute of a small file: the stamp of each sample in it by its number, as JSON. Of the whole file: their digest."""
+"""Attribute of a batch file: the stamp of each sample by its number, as JSON. In the final file: a digest of all."""
 
-_LOST = "a process that packs samples {}, {} times: it was killed or ran out of memory; the same call goes on"
+_LOST = "a process that packs samples {}, {} times: it was killed or ran out of memory; the same call resumes"
 
 Report = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class StoredDataSet:
-    """What `Dataset.to_hdf5` did.
+    """Result of `Dataset.to_hdf5`.
 
     Attributes:
         path: the file.
-        samples: how many samples it holds.
-        damaged: path of each damaged sample and what is wrong with it.
+        samples: number of samples in the file.
+        damaged: path and fault of each damaged sample.
     """
 
     path: str
@@ -265,31 +266,31 @@ def store(
     damaged: str,
     report: Report | None,
 ) -> StoredDataSet:
-    """Write samples to one file; arguments and errors as of `neuro.events.Dataset.to_hdf5`."""
+    """Write samples to one file; arguments and errors as for `neuro.events.Dataset.to_hdf5`."""
     if damaged not in CHOICES:
         raise unknown("choice for damaged", damaged, CHOICES)
-    tell = report or (lambda what, done, total: None)
+    progress = report or (lambda what, n_done, total: None)
     plan = _plan(samples, classes, sensor_size)
     if path.exists():
-        return _finished(path, samples, plan, damaged)
+        return _result_of_file(path, samples, plan, damaged)
     folder = path.with_name(f"{path.name}.parts")
-    _begin(folder, f"{plan} {damaged}")
-    done = _done(folder, samples)
-    missing = [k for k in range(len(samples)) if k not in done]
-    tell("reading", len(done), len(samples))
+    _prepare_folder(folder, f"{plan} {damaged}")
+    packed = _packed_numbers(folder, samples)
+    missing = [k for k in range(len(samples)) if k not in packed]
+    progress("reading", len(packed), len(samples))
     job = ConversionJob(tuple(samples), sensor_size, damaged, str(folder))
     size = max(1, min(BATCH, len(missing) // (8 * (jobs or cores()))))
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
-    count = len(done)
-    for finished in _pack_all(job, batches, jobs or cores()):
-        count += finished
-        tell("reading", count, len(samples))
+    count = len(packed)
+    for n_packed in _pack_all(job, batches, jobs or cores()):
+        count += n_packed
+        progress("reading", count, len(samples))
     stamps = _stamps(samples)
-    if stale := set(range(len(samples))) - _done(folder, samples):
-        raise EventFileError(samples[min(stale)].path, "was changed while it was converted: the same call goes on")
-    _join(folder, path, samples, classes, {PLAN: plan, CHOICE: damaged, STAMPS: stamps or ""}, tell)
+    if stale := set(range(len(samples))) - _packed_numbers(folder, samples):
+        raise EventFileError(samples[min(stale)].path, "was changed during the conversion: the same call resumes")
+    _join(folder, path, samples, classes, {PLAN: plan, CHOICE: damaged, STAMPS: stamps or ""}, progress)
     shutil.rmtree(folder)
-    return _finished(path, samples, plan, damaged)
+    return _result_of_file(path, samples, plan, damaged)
 
 
 def _plan(samples: Sequence[Any], classes: Sequence[str], size: tuple[int, int] | None) -> str:
@@ -300,18 +301,18 @@ def _plan(samples: Sequence[Any], classes: Sequence[str], size: tuple[int, int] 
 
 
 def _stamps(samples: Sequence[Any]) -> str | None:
-    """Return a digest of the stamps of all samples, None where one is there no more."""
+    """Return a digest of the stamps of all samples, None if one is missing."""
     try:
         return hashlib.sha256("\0".join(sample.stamp() for sample in samples).encode()).hexdigest()
     except OSError:
         return None
 
 
-def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> StoredDataSet:
-    """What a finished file holds.
+def _result_of_file(path: Path, samples: Sequence[Any], plan: str, choice: str) -> StoredDataSet:
+    """Return the result of an existing file.
 
     Raises:
-        EventFileError: it is another file, or damaged.
+        EventFileError: the file is another one, or damaged.
     """
     if hdf5.has_format(path, FORMAT):
         with opened(str(path)) as file:
@@ -319,15 +320,15 @@ def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> Sto
             if file.attrs.get(PLAN) == plan and (not damaged or file.attrs[CHOICE] == choice):
                 if file.attrs.get(STAMPS) != (stamps := _stamps(samples)) and stamps is not None:
                     raise EventFileError(
-                        str(path), "was made of samples that have changed since, or by neuro 0.2.0; expected a new name"
+                        str(path), "was made from samples that changed later, or by neuro 0.2.0; expected a new name"
                     )
                 count = sum(len(file[name]) for name in file)
                 return StoredDataSet(str(path), count, {samples[int(k)].path: what for k, what in damaged.items()})
-    raise EventFileError(str(path), "exists and holds something else; expected a new name")
+    raise EventFileError(str(path), "exists with other content; expected a new name")
 
 
-def _begin(folder: Path, plan: str) -> None:
-    """Make the folder, or see that it is of this plan."""
+def _prepare_folder(folder: Path, plan: str) -> None:
+    """Make the folder for batch files, or check that an existing one belongs to this plan."""
     note = folder / "plan.txt"
     try:
         folder.mkdir(exist_ok=True)
@@ -335,20 +336,20 @@ def _begin(folder: Path, plan: str) -> None:
         raise EventFileError(str(folder), f"cannot write: {error.strerror}") from None
     if note.exists():
         if note.read_text() != plan:
-            text = "is what another conversion to the same name has done so far; go on with that one, or remove it"
+            text = "belongs to another unfinished conversion to the same name; resume that one, or remove the folder"
             raise EventFileError(str(folder), text)
     elif any(folder.glob("*.h5")):
-        raise EventFileError(str(folder), "exists and is no conversion that was begun; expected a new name")
+        raise EventFileError(str(folder), "exists and is not an unfinished conversion; expected a new name")
     else:
         write_text(note, plan, Kind("a plan"))
 
 
-def _done(folder: Path, samples: Sequence[Any]) -> set[int]:
-    """Return the numbers of all samples in whole small files.
+def _packed_numbers(folder: Path, samples: Sequence[Any]) -> set[int]:
+    """Return the numbers of all samples in intact batch files.
 
-    Other small files, those with a sample that has changed since, and what was being written are removed.
+    Damaged and incomplete batch files, and those with a sample that was changed later, are removed.
     """
-    done: set[int] = set()
+    packed: set[int] = set()
     for stray in folder.glob(".*.part"):
         stray.unlink(missing_ok=True)
     for part in folder.glob("*.h5"):
@@ -360,12 +361,12 @@ def _done(folder: Path, samples: Sequence[Any]) -> set[int]:
         if any(samples[int(number)].stamp() != stamp for number, stamp in stamps.items()):
             part.unlink()
             continue
-        done |= {*map(int, stamps)}
-    return done
+        packed |= {*map(int, stamps)}
+    return packed
 
 
 def _pack_all(job: ConversionJob, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
-    """Pack all batches; gives the number of samples of each when it is done."""
+    """Pack all batches, and yield the number of samples of each finished batch."""
     if jobs == 1 or len(batches) < 2:
         yield from (pack(job, batch) for batch in batches)
         return
@@ -383,11 +384,14 @@ def _pack_all(job: ConversionJob, batches: Sequence[Sequence[int]], jobs: int) -
 
 
 def _unique_names(samples: Sequence[Any], classes: Sequence[str]) -> list[str]:
-    """``class/sample`` of each: the file's name without ending, or the whole path where a class has that name twice."""
+    """Return a unique ``class/sample`` for each sample.
+
+    The sample is the file's name without ending, or the complete path if the class has that name twice.
+    """
     stems = [f"{classes[s.label]}/{_stem(s.name)}" for s in samples]
-    often = Counter(stems)
-    whole = [f"{classes[s.label]}/{s.name.replace('/', '_')}" for s in samples]
-    return [stem if often[stem] == 1 else name for stem, name in zip(stems, whole, strict=True)]
+    counts = Counter(stems)
+    long_names = [f"{classes[s.label]}/{s.name.replace('/', '_')}" for s in samples]
+    return [stem if counts[stem] == 1 else name for stem, name in zip(stems, long_names, strict=True)]
 
 
 def _stem(name: str) -> str:
@@ -396,13 +400,13 @@ def _stem(name: str) -> str:
 
 
 def _join(
-    folder: Path, path: Path, samples: Sequence[Any], classes: Sequence[str], notes: Mapping[str, str], tell: Report
+    folder: Path, path: Path, samples: Sequence[Any], classes: Sequence[str], notes: Mapping[str, str], progress: Report
 ) -> None:
-    """Copy all small files into one, in the order of the samples: the same bytes, however often it was gone on with."""
+    """Copy all batch files into one, in the order of the samples, so that its bytes do not depend on interruptions."""
     names = _unique_names(samples, classes)
     places, damaged = _contents(folder)
-    done, order = 0, sorted(places)
-    tell("writing", done, len(order))
+    n_done, order = 0, sorted(places)
+    progress("writing", n_done, len(order))
     with output(path, Kind("a data set")) as part, hdf5.new_file(part, FORMAT, libver=("v108", "v108")) as out:
         for small, numbers in itertools.groupby(order, key=places.__getitem__):
             with h5py.File(small, "r") as file:
@@ -411,15 +415,15 @@ def _join(
                     target = out.require_group(group)
                     file.copy(str(number), target, name)
                     target[name].attrs[NUMBER] = number
-                    done += 1
-            tell("writing", done, len(order))
+                    n_done += 1
+            progress("writing", n_done, len(order))
         out.attrs[CLASSES] = json.dumps(list(classes))
         out.attrs[DAMAGED] = json.dumps(damaged)
         out.attrs.update(notes)
 
 
 def _contents(folder: Path) -> tuple[dict[int, Path], dict[str, str]]:
-    """In which small file each sample is, and what is wrong with the damaged ones."""
+    """Return the batch file of each sample, and the faults of the damaged samples."""
     places, damaged = dict[int, Path](), dict[str, str]()
     for small in folder.glob("*.h5"):
         with h5py.File(small, "r") as file:
@@ -429,7 +433,7 @@ def _contents(folder: Path) -> tuple[dict[int, Path], dict[str, str]]:
 
 
 CHOICES = ("skip", "mend", "stop")
-"""What may become of a damaged sample."""
+"""Treatments of damaged samples."""
 
 
 BATCH_FORMAT = "neuro event batch 2"
@@ -437,13 +441,13 @@ BATCH_FORMAT = "neuro event batch 2"
 
 @dataclass(frozen=True, slots=True)
 class ConversionJob:
-    """What all batches share.
+    """Parameters that all batches share.
 
     Attributes:
-        samples: of the whole data set.
-        sensor_size: for `load`.
+        samples: the samples of the data set.
+        sensor_size: argument of `load`.
         damaged: one of `CHOICES`.
-        folder: where the small files go.
+        folder: folder for the batch files.
     """
 
     samples: tuple[Any, ...]
@@ -453,22 +457,22 @@ class ConversionJob:
 
 
 def start_worker(job: ConversionJob) -> Work:
-    """What packs batches in a process of its own."""
+    """Return the function that packs batches in a worker process."""
     return lambda numbers, attempt, tell: pack(job, numbers)
 
 
 def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
-    """Pack some samples into a small file that is whole or not there.
+    """Pack some samples into a batch file, which appears only when it is complete.
 
     Args:
-        job: what it is done for.
-        numbers: of the samples.
+        job: the conversion.
+        numbers: numbers of the samples.
 
     Returns:
-        How many they are.
+        The number of samples.
 
     Raises:
-        EventFileError: one is damaged, and that is to stop.
+        EventFileError: a sample is damaged, with "stop".
     """
     from neuro_events.formats.hdf5 import write_sample
 
@@ -490,22 +494,22 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
 
 
 def _loaded(job: ConversionJob, sample: Any) -> tuple[Any, str]:
-    """The events of a sample and what is wrong with it, None where nothing is to be kept."""
+    """Return the events of a sample, None if it is skipped, and its fault."""
     if job.damaged != "mend":
         try:
             return sample.load(sensor_size=job.sensor_size), ""
         except EventFileError as error:
             if job.damaged == "stop":
                 raise
-            return None, _told(error)
+            return None, _fault_text(error)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EventFileWarning)
         try:
             events = sample.load(sensor_size=job.sensor_size, strict=False)
         except EventFileError as error:
-            return None, _told(error)
+            return None, _fault_text(error)
     return events, "; ".join(str(one.message).removeprefix(f"{sample.path}: ") for one in caught)
 
 
-def _told(error: EventFileError) -> str:
+def _fault_text(error: EventFileError) -> str:
     return error.what if error.offset is None else f"byte {error.offset}: {error.what}"

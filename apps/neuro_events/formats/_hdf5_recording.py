@@ -199,7 +199,7 @@ def order_of_table(table: Any) -> str:
     if not certain:
         what = "expected t x y p, x y t p or x y p t, with whole coordinates and polarities -1, 0 or 1"
         raise Damage(f"{table.name} has rows such as {rows[0].tolist()}, {what}", None)
-    names = " and ".join(" ".join(one) for one in certain)
+    names = " or ".join(" ".join(one) for one in certain)
     name = f"hdf5:{table.name}:{certain[0]}"
     hint = f"name the order, as in format={name!r} or --from {name}"
     raise Damage(f"the rows of {table.name} may be {names}: {hint}", None)

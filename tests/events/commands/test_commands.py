@@ -159,7 +159,7 @@ def test_tohdf5_as_in_the_thesis(run, data):
     assert run(*words) == (0, "NMNIST_TRAIN.h5: 5 recordings of 2 classes\n", "")
     assert run(*words) == (0, "NMNIST_TRAIN.h5: 5 recordings of 2 classes\n", "")
     other = run("tohdf5", "-f", "set", "--part", "Test", "-o", "NMNIST_TRAIN.h5")
-    assert other == (2, "", "error: NMNIST_TRAIN.h5: exists and holds something else; expected a new name\n")
+    assert other == (2, "", "error: NMNIST_TRAIN.h5: exists with other content; expected a new name\n")
 
 
 def test_tohdf5_tells_damaged_files(run, data):

@@ -71,7 +71,7 @@ def test_compiling_listens_to_nothing(tmp_path):
         busy.bind((HOST, 0))
         (tmp_path / "net.yaml").write_text(text_of(busy.getsockname()[1]))
         sim = neuro.compile(neuro.load(tmp_path / "net.yaml"))
-        assert "another program listens there" in refusal(sim.run, 1.0)
+        assert "another program listens at this port" in refusal(sim.run, 1.0)
 
 
 def test_in_a_file(walk, tmp_path, sent):
