@@ -382,7 +382,7 @@ def test_hdf5_files_with_one_recording_are_taken_alone(tmp_path):
         (one,) = found = recordings(tmp_path / f"{name}.h5", label="cup")
         assert (found.layout, found.classes, one.load().t.tolist()) == ("recording", ("cup",), times)
     assert "none.h5: has a; expected /events/t, x, y, p, rows at " in refusal(recordings(tmp_path / "none.h5")[0].load)
-    expected = "holds no samples, expected /<class>/<sample> with rows ts, x, y, p"
+    expected = "has no samples, expected /<class>/<sample> with rows ts, x, y, p"
     assert refusal(Dataset, tmp_path / "none.h5") == f"{tmp_path}/none.h5: {expected}"
     (tmp_path / "cut.h5").write_bytes((tmp_path / "none.h5").read_bytes()[:900])
     assert "cut.h5: not an intact HDF5 file: " in refusal(Dataset, tmp_path / "cut.h5")
@@ -487,9 +487,10 @@ def test_the_sensor_that_holds_all(tmp_path, train, shared):
     for k, (x, y) in enumerate([(70, 3), (5, 80)]):
         (root / "ab"[k]).mkdir(parents=True)
         save(Events([1], [x], [y], [1], (100, 100)), root / "ab"[k] / "1.bin")
-    expected = "2 of 2 recordings do not state their sensor, such as a/1.bin: assuming 71x81, which contains every event"
+    what = "2 of 2 recordings do not state their sensor, such as a/1.bin"
+    expected = f"{what}: assuming 71x81, which contains every event"
     assert told_sensor(recordings(root), (71, 81), setting="size") == [f"{root}: {expected}; size sets another"]
-    expected = "has no recording, expected at least one to find the sensor"
+    expected = "has no recording, expected at least one to determine the sensor"
     assert refusal(recordings(root)[:0].sensor_size) == f"<Recordings 0 of 2 classes in {root}>: {expected}"
     assert recordings(train).sensor_size() == SIZE  # known for the format, or the data set
     poker = recordings(shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip")
