@@ -1,4 +1,4 @@
-"""The backend objects; numba is imported only when one builds."""
+"""The backend objects of the emulated chips. numba is imported only when a backend builds an engine."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ OWN = ("strict", *OF_PLACE)
 
 
 class ChipBackend:
-    """An emulated chip: integers only, bit-true to the public emulators.
+    """An emulated chip: integers only, bit-identical to the public emulators.
 
     Args:
-        family: the arithmetic.
-        description: for people.
-        unsupported: conformance cases that it cannot run, with reasons.
-        target: the chip; that of the family's name if not given.
+        family: the arithmetic of the chip.
+        description: text for people.
+        unsupported: conformance cases that the chip cannot run, with reasons.
+        target: the chip; default: the chip with the family's name.
     """
 
     arithmetic = "integer"
@@ -48,45 +48,45 @@ class ChipBackend:
 
     @property
     def chip(self) -> Chip:
-        """Limits and costs of the chip."""
+        """The chip, with its limits and costs."""
         return CHIPS[self.name] if self._target is None else self._target
 
     def of(self, target: str) -> ChipBackend | None:
-        """The backend of another chip, by name or table file, in its own arithmetic; None if it is not known.
+        """Return the backend of another chip, by name or table file, in that chip's arithmetic; None for unknown names.
 
         Raises:
-            ModelError: the chip has no arithmetic, or its table cannot be read.
+            ModelError: the chip has no emulated arithmetic, or its table cannot be read.
         """
         if not is_table(target) and target not in CHIPS:
             return None
-        found = chip(target)
-        own = next(each for each in FAMILIES if each.family is arithmetic_of(found))
+        other = chip(target)
+        own = next(each for each in FAMILIES if each.family is arithmetic_of(other))
         if own.name == target:
             return own
-        return ChipBackend(own.family, f"{found.title}, in the arithmetic of {own.name}", own.unsupported, found)
+        return ChipBackend(own.family, f"{other.title}, in the arithmetic of {own.name}", own.unsupported, other)
 
     def targets(self) -> Iterable[str]:
-        """Names of all chips with this arithmetic."""
-        return [name for name, found in CHIPS.items() if found.arithmetic == self.family.name]
+        """Return the names of all chips with this arithmetic."""
+        return [name for name, each in CHIPS.items() if each.arithmetic == self.family.name]
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """What does not fit into the chip's integers or onto its cores, and what is approximated."""
+        """Return all refusals and approximations: by the chip's integers, and by the limits of its cores."""
         fixed = quantise(program, self.chip, **_of_quantise(options))
-        of_place = {name: value for name, value in options.items() if name in OF_PLACE}
-        found = (*unnoted(program), *fixed.problems)
-        cores = cut(program, self.chip, **of_place)
+        placing = {name: value for name, value in options.items() if name in OF_PLACE}
+        problems = (*unnoted(program), *fixed.problems)
+        cores = cut(program, self.chip, **placing)
         if fits_one_chip(program, self.chip, cores):
-            return found
-        from neuro.chips.placing import placed  # which core lies on which chip matters for the rest
+            return problems
+        from neuro.chips.placing import place_cores  # only now the positions of cores matter
 
-        return (*found, *placed(program, self.chip, cores).problems)
+        return (*problems, *place_cores(program, self.chip, cores).problems)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
-        """Make an engine at step 0.
+        """Return an engine at step 0.
 
         Args:
-            program: what to run.
-            threads: accepted; one thread computes.
+            program: the program to run.
+            threads: ignored; the engine uses one thread.
             options: `strict` (an overflow is an error); `scales`, `shifts`, `exponents`, `signals`, see
                 `neuro.chips.quantising`; `order`, `neurons_per_core`, see `neuro.chips.placing`.
 
@@ -101,7 +101,7 @@ class ChipBackend:
         return ChipEngine(fixed, strict=check(_STRICT, options.get("strict", False), "strict"))
 
     def replay(self, case: Mapping[str, Any], events: NDArray[Any]) -> Mapping[str, NDArray[Any]]:
-        """Return the states after every call of SpiNNaker's programs that a case holds."""
+        """Return the states after each call of SpiNNaker's programs in a case."""
         if self.family is not SPINNAKER:
             raise ModelError(f"backend '{self.name}': calls of SpiNNaker's programs", hint="use backend 'spinnaker'")
         from neuro_chip.replay import replay

@@ -1,4 +1,4 @@
-"""From a quantised program to the arrays of the compiled loop."""
+"""The conversion of a quantised program to the arrays of the compiled loop."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
@@ -22,36 +22,41 @@ from neuro_chip import deliver, loihi2_step, loihi_step, spinnaker_step, tables 
 from neuro_chip.tables import Arrays
 
 FAMILIES = {"loihi": loihi_step, "loihi2": loihi2_step, "spinnaker": spinnaker_step}
-"""How each family of chips runs here, by the name of its arithmetic: a new family is such a module and an entry."""
+"""Module with the integer steps of each family, by the name of its arithmetic. A new family adds a module here."""
 
 STEPS = {kind: step for family in FAMILIES.values() for kind, step in family.STEPS.items()}
-"""The step of each kind of population (`FixedPopulation.kind`): step(net, pop, row, step) updates the neurons of a
-population and sets `fired` where the threshold is reached."""
+"""The integer step of each kind of population (`FixedPopulation.kind`).
+
+step(net, pop, row, step) updates the neurons of a population and sets `fired` for those that reach the threshold.
+"""
 
 NUMBERS = {kind: t.STEPPED + place for place, kind in enumerate(STEPS)}
-"""The number of each kind in the loop, column `KIND` of the table of populations."""
+"""The number of each kind in column `KIND` of the table of populations."""
 
 
-def _chosen(numbered):
-    """A function (net, pop, row, step) that runs the step whose number a row has; the last one else."""
+def _dispatch(numbered):
+    """Return a function (net, pop, row, step) that runs the step with the number in a population's row.
+
+    The last step has no comparison: it runs for every other number.
+    """
     (number, own), *others = numbered
     if not others:
         return own
-    # A chain of comparisons, since a kernel holds no table of functions: there are few kinds, and a population asks
-    # once a step.
-    rest = _chosen(others)
+    # A chain of comparisons, because a kernel can hold no table of functions. There are few kinds, and each population
+    # passes the chain once per step.
+    rest = _dispatch(others)
 
     @subkernel
-    def chosen(net, pop, row, step):
+    def update_by_kind(net, pop, row, step):
         if row[t.KIND] == number:
             own(net, pop, row, step)
         else:
             rest(net, pop, row, step)
 
-    return chosen
+    return update_by_kind
 
 
-update = _chosen([(NUMBERS[kind], step) for kind, step in STEPS.items()])
+update = _dispatch([(NUMBERS[kind], step) for kind, step in STEPS.items()])
 
 KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
@@ -59,14 +64,14 @@ STATES = {
     **{"v": "v", "u": "u", "g_exc": "u", "g_inh": "g_inh"},
     **{"real": "v", "imag": "u", "sigma": "v", "act": "u", "residue": "g_inh", "error": "hold", "payload": "payload"},
 }
-"""Arrays that hold the state registers, by the registers' names."""
+"""Arrays of the loop with the state registers, by the registers' names."""
 
 ROOM = 1 << 20
-"""Spikes that the record takes before it is emptied, above one step's."""
+"""Spikes that the record can hold before it is emptied, in addition to those of one step."""
 
 
 def arrays_of(fixed: FixedProgram) -> Arrays:
-    """All arrays that the loop reads and writes, by the names of `net`."""
+    """Return all arrays that the loop reads and writes, by the names of `net`."""
     program = fixed.program
     a: Arrays = {}
     _populations(a, fixed)
@@ -105,7 +110,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
 
 
 def _groups(a: Arrays, program: Program) -> None:
-    """How the neurons of each group compete, and room for winners."""
+    """Add the tables of groups: the rule of competition of each, and arrays for winners."""
     n, shapes = len(program.groups), [program.populations[group.population].shape for group in program.groups]
     several = any(group.choice.several for group in program.groups)
     a["groups"] = np.zeros((n, t.GROUP_COLUMNS), dtype=np.int64)
@@ -132,7 +137,7 @@ def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64
 
 
 def slots_of(fixed: FixedProgram, target: int) -> int:
-    """Slots of a population's ring: a power of two above the longest lag of what it receives."""
+    """Return the slots of a population's ring: a power of two above the longest lag of its input."""
     lags = [
         int(longest_lag(fixed.program, index).max(initial=1))
         for index, (wires, part) in enumerate(zip(fixed.projections, fixed.program.projections, strict=True))
@@ -141,8 +146,8 @@ def slots_of(fixed: FixedProgram, target: int) -> int:
     return 1 << (max(lags, default=1)).bit_length()
 
 
-def _late(fixed: FixedProgram, target: int) -> int:
-    """Steps from the arrival of a spike, as a network means it, to the update that sees it: 1 for `iaf_psc_exp`."""
+def _extra_steps(fixed: FixedProgram, target: int) -> int:
+    """Return the steps by which input acts later than its delay: 1 for `iaf_psc_exp`, else 0."""
     return max(
         (
             int((wires.lag - part.delay).max(initial=0))
@@ -169,14 +174,15 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
         at += part.size
         if kind >= t.RELAY:
             slots = slots_of(fixed, k)
-            pops[k, [t.RING, t.SLOTS, t.ARRIVED, t.LATE]] = ring, slots, arrived, _late(fixed, k)
-            # a relay needs one slot, but has room for two, as in the states that were saved before
+            pops[k, [t.RING, t.SLOTS, t.ARRIVED, t.LATE]] = ring, slots, arrived, _extra_steps(fixed, k)
+            # A relay needs one slot, but has two for the sake of snapshots of earlier versions.
             ring += slots * part.size * (2 if kind == t.RELAY else arithmetic.receptors)
             arrived += slots
             pops[k, t.PLANES] = len(planes)
-            sums = [(each.shift, each.wraps, each.receptor) for each in _apart(fixed, k) for _ in _lags_apart(each)]
-            for of_plane in [*([(0, 0, 1)] if _has_second(fixed, k) else []), *sums]:
-                planes.append((ring, *of_plane))
+            second_input = [(0, 0, 1)] if _has_second_input(fixed, k) else []
+            own_planes = [each for each in _with_planes(fixed, k) for _ in _plane_lags(each)]
+            for plane in (*second_input, *((each.shift, each.wraps, each.receptor) for each in own_planes)):
+                planes.append((ring, *plane))
                 ring += slots * part.size
             pops[k, t.PLANES_END] = len(planes)
     a["pops"], a["planes"] = pops, np.array(planes, dtype=np.int64).reshape(-1, t.PLANE_COLUMNS)
@@ -184,20 +190,20 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
     a["arrived_all"], a["came"] = np.zeros(arrived, dtype=np.uint8), np.zeros(arrived, dtype=np.uint8)
 
 
-def _apart(fixed: FixedProgram, target: int) -> list[FixedProjection]:
-    """The projections onto a population whose sums are shifted or wrapped before they are added to those of others."""
+def _with_planes(fixed: FixedProgram, target: int) -> list[FixedProjection]:
+    """Return the projections onto a population whose sums are shifted or wrapped before those of others are added."""
     onto = zip(fixed.projections, fixed.program.projections, strict=True)
-    found = [wires for wires, part in onto if wires is not None and part.target == target]
-    return [wires for wires in found if wires.apart]
+    incoming = [wires for wires, part in onto if wires is not None and part.target == target]
+    return [wires for wires in incoming if wires.sums_apart]
 
 
-def _has_second(fixed: FixedProgram, target: int) -> bool:
-    """Whether a population has a second input in a plane of its own, the first one."""
+def _has_second_input(fixed: FixedProgram, target: int) -> bool:
+    """Return whether a population has a second input, whose plane is its first one."""
     return arithmetic_of(fixed.chip).receptors == 1 and has_two_inputs(fixed.program.populations[target].model)
 
 
-def _lags_apart(wires: FixedProjection) -> range:
-    """The lags whose sums are shifted apart, each in a plane of its own: those of one step of emission."""
+def _plane_lags(wires: FixedProjection) -> range:
+    """Return the lags of a projection, each of which has its own plane: only spikes of one step share a sum."""
     lags = wires.lag if wires.lag.size else np.ones(1, dtype=np.int32)
     return range(int(lags.min()), int(lags.max()) + 1)
 
@@ -222,8 +228,8 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         table[q, [t.LAG, t.LAG_STRIDE]] = at["lags"], wires.lag.size > 1
         table[q, [t.ROW, t.SYNAPSE]] = at["rows"], at["targets"]
         table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(own > 0)), bool(np.any(own < 0))
-        found: dict[str, NDArray[Any]] = {"words": own, "lags": wires.lag, "rows": row_ends, "targets": ends}
-        for name, array in found.items():
+        arrays: dict[str, NDArray[Any]] = {"words": own, "lags": wires.lag, "rows": row_ends, "targets": ends}
+        for name, array in arrays.items():
             lists[name].append(array)
             at[name] += array.size
         if (g := part.grid) is not None:
@@ -232,16 +238,16 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
             row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
             row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
             row[[t.STRIDE, t.TOP, t.LEFT, t.REACH, t.MAPS]] = g.stride, g.top, g.left, g.reach, g.maps
-        if wires.apart:
-            target, apart = a["pops"][part.target], _apart(fixed, part.target)
+        if wires.sums_apart:
+            target, with_planes = a["pops"][part.target], _with_planes(fixed, part.target)
             plane = (
                 target[t.PLANES]
-                + _has_second(fixed, part.target)
-                + sum(len(_lags_apart(each)) for each in apart[: apart.index(wires)])
+                + _has_second_input(fixed, part.target)
+                + sum(len(_plane_lags(each)) for each in with_planes[: with_planes.index(wires)])
             )
             table[q, t.PLANE] = a["planes"][plane, t.PLANE_RING] - target[t.RING]
             table[q, t.PLANE_STRIDE] = target[t.SLOTS] * (target[t.END] - target[t.BEGIN])
-            table[q, t.FIRST_LAG] = _lags_apart(wires)[0]
+            table[q, t.FIRST_LAG] = _plane_lags(wires)[0]
     a["projections"] = table
     a |= {name: _joined(parts, kinds[name]) for name, parts in lists.items()}
     if any(part.grid is not None for part in program.projections):
@@ -257,7 +263,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
 
 
 def _joined(parts: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
-    """Arrays one behind the other, converted as they are copied: there may be hundreds of millions of synapses."""
+    """Concatenate arrays and convert them while they are copied: there can be hundreds of millions of synapses."""
     joined = np.zeros(sum(part.size for part in parts), dtype=kind)
     at = 0
     for part in parts:
@@ -271,7 +277,7 @@ _NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 def _layout(program: Program, q: int, own_lags: bool) -> tuple[int, NDArray[np.int64], NDArray[np.int32]]:
-    """How the kernels see a projection: dense rows with a lag for each synapse become CSR."""
+    """Return the layout of a projection for the kernels. Dense rows with a lag per synapse become CSR."""
     part = program.projections[q]
     if part.layout == "csr":
         return t.CSR, part.row_ends, part.targets
@@ -283,14 +289,14 @@ def _layout(program: Program, q: int, own_lags: bool) -> tuple[int, NDArray[np.i
 
 
 def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:
-    """Put the registers of a population where the loop reads them."""
+    """Write the registers of a population to the arrays of the loop."""
     row = a["pops"][k]
     if row[t.KIND] >= t.STEPPED:
         FAMILIES[fixed.chip.arithmetic].write(a, row, slice(row[t.BEGIN], row[t.END]), part.registers)
 
 
 def write_states(a: Arrays, k: int, part: FixedPopulation) -> None:
-    """Put the state registers of a population where they are at step 0."""
+    """Write the initial state registers of a population to the arrays of the loop."""
     here = slice(a["pops"][k, t.BEGIN], a["pops"][k, t.END])
     for name, array in STATES.items():
         if name in part.initial:

@@ -1,4 +1,4 @@
-"""The state of a projection that learns on SpiNNaker, and the effect of events on this state."""
+"""The state of a projection that learns on SpiNNaker, and the effect of events on it."""
 
 from __future__ import annotations
 
@@ -12,36 +12,37 @@ from neuro.program.program import Floats, Ints
 from neuro_chip import spinnaker_learning as kernels
 
 _SPIKES: Ints = np.zeros(0, dtype=np.int64)
-"""In place of concentrations: the events are post spikes."""
+"""Value in place of concentrations if events are post spikes."""
 
 
 class Deferred:
-    """A projection that learns on SpiNNaker; projections onto one population have equal histories.
+    """A projection that learns on SpiNNaker. All projections onto one population have equal histories.
 
     Args:
         rule: the rule.
-        row_ends, targets: the connections, as a program's of layout csr.
-        n_targets: neurons of the target.
-        words: of the weights, magnitudes.
-        delays: ticks by which events of the post neurons act late, one for each synapse.
-        delivered: of each synapse whether its slots are written.
-        shifts: of the receptor of each synapse.
-        stages: how often a core for delays holds the packets of each synapse back, for as many ticks as there are
-            slots; None: never.
+        row_ends, targets: the connections, like those of a program in layout csr.
+        n_targets: number of target neurons.
+        words: words of the weights, as magnitudes.
+        delays: ticks by which events of the post neurons act later, one per synapse.
+        delivered: whether the slots of each synapse are written.
+        shifts: shift of the receptor of each synapse.
+        stages: how many times a core for delays holds the packets of each synapse back, each time for as many ticks as
+            there are slots; None: never.
 
     Attributes:
-        weights, tags: words, and words of the eligibility or accumulators, int64, one for each synapse.
-        rows: what is kept of each source and stage, see `neuro_chip.spinnaker_learning`.
+        weights: words of the weights, int64, one per synapse.
+        tags: words of the eligibility, or accumulators, int64, one per synapse.
+        rows: state of each source and stage, see `neuro_chip.spinnaker_learning`.
         held: packets of each source in the last ticks, (ticks, sources).
-        history: of the post neurons.
+        history: histories of the post neurons.
         counts: int64, see `neuro_chip.spinnaker_learning`.
     """
 
-    kept: ClassVar[tuple[str, ...]] = (
+    saved: ClassVar[tuple[str, ...]] = (
         *("weights", "tags", "rows", "held", "counts", "draws"),
         *(f"history_{name}" for name in kernels.History._fields),
     )
-    """Arrays that change."""
+    """Names of the arrays in a snapshot."""
     counted: ClassVar[dict[int, str]] = {
         kernels.EVALUATED: "rules applied",
         kernels.CHANGED: "weight writes",
@@ -85,51 +86,52 @@ class Deferred:
         return (-self.weights if self.rule.inhibits else self.weights).astype(np.int32)
 
     def words(self, synapses: Ints | slice = slice(None)) -> NDArray[np.int32]:
-        """Return what synapses add to slots with the spike: nothing where they are not delivered, or later."""
+        """Return the words that synapses add with the spike: 0 where a packet is held back or never delivered."""
         sends = self.synapses.delivered[synapses] & (self.synapses.stages[synapses] == 0)
         words: NDArray[np.int32] = (self.weights[synapses] * sends).astype(np.int32)
         return -words if self.rule.inhibits else words
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> tuple[Ints, Ints]:
-        """Take the post spikes of a step, then the packets of the sources.
+        """Apply the post spikes of a step, then the packets of the sources.
 
         Args:
-            step: its number, from 1; the first tick is 0.
+            step: the number of the step, from 1; the first tick is 0.
             pre: ids of the sources that fired, each once.
             post: ids of the targets that fired, each once.
-            payloads: how often each source fired.
+            payloads: number of spikes of each source that fired.
 
         Returns:
-            The synapses whose words may have changed, and what each has sent beside its last word for every spike of
-            this step: the earlier packets of a step were sent with other words, and those held back are sent now.
+            the synapses whose words may have changed, and for each the difference between the sum of the words that it
+            has sent and (spikes of this step) x (its new word). Earlier packets of a step were sent with other words,
+            and packets that were held back are sent now.
         """
         self.spike(post, step - 1)
         if self.n_rows == 1:
-            return self._take(0, pre, payloads, step - 1)
+            return self._process(0, pre, payloads, step - 1)
         self.held[(step - 1) % len(self.held)] = np.bincount(pre, payloads, self.held.shape[1])
-        found = []
+        results = []
         for stage in range(self.n_rows):
-            held = self.held[(step - 1 - stage * self.rule.slots) % len(self.held)]
-            found.append(self._take(stage, np.flatnonzero(held), held[held > 0], step - 1))
-        synapses, sent = zip(*found, strict=True)
-        return np.concatenate(synapses), np.concatenate(sent)
+            packets = self.held[(step - 1 - stage * self.rule.slots) % len(self.held)]
+            results.append(self._process(stage, np.flatnonzero(packets), packets[packets > 0], step - 1))
+        synapses, differences = zip(*results, strict=True)
+        return np.concatenate(synapses), np.concatenate(differences)
 
-    def _take(self, stage: int, pre: Ints, payloads: Ints, tick: int) -> tuple[Ints, Ints]:
-        """Take the packets of a stage, which arrive at a tick; arguments and results as of `step`."""
-        synapses = self._of(pre)
+    def _process(self, stage: int, pre: Ints, payloads: Ints, tick: int) -> tuple[Ints, Ints]:
+        """Process the packets of a stage, which arrive at a tick; arguments and results are those of `step`."""
+        synapses = self._synapses_of(pre)
         times = np.repeat(payloads, self.synapses.row_ends[pre + 1] - self.synapses.row_ends[pre])
         if self.n_rows > 1:
-            mine = self.synapses.stages[synapses] == stage
-            synapses, times = synapses[mine], times[mine]
-        more: Ints = np.zeros(synapses.size, dtype=np.int64)
+            of_stage = self.synapses.stages[synapses] == stage
+            synapses, times = synapses[of_stage], times[of_stage]
+        differences: Ints = np.zeros(synapses.size, dtype=np.int64)
         for packet in range(int(payloads.max(initial=0))):
             self.packets(pre[payloads > packet] * self.n_rows + stage, tick)
-            more += np.where(times > packet, self.weights[synapses], 0)
+            differences += np.where(times > packet, self.weights[synapses], 0)
         if stage == 0:
-            more -= times * self.weights[synapses]
-        return synapses, more * self.synapses.delivered[synapses]
+            differences -= times * self.weights[synapses]
+        return synapses, differences * self.synapses.delivered[synapses]
 
-    def _of(self, pre: Ints) -> Ints:
+    def _synapses_of(self, pre: Ints) -> Ints:
         """Return the synapses of some sources."""
         begin, end = self.synapses.row_ends[pre], self.synapses.row_ends[pre + 1]
         firsts = np.repeat(begin - np.concatenate(([0], np.cumsum(end - begin)[:-1])), end - begin)
@@ -137,18 +139,18 @@ class Deferred:
         return synapses
 
     def release(self, step: int, ids: Ints) -> None:
-        """Append the dopamine of spikes in a step that reach the targets `ids`, before its post spikes."""
+        """Append dopamine of the spikes of a step that reach the targets `ids`, before their post spikes."""
         self.dopamine(ids, np.full(ids.size, self.rule.concentrations[0]), step - 1)
 
     def modulate(self, step: int, values: Floats, scale: float) -> None:
-        """Bring dopamine of all targets to some values by spikes of sources of reward and punishment.
+        """Bring the dopamine of all targets to some values, by spikes of sources of reward and punishment.
 
         Args:
             step: the last finished step (0 before the first).
             values: dopamine of every target in 1/ms.
             scale: dopamine of one unit in s4.11.
         """
-        # The host follows the traces that its own spikes have left.
+        # The host tracks the traces of its own spikes.
         unit, levels = self.rule.concentrations[0], (1 << len(self.rule.concentrations)) - 1
         missing: Ints = np.rint((values / scale - self._level(step)) / unit).astype(np.int64)
         self.counts[kernels.CUT] += np.count_nonzero(abs(missing) > levels)
@@ -159,13 +161,13 @@ class Deferred:
             self.counts[kernels.SENT] += ids.size
 
     def _level(self, tick: int) -> Floats:
-        """Return dopamine of each target at a tick, in s4.11."""
+        """Return the dopamine of each target at a tick, in s4.11."""
         every, newest = np.arange(self.history.counts.size), self.history.counts - 1
         level = self.history.traces[every, newest, kernels.DOPAMINE]
         return np.asarray(np.floor(level * self._decay(D, tick - self.history.times[every, newest])))
 
     def read(self, name: str, step: int, pre: Ints, post: Ints, n_scale: float) -> Floats:
-        """Return a state of every synapse after a step, in the units of the language; K_plus is its trace of pairs."""
+        """Return a state of every synapse after a step, in units of the language; K_plus is the trace of pairs."""
         if name == "n":
             return np.asarray(self._level(step - 1)[post] * n_scale)
         if name == "c":
@@ -177,23 +179,23 @@ class Deferred:
         return self.tags.astype(np.float64)
 
     def _decay(self, table: int, ticks: Ints) -> Floats:
-        """Return what a table leaves after some ticks."""
+        """Return the share that a table's decay leaves after some ticks."""
         first, length, shift = self.rule.places[table]
         at = np.clip(ticks >> shift, 0, length - 1)
         return np.asarray(np.where(ticks >> shift < length, self.rule.table[first + at] / ONE, 0.0))
 
     def native(self) -> dict[str, int]:
-        """Counts of the machine alone, by name."""
+        """Return the counts that exist only on the machine, by name."""
         return {what: int(self.counts[k]) for k, what in self.counted.items() if self.counts[k]}
 
     @property
     def nbytes(self) -> int:
-        """Bytes held."""
+        """Bytes of all arrays."""
         arrays = (self.rows, self.held, *self.history, *self.synapses[:-1], self.rule.table)
         return sum(array.nbytes for array in arrays)
 
     def __getattr__(self, name: str) -> Any:
-        """Return an array of the history by its name in `kept`."""
+        """Return an array of the history by its name in `saved`."""
         if name.startswith("history_"):
             return getattr(self.history, name.removeprefix("history_"))
         raise AttributeError(name)
@@ -203,9 +205,9 @@ class Deferred:
         kernels.events(self._rule, self.history, ids, _SPIKES, t, self.counts)
 
     def dopamine(self, ids: Ints, concentrations: Ints, t: int) -> None:
-        """Append dopamine at tick t, of signed concentrations in s4.11, one for each of some neurons."""
+        """Append dopamine at tick t: a signed concentration in s4.11 for each of some neurons."""
         kernels.events(self._rule, self.history, ids, concentrations, t, self.counts)
 
     def packets(self, ids: Ints, t: int) -> None:
-        """Bring rows up to date whose packets were emitted at tick t, one after another."""
+        """Update the rows of packets that were emitted at tick t, one after another."""
         kernels.packets(self._rule, self.rows, self.history, self.synapses, ids, t, self.counts)

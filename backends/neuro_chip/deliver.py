@@ -1,11 +1,11 @@
-"""Sending the spikes of a step into the ring buffers of their targets.
+"""Sending the spikes of a step to the ring buffers of their targets.
 
-Over grids of many maps the spikes of a step are added up with the maps next to each other, then poured into the ring. A
-kernel's words for one place lie in all maps far apart in the ring, so a spike by itself touches them one by one. With
-the maps next to each other they are added many at a time: sums lie by place, then map, of the maps that one channel
-reaches; words likewise, and in a line of a kernel in the order of the places that a source meets them at, so that all
-places of a line are added in one run. Sums of words do not depend on their order, so the bits are those of spikes sent
-one by one.
+On grids of many maps, the spikes of a step are first summed in arrays with neighbouring maps, and the sums are then
+added to the ring. In the ring the targets of one place in different maps are far apart, so that a single spike would
+write them one by one. With neighbouring maps many targets are added in one run. Sums are sorted by place, then by map,
+for the maps that one channel reaches. Words are sorted in the same way, and within a line of a kernel in the order in
+which a source meets their places, so that a whole line is one run. Sums of words do not depend on their order, so the
+bits equal those of spikes sent one by one.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from neuro_chip import tables as t
 
 
 OVER = np.int32(65536)
-"""What a SpiNNaker slot holds in place of more than 65535: enough to tell that it is saturated."""
+"""Content of a saturated slot of SpiNNaker, whose largest value is 65535."""
 
 
 @subkernel
 def add(ring, place, below, word, times, capped):
-    """Add a word to a slot, or to that of the inhibitory receptor."""
-    # numba widens products of 32 bits to 64: cut back, since the register wraps at 32.
+    """Add a word to a slot; if slots saturate, add a negative word to the slot of the inhibitory receptor."""
+    # numba widens products of 32 bits to 64, but the register wraps at 32.
     amount = np.int32(word * times)
     if not capped:
         ring[place] += amount
-    # SpiNNaker has a slot for each receptor, both unsigned: a negative word goes to the second as its size.
+    # SpiNNaker has an unsigned slot for each receptor: the magnitude of a negative word goes to the second one.
     elif amount >= 0:
         ring[place] = min(np.int32(ring[place] + amount), OVER)
     else:
@@ -46,14 +46,14 @@ def send(net, q, i, times, step):
     row = net.projections[q]
     target = net.pops[row[t.TARGET]]
     n = target[t.END] - target[t.BEGIN]
-    mask = target[t.SLOTS] - 1  # slots are a power of two above the longest lag: none is written before it is read
+    mask = target[t.SLOTS] - 1  # the number of slots exceeds the longest lag, so no slot is written before it is read
     below = target[t.SLOTS] * n
     capped = target[t.RECEPTORS] == 2
-    plane = row[t.PLANE]  # what arrives is marked for the population, not for the plane
+    plane = row[t.PLANE]  # arrivals are marked for the population, not for the plane
     if row[t.LAYOUT] == t.DENSE:
         slot = (step + net.lags[row[t.LAG]]) & mask
         begin = target[t.RING] + plane + slot * n
-        # A dense row reaches all: one flag in place of n marks.
+        # A dense row reaches all targets: one flag replaces n marks.
         net.arrived_all[target[t.ARRIVED] + slot] = 1
         net.came[target[t.ARRIVED] + slot] = 1
         into = net.ring[begin : begin + n]
@@ -66,16 +66,16 @@ def send(net, q, i, times, step):
             send_row(into, words, times)
         else:
             words = net.words[row[t.WORD] + i * n : row[t.WORD] + (i + 1) * n]
-            # one pass for each sign that there is: a loop without branches runs many words at a time
+            # One pass per sign: a loop without branches is vectorised.
             if row[t.POSITIVE]:
                 send_capped(into, words, np.int32(times))
             if row[t.NEGATIVE]:
-                # Times -1: words of the other sign become negative here and are cut to 0.
+                # Times -1, so that words of the other sign become negative and are clipped to 0.
                 send_capped(net.ring[begin + below : begin + below + n], words, np.int32(-times))
     elif row[t.LAYOUT] == t.CSR:
         first, last = net.rows[row[t.ROW] + i], net.rows[row[t.ROW] + i + 1]
         base = row[t.SYNAPSE]
-        # the common case by itself: its loop takes slices and has nothing to decide for a synapse
+        # The common case has a loop over slices without branches.
         if row[t.LAG_STRIDE] == 0 and not capped and times == 1 and row[t.WORD_STRIDE] == 1:
             slot = (step + net.lags[row[t.LAG]]) & mask
             begin = target[t.RING] + slot * n
@@ -121,7 +121,7 @@ def send_row(into, words, times):
 @subkernel
 def send_capped(into, words, times):
     """Add the words of one sign to slots that saturate."""
-    # A literal 0 has 64 bits, which would widen the loop and halve the words that are done at a time.
+    # A literal 0 has 64 bits, which would widen the loop and halve the words per vector.
     zero = np.int32(0)
     for k in range(into.size):
         amount = max(np.int32(words[k] * times), zero)
@@ -132,17 +132,17 @@ def send_capped(into, words, times):
 def send_sparse(into, arrived, targets, words):
     """Add words to scattered slots."""
     for e in range(targets.size):
-        place = np.uint32(targets[e])  # unsigned: numba then looks for no index from the end
+        place = np.uint32(targets[e])  # unsigned, so that numba does not check for indices from the end
         into[place] = np.int32(into[place] + np.int32(words[e]))
         arrived[place] = 1
 
 
 @subkernel
 def send_grid(net, row, target, i, times, step, below, capped):
-    """Add a shared kernel: every place of every map whose kernel covers the source."""
+    """Send a spike along a shared kernel: to every place of every map whose kernel covers the source."""
     sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     channel, rest = i // sheet, i % sheet
-    first = channel // row[t.DEPTH] * row[t.REACH]  # of the maps that the channel reaches
+    first = channel // row[t.DEPTH] * row[t.REACH]  # the first map that the channel reaches
     y, x = rest // row[t.CHANNEL_WIDTH] + row[t.TOP], rest % row[t.CHANNEL_WIDTH] + row[t.LEFT]
     height, width, stride = row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH], row[t.STRIDE]
     # the first and the last place whose kernel covers the line: ceil((y - height + 1) / stride) and y / stride
@@ -166,13 +166,13 @@ def send_grid(net, row, target, i, times, step, below, capped):
 
 
 FEWEST = 4
-"""Maps that a channel reaches from which this is worth while."""
+"""Least number of maps per channel for which summing first is faster."""
 
 
 def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
-    """Room for the words of grids with the maps innermost, and for the sums of a step."""
-    # Several spikes of a step reach the same places of a grid. Added up first, with the maps innermost, they cost a run
-    # of neighbours each; then the sums go once into the slots, which lie by map as ids do.
+    """Add the arrays for the words of grids, sorted by place and map, and for the sums of a step."""
+    # Several spikes of a step reach the same places of a grid. Each is first added in a run, with the maps innermost.
+    # The sums are then written once to the slots, which are sorted by map like ids.
     kernels = places = marks = 0
     for row, part in zip(a["projections"], program.projections, strict=True):
         row[t.GATHER] = t.NONE
@@ -185,21 +185,21 @@ def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
     a["kernels"] = np.zeros(kernels, dtype=a["words"].dtype)
     a["gathered"], a["marked"] = np.zeros(places, dtype=np.int32), np.zeros(marks, dtype=np.uint8)
     for q, part in enumerate(program.projections):
-        turn(a, part, a["projections"][q])
+        copy_words(a, part, a["projections"][q])
 
 
 def places(grid: Grid) -> Ints:
-    """Where the weights of one map lie among the words that `gather` adds: shape (depth x height x width,)."""
+    """Return the positions of one map's weights among the words that `gather` adds, shape (depth x height x width,)."""
     _, depth, height, width = grid.kernels
-    # A source covers neighbouring places with every stride-th column of the kernel, from the right to the left. In this
-    # order these columns are neighbours, too.
+    # A source covers neighbouring places with every stride-th column of the kernel, from right to left. In this order
+    # the columns are neighbours, too.
     line = np.concatenate([np.arange(first, width, grid.stride)[::-1] for first in range(grid.stride)])
-    found: Ints = (np.arange(depth * height)[:, np.newaxis] * width + np.argsort(line)).ravel()
-    return found
+    positions: Ints = (np.arange(depth * height)[:, np.newaxis] * width + np.argsort(line)).ravel()
+    return positions
 
 
-def turn(a: dict[str, NDArray[Any]], part: Projection, row: Ints) -> None:
-    """Take over the words of a projection, where it has room for them."""
+def copy_words(a: dict[str, NDArray[Any]], part: Projection, row: Ints) -> None:
+    """Copy the words of a projection to the arrays sorted by place and map, if it has any."""
     if row[t.GATHER] >= 0:
         assert part.grid is not None
         shape, reach = part.size // part.grid.maps, part.grid.reach
@@ -212,20 +212,20 @@ def turn(a: dict[str, NDArray[Any]], part: Projection, row: Ints) -> None:
 
 @kernel
 def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
-    """Write the words of some synapses of a projection, where it has room for them by places, too.
+    """Write the words of some synapses of a projection, also to the arrays sorted by place and map, if it has any.
 
     Args:
-        mantissas: of all its synapses.
-        synapses: which have changed.
+        mantissas: mantissas of all its synapses.
+        synapses: indices of the changed synapses.
         table: the word of each mantissa from `lowest` on.
         lowest: the smallest mantissa.
-        words: of all projections, changed.
-        kernels: likewise by places.
-        row: of the projection; it is marked that there may be words of a sign.
-        where: of a grid, see `places`.
+        words: output, words of all projections.
+        kernels: output, words sorted by place and map.
+        row: row of the projection; columns POSITIVE and NEGATIVE are set if there are such words.
+        where: for a grid, the result of `places`.
     """
     reach, size = row[t.REACH], where.size
-    first = end = into = 0  # the weights of a map, and where they go: neighbours are mostly of one
+    first = end = into = 0  # bounds of a map's weights, and their destination; neighbours are mostly in one map
     for k in range(synapses.size):
         s = synapses[k]
         word = table[mantissas[s] - lowest]
@@ -235,7 +235,7 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
         elif word < 0:
             row[t.NEGATIVE] = 1
         if row[t.GATHER] >= 0:
-            # A division for each map instead of each synapse.
+            # One division per map instead of one per synapse.
             if s < first or s >= end:
                 m = s // size
                 first, end, into = m * size, (m + 1) * size, row[t.KERNEL] + m // reach * size * reach + m % reach
@@ -244,19 +244,22 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
 
 @subkernel
 def may_gather(net, row, capped):
-    """Whether a projection is such a grid; slots that saturate must not get both signs in one sum."""
+    """Return whether the sums of a projection are added first.
+
+    Slots that saturate must not get both signs in one sum.
+    """
     return row[t.LAYOUT] == t.GRID and row[t.GATHER] >= 0 and not (capped and row[t.POSITIVE] and row[t.NEGATIVE])
 
 
 @subkernel
 def covering(at, kernel, stride, places):
-    """The first place whose kernel covers a line of the source, and one after the last."""
+    """Return the first place whose kernel covers a line of the source, and the end of such places."""
     return max(0, -((kernel - 1 - at) // stride)), min(places, at // stride + 1)
 
 
 @subkernel
 def place_in_line(x, width, stride):
-    """Where the words of column x of a kernel lie in their line, see `places`."""
+    """Return the position of the words of column x within their line of a kernel, see `places`."""
     first = x % stride
     before = first * (width // stride) + min(first, width % stride)
     return before + (width - 1 - first) // stride - x // stride
@@ -264,10 +267,10 @@ def place_in_line(x, width, stride):
 
 @subkernel
 def gather(net, row, begin, first, last):
-    """Add up the emitted spikes first:last of a source whose neurons begin at `begin`, and mark the places.
+    """Sum the emitted spikes first:last of a source whose neurons begin at `begin`, and mark the reached places.
 
     Returns:
-        The rows and the columns of the targets between which all of them are, each with one after the last.
+        the box of all reached targets: first row and end, first column and end.
     """
     sheet, width, reach = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH], row[t.CHANNEL_WIDTH], row[t.REACH]
     kernel_height, kernel_width, stride = row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH], row[t.STRIDE]
@@ -297,31 +300,31 @@ def gather(net, row, begin, first, last):
 
 
 @subkernel
-def pour_map(into, sums, apart):
-    """Add the sums that lie `apart` from each other to neighbouring slots."""
+def pour_map(into, sums, stride):
+    """Add sums with a stride to neighbouring slots."""
     for p in range(into.size):
-        into[p] = np.int32(into[p] + sums[p * apart])
+        into[p] = np.int32(into[p] + sums[p * stride])
 
 
 @subkernel
-def pour_capped(into, sums, apart, sign):
-    """Likewise to slots that saturate."""
+def pour_capped(into, sums, stride, sign):
+    """Add sums with a stride to neighbouring slots that saturate."""
     for p in range(into.size):
-        into[p] = min(np.int32(into[p] + np.int32(sums[p * apart] * sign)), OVER)
+        into[p] = min(np.int32(into[p] + np.int32(sums[p * stride] * sign)), OVER)
 
 
 @subkernel
 def pour(net, row, target, box, step, below, capped):
-    """Add the sums to the slot in which they arrive, and clear them."""
+    """Add the sums in a box to the slot in which they arrive, and clear them."""
     top, bottom, left, right = box
     rows, columns, reach = row[t.ROWS], row[t.COLUMNS], row[t.REACH]
     sheet = rows * columns
     slot = (step + net.lags[row[t.LAG]]) & (target[t.SLOTS] - 1)
     base = target[t.RING] + slot * sheet * row[t.MAPS]
     net.came[target[t.ARRIVED] + slot] = 1
-    at_once = 2 * (right - left) >= columns  # what lies between the lines of the box has sums of 0
+    at_once = 2 * (right - left) >= columns  # sums between the lines of the box are 0
     spans = 1 if at_once else bottom - top
-    # One long run with zeros between is faster than many short ones where the box is at least half as wide as the grid.
+    # If the box is at least half as wide as the grid, one long run with zeros is faster than many short runs.
     run = right - left + (bottom - top - 1) * columns if at_once else right - left
     for span in range(spans):
         first = (top + span) * columns + left
@@ -340,7 +343,7 @@ def pour(net, row, target, box, step, below, capped):
                 arrived = net.arrived[to : to + run]
                 for p in range(run):
                     arrived[p] |= marks[p]
-            # Cleared while they are in the cache; the next step finds them empty.
+            # Cleared for the next step while they are in the cache.
             sums[:] = 0
             marks[:] = 0
 

@@ -1,4 +1,4 @@
-"""The engine of the emulated chips: it drives the machine, presents trials and counts; see also `settable`."""
+"""The engine of the emulated chips, which drives the machine, presents trials and counts operations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuro_chip.trials import ChipTrials
 
 
 class ChipEngine(Settable):
-    """A quantised program in execution; `neuro.program.backend.Engine` says what each method does.
+    """A quantised program in execution; `neuro.program.backend.Engine` describes the methods.
 
     Args:
         fixed: registers and words.
@@ -39,51 +39,51 @@ class ChipEngine(Settable):
         return self._machine.step
 
     def run(self, steps: int) -> None:
-        """Advance."""
+        """Run some steps."""
         self._machine.advance_to(self.step + steps)
         self._machine.check_overflows()
 
     # trials
 
     def present(self, trial: Trial) -> Outcome:
-        """Run one trial."""
+        """Present one trial."""
         assert self._trials is not None
         return self._trials.present(trial)
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Apply a rule's `teach` to the inputs of one neuron: the host does."""
+        """Apply a rule's `teach` to the inputs of one neuron, on the host."""
         assert self._trials is not None
         self._trials.learn(projection, neuron, tick, lesson)
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply a rule's `encourage` to every weight of some maps: the host does."""
+        """Apply a rule's `encourage` to every weight of some maps, on the host."""
         assert self._trials is not None
         self._trials.encourage(projection, maps)
 
     # input
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
-        """Add spikes of a listed population."""
+        """Add spikes to a population of listed spikes."""
         if self._machine.listed.add(population, steps, ids, self.step, payloads):
             self._machine.bind()
 
-    # accounts
+    # recordings and counts
 
     def are_finite(self, population: int, states: Sequence[str]) -> bool:
-        """As `neuro.program.backend.are_finite`: registers hold whole numbers."""
+        """Return True, because registers hold whole numbers."""
         return True
 
     def spikes(self, population: int, since: int) -> Spikes:
-        """Recorded spikes after a step."""
+        """Return the recorded spikes after a step."""
         here = self._machine.slice(population)
         return carrying(self.program.populations[population], self._machine.record.spikes(here.start, here.stop, since))
 
     def forget(self, before: int) -> None:
-        """Drop recorded spikes up to a step."""
+        """Drop the recorded spikes up to a step."""
         self._machine.record.forget(before)
 
     def counts(self) -> EngineCounts:
-        """Counts since the start or the last reset."""
+        """Return the counts since the start or the last reset."""
         machine, a = self._machine, self._machine.arrays
         parts = [(part, machine.slice(k)) for k, part in enumerate(self.program.populations)]
         native = machine.native(t.NATIVE_COLUMNS) | machine.weights.native() | machine.learners.native()
@@ -97,7 +97,7 @@ class ChipEngine(Settable):
         )
 
     def memory(self) -> dict[str, int]:
-        """Bytes by what they hold."""
+        """Return the bytes of neurons, synapses and recorded spikes."""
         machine, names = self._machine, ("words", "lags", "rows", "targets")
         synapses = sum(machine.arrays[name].nbytes for name in names)
         return {
@@ -107,13 +107,13 @@ class ChipEngine(Settable):
         }
 
     def reset(self, weights: bool) -> None:
-        """Back to step 0."""
+        """Go back to step 0."""
         self._machine.start_anew(weights)
         if self._trials:
             self._trials.start_anew()
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that `restore` needs."""
+        """Return all arrays that `restore` needs."""
         changes = np.array(self._trials.changes if self._trials else 0)
         return {**self._machine.snapshot(), "trials.changes": changes}
 

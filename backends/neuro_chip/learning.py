@@ -1,38 +1,41 @@
-"""The microcode of learning: synapses that spikes reach are visited, and a rule changes their weight and tag.
+"""The learning engines of Loihi: microcode that visits the synapses of neurons that fired and changes weight and tag.
 
-`microcode` makes the kernel of a family from what it does otherwise: one product, the number of an epoch's draw, and
-the rounding of a sum. What follows is Loihi's; Loihi 2 computes as lava does, "bit approximate" in its words:
+`microcode` builds the kernel of a family from the functions in which Loihi 1 and 2 differ: a product, the base of an
+epoch's random draws, and the rounding of a sum.
 
-* Each factor is clipped to its bits and signed; their product, of 32 bits, is multiplied by the scale's mantissa,
-  shifted down by what it may have above 15 bits, shifted up by the exponent + 7 and clipped.
-* Weight and tag lie 7 bits up in the sum of the products; one random number rounds all of them.
+Loihi 2 follows lava, which calls its rules "bit approximate":
 
-Loihi:
+* Each factor is clipped to its bits and signed. The product of the factors, of 32 bits, is multiplied by the scale's
+  mantissa, shifted down by its largest possible excess over 15 bits, shifted up by the exponent + 7, and clipped.
+* Weight and tag have 7 fractional bits in the sum of the products. A single random number rounds all sums of an epoch.
 
-In a step of learning: every trace decays, spikes add their impulses, and at the end of an epoch the rule is applied.
+Loihi 1, in each step: every trace decays, spikes add their impulses, and at the end of an epoch the rule is applied.
 
-* A trace v keeps v numerator / denominator, rounded up with the probability of the fraction; a spike then adds the
-  impulse, up to 127. The rule therefore reads traces with the impulses of the very step (Brian2Loihi and lava agree).
-* A product gated by x0 reads all traces at the step of the last pre spike of the epoch, one gated by y0 at that of the
-  last post spike, one gated by u_k at the end of the epoch (lava; with epochs of one step they are all the same).
-  r1 and r2, which come from outside, are read at the end of the epoch.
-* dw and dt are worked out from the values before either is applied (both agree).
-* A product is scaled exactly, cut towards 0 to 2^-7 of a mantissa and to 16 bits, and added to the variable in a 16-bit
-  accumulator that saturates (lava). The sum is rounded once, by a keyed draw, to the resolution of the weight
-  (`AWAY`: see `LearningRule.rounding`), and the weight is clipped to its sign mode's range.
+* A trace v becomes v numerator / denominator, rounded up with the probability of the fraction. A spike then adds the
+  impulse, up to 127. The rule therefore reads traces with the impulses of the same step (Brian2Loihi and lava agree).
+* A product gated by x0 reads all traces at the step of the epoch's last pre spike, a product gated by y0 at the step of
+  its last post spike, and a product gated by u_k at the end of the epoch (lava). With epochs of one step all three are
+  equal. r1 and r2, which come from outside, are read at the end of the epoch.
+* dw and dt are computed from the values before either change is applied (both agree).
+* A product is scaled exactly, truncated towards 0 to multiples of 2^-7 of a mantissa, clipped to 16 bits, and added to
+  the variable in a 16-bit accumulator that saturates (lava). The sum is rounded once, by a keyed draw, to the
+  resolution of the weight (`AWAY`: see `LearningRule.rounding`), and the weight is clipped to the range of its sign
+  mode.
 
-Where references differ:
-* Decay per step: 1 - 1/tau in Brian2Loihi (the default of `loihi_learning`), exp(-1/tau) in lava. Both are here.
-* Draws: Brian2Loihi draws for each synapse and trace, from the fraction of the value before the impulse; lava takes one
-  number for all neurons and traces. Here each neuron and trace has its own draw, from the fraction of its own value.
-* Changes below a mantissa: Brian2Loihi rounds them away from 0 (and then, for products of spikes, to the weight's step
-  towards 0, since its draw is made before the spikes arrive), lava stochastically from 7 bits. Here: `rounding`.
-* Products of several factors: lava drops their low bits without making up for it, so its scale is not what the rule
-  says; Brian2Loihi keeps fractions. Here the scale is as written and bits below 2^-7 are cut.
-* Several spikes of a neuron in an epoch: lava moves all but the last to its beginning; here each counts when it comes.
-* Delays: Brian2Loihi delays x0, x1 and x2 with the current; lava learns without delays. Here traces take no delay: the
-  chip delays what a synapse adds to the current, behind its learning engine.
-* Tags reach -257 in lava; here they are 9-bit, -256 to 255. Brian2Loihi has no tags, epochs or accumulator.
+Differences between the references:
+* Decay per step: 1 - 1/tau in Brian2Loihi (the default of `loihi_learning`), exp(-1/tau) in lava. Both are available.
+* Draws: Brian2Loihi draws for each synapse and trace, from the fraction of the value before the impulse. lava draws a
+  single number for all neurons and traces. Here each neuron and trace has its own draw, from the fraction of its own
+  value.
+* Changes below a mantissa: Brian2Loihi rounds away from 0, and products of spikes then towards 0 to the weight's step,
+  because its draw is made before the spikes arrive. lava rounds stochastically from 7 bits. Here: `rounding`.
+* Products of several factors: lava drops low bits without compensation, so that its scale differs from that of the
+  rule. Brian2Loihi keeps fractions. Here the scale is exact, and bits below 2^-7 are truncated.
+* Several spikes of a neuron in an epoch: lava moves all but the last to the beginning of the epoch. Here each acts at
+  its own step.
+* Delays: Brian2Loihi delays x0, x1 and x2 together with the current; lava learns without delays. Here traces are not
+  delayed, because the chip delays the input of a synapse behind the learning engine.
+* Tags reach -257 in lava; here they have 9 bits, -256 to 255. Brian2Loihi has no tags, epochs or accumulator.
 """
 
 # mypy: ignore-errors
@@ -46,17 +49,17 @@ from neuro.kernels.jit import inlined, kernel
 from neuro.model.synapses.loihi_rule import FACTORS, WIDTHS
 
 GATE, MASK, MANTISSA, SHIFT, SIZE, DOWN, FIRST = range(7)
-"""Columns of a product: gate; 2^k - 1; scale; number of factors; by how many bits Loihi 2 shifts it down; then (factor,
+"""Columns of a product: gate; 2^k - 1; scale; number of factors; bits by which Loihi 2 shifts it down; then (factor,
 constant) pairs."""
 X0, Y0, U = range(3)
 LARGEST_SIZE = 4
 COLUMNS = FIRST + 2 * LARGEST_SIZE
 EPOCH, PRECISION, LOW, HIGH, TAG_LOW, TAG_HIGH, AWAY, NEEDS_TAG, OF_WEIGHT = range(9)
-"""Settings: steps of an epoch; step of a weight; its bounds and those of a tag; rounding; whether products with u_k are
-0 where the tag is; how many products are of dw (they come first)."""
+"""Settings: steps of an epoch; step of a weight; bounds of weight and tag; rounding; whether all products with u_k have
+the tag as a factor; number of products of dw, which come first."""
 EVALUATED, CHANGED, WEIGHT_SATURATED, TAG_CHANGED, TAG_SATURATED, OVERFLOWS = range(6)
-"""Counts: synapses that the rule was applied to; weights written; weights that met a bound; the same of tags; products
-and sums that exceeded the accumulator."""
+"""Counts: synapses to which the rule was applied; weights written; weights at a bound; tags written; tags at a bound;
+products and sums that exceeded the accumulator."""
 LAST = 32767
 BITS = np.array([(WIDTHS | {"x0": 1, "y0": 1})[name] for name in FACTORS])
 """Bits of each factor."""
@@ -66,12 +69,12 @@ i32 = np.int32
 
 
 class Traces(NamedTuple):
-    """What a rule reads of the neurons.
+    """The traces and spikes of the neurons on both sides of a projection.
 
     Attributes:
-        xs, ys: traces of the sources (x1, x2) and of the targets (y1, y2, y3, r1, r2), (steps of an epoch, traces,
-            neurons).
-        tx, ty: the step in the epoch, from 1, in which each source and target fired last; 0 if it has not fired.
+        xs: traces of the sources (x1, x2), shape (steps of an epoch, traces, neurons).
+        ys: traces of the targets (y1, y2, y3, r1, r2), of the same shape.
+        tx, ty: step in the epoch, from 1, in which each source and target fired last; 0 if it has not fired.
     """
 
     xs: Any
@@ -85,9 +88,9 @@ class Synapses(NamedTuple):
 
     Attributes:
         weights, tags: int16, in the order of `targets`.
-        row_ends, targets: synapses of source i are row_ends[i] : row_ends[i + 1].
-        column_ends, incoming, sources: those onto target j and their sources are column_ends[j] : column_ends[j + 1] of
-            `incoming` and `sources`.
+        row_ends, targets: source i has the synapses row_ends[i] : row_ends[i + 1].
+        column_ends, incoming, sources: target j has the synapses incoming[column_ends[j] : column_ends[j + 1]], with
+            their sources at the same positions of `sources`.
     """
 
     weights: Any
@@ -101,22 +104,22 @@ class Synapses(NamedTuple):
 
 @inlined
 def draw(base, index, below):
-    """A whole number in [0, below), below <= 2^24."""
+    """Return a random whole number in [0, below), below <= 2^24."""
     return np.int64(((mix(base + np.uint64(index) * _NEURON) >> _HALF) * np.uint64(below)) >> _HALF)
 
 
 @kernel
 def decay(history, slot, keep, keys, step):
-    """Let traces decay from the slot before (cyclic) into `slot`.
+    """Write the decayed traces of the previous slot (cyclic) to `slot`.
 
     Args:
         history: uint8 (slots, traces, neurons); one slot for each step of an epoch.
-        slot: where this step belongs.
-        keep: int64 (traces, 2): numerator and denominator of what a step leaves.
-        keys: uint64, one for each trace.
+        slot: slot of this step.
+        keep: int64 (traces, 2): numerator and denominator of the decay factor per step.
+        keys: uint64, one per trace.
         step: the step, for the draws.
     """
-    # A ring of one slot for each step of an epoch: products read traces at the step of the last spike in it.
+    # The ring has a slot for each step of an epoch, because products read traces at the step of the last spike.
     before = (slot - 1) % history.shape[0]
     for k in range(history.shape[1]):
         base = step_word(keys[k], step)
@@ -124,7 +127,7 @@ def decay(history, slot, keep, keys, step):
         for i in range(history.shape[2]):
             v = np.int64(history[before, k, i])
             if v != 0:
-                v *= numerator  # whole numbers, so that the fraction drawn for below is exact
+                v *= numerator  # whole numbers, so that the fraction below is exact
                 rest = v % denominator
                 v //= denominator
                 if rest != 0 and draw(base, i, denominator) < rest:
@@ -134,7 +137,7 @@ def decay(history, slot, keep, keys, step):
 
 @kernel
 def spike(history, slot, impulses, ids, times):
-    """Add the impulses of the neurons `ids`, which fired in this step, and note it; return how many saturated."""
+    """Add the impulses of the neurons `ids`, which fired in this step, and store the step; return the saturations."""
     saturated = 0
     for n in range(ids.size):
         i = ids[n]
@@ -150,8 +153,8 @@ def spike(history, slot, impulses, ids, times):
 
 @inlined
 def factor(code, slot, i, j, traces, w, t):
-    """Return the value of a factor; codes as in `neuro.model.synapses.loihi_rule.FACTORS`."""
-    # The weight and the tag first: most rules multiply by one of them. A kernel has no table of values by name.
+    """Return the value of a factor; codes are those of `neuro.model.synapses.loihi_rule.FACTORS`."""
+    # Weight and tag come first, because most rules multiply by one of them. A kernel has no table of values by name.
     if code == 9:
         return w
     if code == 10:
@@ -169,7 +172,7 @@ def factor(code, slot, i, j, traces, w, t):
 
 @inlined
 def limited(v, lowest, counts):
-    """Return a value as the accumulator holds it."""
+    """Return a value clipped to the accumulator."""
     if v > LAST:
         counts[OVERFLOWS] += 1
         return LAST
@@ -180,25 +183,25 @@ def limited(v, lowest, counts):
 
 
 def microcode(product, base_of, rounded, lowest):
-    """Return the kernel that applies rules, from the functions of a family, which are inlined.
+    """Return the kernel that applies rules, built from the functions of a family, which are inlined.
 
     Args:
-        product: product(terms, n, slot, i, j, traces, w, t): the value of product n, in units of 2^-7.
-        base_of: base_of(keys, k, step): from what the draws for weights (k = 0) and for tags (k = 1) are made.
-        rounded: rounded(value, change, precision, low, high, away, base, e): the new value of a variable of synapse e,
-            from its change in units of 2^-7; not yet within its bounds.
+        product: product(terms, n, slot, i, j, traces, w, t) returns the value of product n in units of 2^-7.
+        base_of: base_of(keys, k, step) returns the base of the draws for weights (k = 0) or tags (k = 1).
+        rounded: rounded(value, change, precision, low, high, away, base, e) returns the new value of a variable of
+            synapse e from its change in units of 2^-7, not yet clipped to its bounds.
         lowest: the smallest value of the accumulator.
     """
 
     @inlined
     def change(terms, first, end, number, i, j, traces, state, k, counts):
-        # Of state[k]: `state` is weight and tag.
-        # Seven bits below the mantissa: the accumulator keeps fractions of a weight until the end of the epoch's sum.
+        # The change of state[k], where `state` is weight and tag. The accumulator has seven bits below the mantissa,
+        # for fractions of a weight in the sum of an epoch.
         begin = state[k] << 7
         total = begin
         for n in range(first, end):
             gate = terms[n, GATE]
-            if (number & terms[n, MASK]) != 0:  # u_k: not its epoch
+            if (number & terms[n, MASK]) != 0:  # u_k in another epoch
                 continue
             if gate == X0:
                 slot = np.int64(traces.tx[i]) - 1
@@ -208,7 +211,7 @@ def microcode(product, base_of, rounded, lowest):
                 slot = traces.xs.shape[0] - 1
             if slot < 0:
                 continue
-            # the accumulator saturates at each sum, so the order of the products is part of the rule
+            # The accumulator saturates at each sum, so the order of the products matters.
             total += limited(product(terms, n, slot, i, j, traces, *state), lowest, counts)
             total = limited(total, lowest, counts)
         return total - begin
@@ -217,7 +220,7 @@ def microcode(product, base_of, rounded, lowest):
     def apply(terms, settings, number, i, j, e, traces, synapses, bases, counts):
         counts[EVALUATED] += 1
         state = w, t = np.int64(synapses.weights[e]), np.int64(synapses.tags[e])
-        # Both changes from the values before either is applied.
+        # Both changes follow from the values before either is applied.
         dw = change(terms, 0, settings[OF_WEIGHT], number, i, j, traces, state, 0, counts)
         dt = change(terms, settings[OF_WEIGHT], terms.shape[0], number, i, j, traces, state, 1, counts)
         if dw != 0:
@@ -241,20 +244,20 @@ def microcode(product, base_of, rounded, lowest):
 
     @kernel
     def learn(terms, settings, traces, synapses, keys, step, counts):
-        """Apply the rule at the end of an epoch and forget its spikes.
+        """Apply the rule at the end of an epoch and clear its spikes.
 
-        Synapses are visited where a spike gates a product: along the rows of the pre neurons that fired, then along the
-        columns of the post neurons that fired. All are visited where a product with u_k is due; those whose tag is 0
-        and that saw no spike are passed over if every such product has t as a factor.
+        If a spike gates a product, the rows of the pre neurons that fired are visited, then the columns of the post
+        neurons that fired. In an epoch with a u_k product all synapses are visited. If all u_k products have t as a
+        factor, synapses without a spike whose tag is 0 are skipped.
 
         Args:
-            terms: the products, laid out as above.
-            settings: likewise.
-            traces: of both sides.
-            synapses: of the projection; weights and tags are changed.
-            keys: of the draws.
-            step: ends the epoch.
-            counts: grow.
+            terms: the products, in the columns above.
+            settings: the settings above.
+            traces: traces and spikes of both sides.
+            synapses: the synapses of the projection; weights and tags are changed.
+            keys: keys of the draws.
+            step: the last step of the epoch.
+            counts: the counts above; increased.
         """
         number = step // settings[EPOCH]
         bases = base_of(keys, 0, step), base_of(keys, 1, step)
@@ -286,7 +289,7 @@ def microcode(product, base_of, rounded, lowest):
                 for j in range(ty.size):
                     if ty[j] != 0:
                         for n in range(column_ends[j], column_ends[j + 1]):
-                            # those of sources that fired were visited along their rows: each once, from the same values
+                            # synapses of sources that fired have already been visited along rows
                             i, e = sources[n], incoming[n]
                             if tx[i] == 0 or not gated_x:
                                 apply(terms, settings, number, i, j, e, traces, synapses, bases, counts)
@@ -298,7 +301,7 @@ def microcode(product, base_of, rounded, lowest):
 
 @inlined
 def product_of_loihi(terms, n, slot, i, j, traces, w, t):
-    """Return a product, cut towards 0."""
+    """Return a product, truncated towards 0."""
     v = terms[n, MANTISSA]
     for f in range(terms[n, SIZE]):
         v *= factor(terms[n, FIRST + 2 * f], slot, i, j, traces, w, t) + terms[n, FIRST + 2 * f + 1]
@@ -307,19 +310,19 @@ def product_of_loihi(terms, n, slot, i, j, traces, w, t):
     shift = terms[n, SHIFT]
     if shift >= 0:
         return v << shift
-    # a shift alone cuts downwards: a negative product would lose more than a positive one
+    # A shift alone rounds down, so a negative product would lose more than a positive one.
     return v >> -shift if v > 0 else -((-v) >> -shift)
 
 
 @inlined
 def base_of_loihi(keys, k, step):
-    """Return the word of a step, from which each synapse has a draw of its own."""
+    """Return the word of a step, from which each synapse has its own draw."""
     return step_word(keys[k], step)
 
 
 @inlined
 def rounded_by_loihi(value, change, precision, low, high, away, base, e):
-    """Return a value and its change, a multiple of the variable's step."""
+    """Return a value plus its change, rounded to the variable's step."""
     if away:
         size = (abs(change) + 127) >> 7
         size -= size % precision
@@ -347,13 +350,16 @@ def product_of_loihi2(terms, n, slot, i, j, traces, w, t):
 
 @inlined
 def base_of_loihi2(keys, k, step):
-    """Return the one number that rounds all weights and tags of an epoch."""
+    """Return the single random number that rounds all weights and tags of an epoch."""
     return keys[k]
 
 
 @inlined
 def rounded_by_loihi2(value, change, precision, low, high, away, base, e):
-    """Return a value and its change as a whole number; what has the wrong sign is cut before it is rounded."""
+    """Return a value plus its change, rounded to a whole number.
+
+    A sum with the wrong sign is set to 0 before rounding.
+    """
     change = max(change, -(value << 7)) if low == 0 else change
     change = min(change, -(value << 7)) if high == 0 else change
     whole = change >> 7
@@ -362,4 +368,4 @@ def rounded_by_loihi2(value, change, precision, low, high, away, base, e):
 
 learn_loihi = microcode(product_of_loihi, base_of_loihi, rounded_by_loihi, -LAST - 1)
 learn_loihi2 = microcode(product_of_loihi2, base_of_loihi2, rounded_by_loihi2, -LAST - 2)
-"""lava's accumulator has one value more below than 16 bits hold."""
+"""lava's accumulator reaches one below the smallest 16-bit number."""

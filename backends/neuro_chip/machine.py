@@ -1,4 +1,4 @@
-"""The machine, which goes back to step 0, and on from a saved state."""
+"""The machine: a running program that can go back to step 0 and be saved and restored."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _CLEARED = (
 )
 _LIVE = (*_CLEARED, "emitted", "emitted_times", "groups", "clock", "potential", "mean", "nothing")
 _WON = ("muted", "standing", "map_wins")
-"""Kept of networks in which several neurons of a group may win."""
+"""Arrays that are also saved for networks in which several neurons of a group may win."""
 
 
 class Machine(RunningMachine):
-    """A quantised program that advances, is saved and begins anew."""
+    """A quantised program that advances, is saved and restored, and starts anew."""
 
     def start_anew(self, weights: bool) -> None:
-        """Back to step 0 and the initial states, and to the initial weights if asked."""
+        """Go back to step 0 and the initial states, and with `weights` to the initial weights."""
         for name in _CLEARED:
             self.arrays[name][:] = 0
         self._torn = False
@@ -43,7 +43,7 @@ class Machine(RunningMachine):
         before = self.currents
         del self.currents
         for k, part in enumerate(self.program.populations):
-            if part.kind == "current" and part.schedule is None:  # amplitudes that were set hold from step 0
+            if part.kind == "current" and part.schedule is None:  # amplitudes that a user set hold from step 0
                 self.currents.set(k, "amplitude", before.parameter(k, "amplitude"), 0)
         self._list_rates(1)
         self.weights.start_anew(weights)
@@ -53,12 +53,12 @@ class Machine(RunningMachine):
         self.bind()
 
     def _list_rates(self, step: int) -> None:
-        """The host takes the rates that are listed for a step."""
+        """Set the rates that are listed for a step."""
         for k, rate in self.rates.at(step):
             self.set_rate(k, rate)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that `restore` needs."""
+        """Return all arrays that `restore` needs."""
         if self._torn:
             raise torn()
         return {
@@ -74,15 +74,15 @@ class Machine(RunningMachine):
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot."""
-        self.learners.restore(arrays)  # first, since it refuses what an earlier version has saved
+        self.learners.restore(arrays)  # first, because it refuses snapshots of earlier versions
         self.weights.take(self.cells.restore(arrays))
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
         for name in self._live():
-            if (kept := arrays.get(f"live.{name}")) is not None:  # states that were saved before have no payloads
-                self.arrays[name][:] = kept
+            if (saved := arrays.get(f"live.{name}")) is not None:  # snapshots of earlier versions have no payloads
+                self.arrays[name][:] = saved
         self._torn = False
-        self.arrays["came"][:] = 1  # which slots have input is not kept
+        self.arrays["came"][:] = 1  # a snapshot does not say which slots have input
         self.record.restore(arrays)
         if self._lists is not None:
             self._lists.restore(arrays, self.step)
@@ -93,5 +93,5 @@ class Machine(RunningMachine):
         self.bind()
 
     def _live(self) -> tuple[str, ...]:
-        """The arrays that a saved state has."""
+        """Return the names of the arrays in a snapshot."""
         return _LIVE + (_WON if any(group.choice.several for group in self.program.groups) else ())

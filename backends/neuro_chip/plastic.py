@@ -54,8 +54,8 @@ class Learner:
         counts: int64, see `neuro_chip.learning`; `saturated` counts traces of both sides.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("weights", "tags", "xs", "ys", "tx", "ty", "counts", "saturated")
-    """Arrays that change."""
+    saved: ClassVar[tuple[str, ...]] = ("weights", "tags", "xs", "ys", "tx", "ty", "counts", "saturated")
+    """Names of the arrays in a snapshot."""
     weights: NDArray[np.int16]
     tags: NDArray[np.int16]
     xs: NDArray[Any]

@@ -138,7 +138,7 @@ class ChipWeights:
             self._a["words"] = np.concatenate((self._a["words"], words.astype(self._a["words"].dtype)))
         self._a["words"][row[t.WORD] : row[t.WORD] + words.size] = words
         row[[t.POSITIVE, t.NEGATIVE]] = bool(np.any(words > 0)), bool(np.any(words < 0))
-        deliver.turn(self._a, self._program.projections[index], row)
+        deliver.copy_words(self._a, self._program.projections[index], row)
 
     def write_some(self, index: int, synapses: Ints) -> None:
         """Likewise of some synapses, the only ones that have changed."""

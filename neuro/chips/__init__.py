@@ -1,8 +1,8 @@
-"""What is known of chips: limits, costs, and how a float program becomes one of integers on cores.
+"""Descriptions of chips, with their limits and costs, and the mapping of a network to a chip's integers and cores.
 
 from neuro.chips import chip, place, quantise
 
-print(quantise(sim.program, chip("loihi")))     # registers, words, and what rounding does
+print(quantise(sim.program, chip("loihi")))     # registers, words and rounding errors
 print(place(sim.program, chip("loihi")))        # cores, memory, hops
 """
 

@@ -1,7 +1,8 @@
-"""What a family of chips computes: everything by which one family differs from another, beside limits and costs.
+"""The interface between a chip family and quantising, placing and pricing: everything in which families differ.
 
-`neuro.chips.loihi` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.known` lists them.
-Quantising, placing and pricing ask the object, never for a name. `options_of` checks what a user sets.
+`neuro.chips.loihi`, `neuro.chips.loihi2` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.known`
+lists them. Quantising, placing and pricing call its methods and never look at a chip's name. Limits and costs are in
+the table of each chip. `options_of` checks the options that a user sets.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ Projections = dict[int, FixedProjection]
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Something of quantising that a user may set, part by part.
+    """An option of quantising that a user may set for each population or projection.
 
     Attributes:
-        name: as given to `neuro.compile`, e.g. "scales".
-        of: the parts that have it.
-        fits: whether a value can be.
-        expected: what a value is, for messages.
+        name: as passed to `neuro.compile`, e.g. "scales".
+        of: the kind of parts that have the option.
+        fits: returns whether a value is allowed.
+        expected: description of an allowed value, for messages.
     """
 
     name: str
@@ -49,29 +50,31 @@ SIGNALS = Option(
     lambda value: is_positive(value),
     "the largest dopamine that the signal sets in 1/ms, a number > 0",
 )
-"""The option of families whose learning hears signals."""
+"""The option of families on which a signal can set the dopamine of learning."""
 
 
 class Arithmetic(ABC):
-    """The integers of a family of chips.
+    """The integer arithmetic of a family of chips.
 
     Attributes:
-        name: as in a table's `arithmetic`, and in `chip` of the models whose parameters are its registers.
-        title: for people.
-        models: neuron models of the language that it can be.
-        options: what users may set.
+        name: as in `arithmetic` of a chip's table, and in `chip` of the models whose parameters are registers of the
+            family.
+        title: the family's name for people.
+        models: neuron models of the language that the family can run.
+        options: options that users may set.
         state_limit: the largest magnitude of a state register.
-        native_volt: units of the voltage register per mV of neurons that are described in registers.
-        register_of_one: what the delay register holds of a spike that acts one step after its emission.
-        one_bit: whether a spike is one bit, so that several of a neuron in a step become one.
+        native_volt: units of the voltage register per mV, for neurons that are described in registers.
+        register_of_one: content of the delay register for a spike that acts one step after its emission.
+        one_bit: whether a spike is one bit, so that several spikes of a neuron in a step are merged.
         graded: whether a spike carries a payload.
-        in_rows: whether synapses lie in rows as long as the longest, else in blocks; see `neuro.chips.incoming`.
-        keeps_kernels: whether a core keeps a kernel once, and not each of its synapses.
-        multicast: whether routers copy a spike that goes to several cores, else it is sent once for each.
-        receptors: slots of a neuron for each step to come: 1, words of any sign are summed in 32 bits; 2, one for each
-            sign, which saturate.
+        in_rows: whether synapses are stored in rows as long as the longest one, otherwise in blocks; see
+            `neuro.chips.incoming`.
+        keeps_kernels: whether a core stores a kernel once instead of each of its synapses.
+        multicast: whether routers copy a spike for several cores, otherwise a source sends one spike to each core.
+        receptors: input slots of a neuron per future step. With 1, words of any sign are summed in 32 bits. With 2,
+            each sign has a slot that saturates.
         word: type of the array of words.
-        stands_for: the register that holds a state or a parameter, by the names of the language.
+        stands_for: the register that holds each state and parameter of the language.
         states: the state registers of each kind of population (`FixedPopulation.kind`).
     """
 
@@ -93,12 +96,12 @@ class Arithmetic(ABC):
     states: Mapping[str, tuple[str, ...]]
 
     def option(self, name: str) -> Option | None:
-        """Return the option of that name, None if it has none."""
+        """Return the option of a name, or None."""
         return next((option for option in self.options if option.name == name), None)
 
     @abstractmethod
     def population(self, inputs: Inputs, options: Options) -> tuple[FixedPopulation, Projections, list[Problem]]:
-        """Bring a population of `models` and the projections onto it into integers, and tell what cannot be."""
+        """Quantise a population of `models` and the projections onto it; also return refusals and approximations."""
 
     def native(self, part: Population) -> FixedPopulation:
         """Return a population that is described in registers: its parameters are the registers."""
@@ -108,23 +111,23 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def native_projection(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-        """Bring a projection onto a population in registers into words, and tell what cannot be."""
+        """Quantise a projection onto a population in registers; also return the refusals and approximations."""
 
     @abstractmethod
     def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
-        """Return a projection onto parrots, which the host relays: every spike counts, whatever its weight."""
+        """Return a projection onto parrots. The host relays every spike, whatever the weight."""
 
     def give_rules(
         self, program: Program, chip: Chip, cells: list[FixedPopulation], wires: Projections, options: Options
     ) -> Iterator[Problem]:
-        """Give rules to the projections that learn on the chip; yield what is refused and what is approximated.
+        """Set the rules of the projections that learn on the chip; yield refusals and approximations.
 
         Args:
             program: the whole network.
-            chip: for which it is quantised.
-            cells: the populations in registers.
-            wires: the projections in words; those that learn are replaced.
-            options: what users set.
+            chip: the chip for which the network is quantised.
+            cells: the quantised populations.
+            wires: the quantised projections. Those that learn are replaced by copies with a rule.
+            options: options that users set.
         """
         for index in range(len(program.projections)):
             yield from self.give_rule(program, chip, index, wires, options)
@@ -132,10 +135,10 @@ class Arithmetic(ABC):
     def give_rule(
         self, program: Program, chip: Chip, index: int, wires: Projections, options: Options
     ) -> Iterator[Problem]:
-        """Give a rule to one projection, as `give_rules` does.
+        """Set the rule of one projection, see `give_rules`.
 
-        A family has no rules but those in its own registers, unless it overrides this method: other projections that
-        learn are refused.
+        The default implementation accepts only rules in the family's own registers and refuses other learning
+        projections.
         """
         part = program.projections[index]
         if (problem := foreign(program, chip, index)) is not None:
@@ -152,55 +155,55 @@ class Arithmetic(ABC):
             )
 
     def core_bytes(self, program: Program, chip: Chip, population: int, neurons: int) -> int:
-        """Return the bytes of a core's own memory that learning onto some neurons takes, 0 where none is known."""
+        """Return the bytes of a core's own memory that learning onto some neurons needs, or 0 where none is counted."""
         return 0
 
-    def told_of_learning(
+    def learning_notes(
         self,
         program: Program,
         chip: Chip,
         cores: Sequence[Sequence[tuple[int, int, int]]],
         visits: Mapping[int, tuple[float, float]] | None = None,
     ) -> Iterator[str]:
-        """Yield what learning takes of the memory and of the time of the cores, as far as that is known.
+        """Yield notes on the memory and the time that learning needs on the cores, as far as figures are published.
 
         Args:
             program: has the projections.
             chip: has the limits.
-            cores: populations on each, and their neurons first <= i < last.
-            visits: of a step, by projection, the synapses of pre spikes and those of post spikes; None: all neurons
-                spike once.
+            cores: for each core its populations, each with its neurons first <= i < last.
+            visits: mean number of synapses per step that pre spikes and post spikes visit, by projection. None: every
+        neuron spikes once.
         """
         yield from ()
 
     @abstractmethod
-    def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
-        """Return the options with which a population and the projections onto it get the scale that they have."""
+    def scale_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+        """Return the options that fix the present scale of a population and of the projections onto it."""
 
     def filled(self, cells: FixedPopulation, arriving: Floats) -> float:
-        """Return the largest share of its registers that a population's input takes; of families with one receptor.
+        """Return the fullest input register of a population as a share of its range, for families with one receptor.
 
         Args:
             cells: the population.
-            arriving: what arrives in each step, in words, (recordings, steps, neurons).
+            arriving: input of each step in words, shape (recordings, steps, neurons).
         """
         raise NotImplementedError
 
     @abstractmethod
-    def told_scale(self, cells: FixedPopulation, wires: FixedProjection) -> str:
-        """Return how the weights of a projection onto some cells are scaled, for the report."""
+    def scale_text(self, cells: FixedPopulation, wires: FixedProjection) -> str:
+        """Return the scale of the weights of a projection onto a population as text for the report."""
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return the way out where weights that are described in registers lose bits, "" where they cannot."""
+        """Return a hint against lost bits of weights that are described in registers, or "" where none can be lost."""
         return ""
 
     def notes(self, program: Program) -> Iterator[str]:
-        """Yield what is to be known of a program on the machine."""
+        """Yield notes on how the machine runs a program."""
         yield from ()
 
     @abstractmethod
     def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
-        """Return a synaptic current in pA, of its name, from the state registers."""
+        """Return the synaptic current of a name in pA, from the state registers."""
 
     @abstractmethod
     def units(self, cells: FixedPopulation, name: str, values: Floats) -> Floats:
@@ -208,42 +211,42 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
-        """Return what is added in each step, with a current in pA beside the constant one.
+        """Return the bias that is added in each step: the constant one plus that of an extra current in pA.
 
         Raises:
-            ModelError: it overflows its register.
+            ModelError: the bias overflows its register.
         """
 
     @abstractmethod
     def words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """Return what a spike adds for some mantissas."""
+        """Return the words that a spike adds for some mantissas."""
 
     @abstractmethod
     def way_out(self, cells: FixedPopulation) -> str:
-        """Return what would keep the registers of a population from overflowing, "" where nothing is known."""
+        """Return a hint that keeps the registers of a population from overflowing, or "" where none is known."""
 
 
 EVERYWHERE = ("strict", "order", "neurons_per_core")
-"""Options of a chip backend that quantising does not look at, for hints."""
+"""Options of a chip backend that quantising ignores, for hints."""
 
 
 def options_of(program: Program, chip: Chip, arithmetic: Arithmetic, options: Mapping[str, Any]) -> Options:
-    """Options by name, checked.
+    """Check the options of a user and return them by name.
 
     Args:
-        program: has the parts.
-        chip: for messages.
-        arithmetic: of the chip.
-        options: by name, then by part.
+        program: has the populations and projections.
+        chip: the chip, for messages.
+        arithmetic: the chip's arithmetic.
+        options: values by option, then by part.
 
     Raises:
-        ModelError: one is unknown, is of another chip, or names a part that does not exist or a value that cannot be.
+        ModelError: an option is unknown or belongs to another chip, a part does not exist, or a value is not allowed.
     """
     for name, values in options.items():
         option = arithmetic.option(name)
         if option is None:
-            known = [known.name for known in arithmetic.options]
-            raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, [*known, *EVERYWHERE]))
+            names = [names.name for names in arithmetic.options]
+            raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, [*names, *EVERYWHERE]))
         if not isinstance(values, Mapping):
             raise ModelError(f"{name} = {values!r}: expected values by name, such as {{'exc': ...}}")
         if option.of == "populations":
@@ -256,19 +259,19 @@ def options_of(program: Program, chip: Chip, arithmetic: Arithmetic, options: Ma
                 raise ModelError(f"{name}: unknown part '{part}'", hint=nearest(part, models))
             if not isinstance(models[part], arithmetic.models):
                 known_models = " or ".join(model.__name__ for model in arithmetic.models)
-                found = f"{name}['{part}']: {a(models[part].name)}"
-                raise ModelError(f"{found}: expected {expected} of {known_models}")
+                what = f"{name}['{part}']: {a(models[part].name)}"
+                raise ModelError(f"{what}: expected {expected} of {known_models}")
             if not option.fits(value):
                 raise ModelError(f"{name}['{part}'] = {value!r}: expected {option.expected}")
     return Options(options)
 
 
 def is_positive(value: Any) -> bool:
-    """Whether a value is a finite number > 0."""
+    """Return whether a value is a finite number > 0."""
     kind = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     return kind and bool(np.isfinite(value)) and bool(value > 0)
 
 
 def is_whole(value: Any, allowed: Container[int]) -> bool:
-    """Whether a value is a whole number among those allowed."""
+    """Return whether a value is one of the allowed whole numbers."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and int(value) in allowed

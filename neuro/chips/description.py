@@ -1,4 +1,4 @@
-"""What is known of a chip: its limits, its mesh and what things cost on it."""
+"""The description of a chip: its limits, its mesh of cores, and its costs in energy and time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LIMITS = {
     "delay_max": "longest delay in steps of the chip",
     "delay_native": "longest delay in steps without a helper, where that is shorter",
 }
-"""Names of limits, and what each bounds."""
+"""Names of the limits, each with the quantity that it bounds."""
 
 COSTS = {
     "synaptic_op": ("J", "a spike travels along one synapse"),
@@ -44,7 +44,7 @@ COSTS = {
     "hop_east_west_time": ("s", "a spike moves one tile along a row"),
     "hop_north_south_time": ("s", "a spike moves one tile along a column"),
 }
-"""Names of costs: the unit, and what costs it."""
+"""Names of the costs, each with its unit and the event that incurs it."""
 
 
 CONDITIONS = {
@@ -53,25 +53,25 @@ CONDITIONS = {
     "resolution": ("ms", "length of a step of the network"),
     "rate": ("Hz", "spikes of a neuron, the mean of all"),
 }
-"""What a figure may hold for only in part, by name: the unit, and what it is of a run."""
+"""Properties of a run that may lie outside the range for which a figure is known, each with its unit."""
 
 Range = tuple[float, float]
-"""The smallest and the largest."""
+"""The smallest and the largest value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A published number, with what is known of its error.
+    """A published number, with its range.
 
     Attributes:
-        value: in the unit its field says (J, W, s, bytes or a count).
+        value: in the unit of its field (J, W, s, bytes or a count).
         source: the paper, page or table.
-        conditions: technology, voltage, whether it was measured or simulated.
-        low, high: between which other sources and measurements lie; the value where none is known.
-        spread: where that range comes from.
-        holds: of `CONDITIONS` by name, the range in which the figure was taken.
-        beyond: the range of the figure outside of that; None where it is no other.
-        guess: why it is extrapolated whatever the run, "" where it is not.
+        conditions: technology, voltage, and whether the number was measured or simulated.
+        low, high: the range of other sources and measurements, None where none is known.
+        spread: source of that range.
+        holds: ranges of `CONDITIONS`, by name, for which the figure is known.
+        beyond: the wider range of the figure outside `holds`; None: the same as inside.
+        guess: why the figure is extrapolated for every run, "" if it is not.
     """
 
     value: float
@@ -85,7 +85,7 @@ class Figure:
     guess: str = ""
 
     def range(self, extrapolated: bool = False) -> Range:
-        """The smallest and the largest that it may be; `extrapolated`: outside of what it holds for."""
+        """Return the smallest and the largest possible value; `extrapolated`: the run lies outside `holds`."""
         low = self.value if self.low is None else self.low
         high = self.value if self.high is None else self.high
         if extrapolated and self.beyond is not None:
@@ -95,7 +95,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """How cores lie on a chip: tiles of some cores in rows and columns; spikes hop from tile to tile.
+    """The layout of a chip: tiles in rows and columns, each with some cores. Spikes hop from tile to tile.
 
     Attributes:
         columns, rows: tiles of one chip.
@@ -113,13 +113,13 @@ class Chip:
 
     Attributes:
         name: as in `neuro.compile(net, backend=name)` and `sim.energy(name)`.
-        title: for people.
-        arithmetic: name of the integer arithmetic that it has (`neuro.chips.known`), "" where only costs or
-            limits are known.
-        limits: by name, see `docs/reference/chips.md`; a limit that is not named does not exist.
-        mesh: how cores lie, None where nothing is placed.
-        step_s: shortest time of one step in s, None where steps take as long as their work.
+        title: the name for people.
+        arithmetic: name of its integer arithmetic (`neuro.chips.known`), "" where only costs or limits are known.
+        limits: by name, see `docs/reference/chips.md`. A missing limit means that nothing is bounded.
+        mesh: the layout of the cores, None where nothing is placed.
+        step_s: shortest time of one step in s, None where a step lasts as long as its work.
         costs: joules, watts and seconds by name; empty where none is published.
+        path: the file of the table, "" for a chip that code defines.
     """
 
     name: str
@@ -132,17 +132,17 @@ class Chip:
     path: str = ""
 
     def limit(self, name: str) -> int | None:
-        """A limit as a whole number, None where the chip has none of that name."""
+        """Return a limit as a whole number, or None where the chip has none of that name."""
         return int(self.limits[name].value) if name in self.limits else None
 
 
 def mesh_of(chip: Chip, cores: int) -> Mesh:
-    """The mesh of a chip; where none is known its cores share one tile."""
+    """Return the mesh of a chip. Without a known mesh all cores share one tile."""
     return chip.mesh or Mesh(1, 1, chip.limit("cores_per_chip") or max(cores, 1))
 
 
 def capacity(chip: Chip, cores: int) -> int:
-    """Cores of one chip that can be used."""
+    """Return the number of cores of one chip that can be used."""
     mesh = mesh_of(chip, cores)
     tiles = mesh.columns * mesh.rows * mesh.cores_per_tile
     return min(chip.limit("cores_per_chip") or tiles, tiles)

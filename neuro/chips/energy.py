@@ -1,4 +1,4 @@
-"""The bill of a run: what was done how often, what each costs, and where that figure comes from."""
+"""The bill of a run: the number of operations, the cost of each, and the source of that cost."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from neuro.core.tables import aligned
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
 STATIC = "static_per_chip"
 CHIP_TIME = "chip time: "
-"""How notes begin that say where figures of the chip time come from."""
+"""Prefix of the notes with the sources of the chip time."""
 FASTEST, AS_GIVEN, REAL_TIME = "as fast as the chip can", "at the given steps", "in real time"
-"""What clock static energy goes by: steps follow each other at once, or in a given time, or each lasts its own time."""
+"""Clocks of a bill: a step follows the last one at once, takes a given time, or takes its simulated time."""
 REFUSED = "refused"
-"""What stands in place of a total on a chip that cannot run the network."""
+"""Text in place of a total on a chip that cannot run the network."""
 COLUMNS = (">dynamic", f">{FASTEST}", f">{REAL_TIME}", ">chip time", ">chips")
-"""Heads of the columns of a bill in a table, see `Energy.cells`."""
+"""Column heads for a table with a bill per row, see `Energy.cells`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +29,16 @@ class BillItem:
 
     Attributes:
         what: the name of the cost, see `neuro.chips.description.COSTS`.
-        kind: what `of` names: "population", "projection", "signal", "host", "layers" or "chip".
-        of: the population, the projection, the signal, the processor of the host, the layers or the target.
-        count: how often; of `static_per_chip` chips x seconds.
-        joules_each: what one costs in J; None if no figure is published, then it is not in the sums.
-        joules: what all cost.
-        source: of the figure.
-        conditions: under which it holds.
-        low, high: what all may cost at least and at most, by the range of the figure.
-        spread: where that range comes from.
-        extrapolated: why the figure is not known to hold for this run, "" if it is.
+        kind: kind of the part that `of` names: "population", "projection", "signal", "host", "layers" or "chip".
+        of: the population, projection, signal, processor of the host, layers or target.
+        count: number of operations; for `static_per_chip` chips x seconds.
+        joules_each: cost of one operation in J. None if no figure is published; the line is then not in the sums.
+        joules: cost of all operations in J.
+        source: source of the figure.
+        conditions: conditions of the figure.
+        low, high: lowest and highest cost of all operations, by the range of the figure.
+        spread: source of that range.
+        extrapolated: why the figure is not known to hold for this run, "" if it holds.
     """
 
     what: str
@@ -57,24 +57,25 @@ class BillItem:
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """The bill of a run on a target, or of one part of it, see `per`.
+    """The bill of a run on a target, or of one part of the run, see `per`.
 
-    Static energy depends on the clock: this bill goes by `clock`, `real_time` is the same bill in real time.
+    Static energy depends on the clock: this bill uses `clock`, and `real_time` is the same bill in real time.
 
     Attributes:
         target: the name of the chip or processor.
-        title: the same for people.
-        chips: chips that are on.
-        chip_time_s: how long the chip takes for the run, in s; None where that is not known.
+        title: the name for people.
+        chips: number of chips that are on.
+        chip_time_s: time that the chip needs for the run, in s; None where no time is known.
         steps: steps of the run.
-        items: the lines, populations first, then projections, then the chip.
-        notes: what is assumed, and what is not in the sums.
-        of: what the bill is of: "run", or what it was divided by.
-        chip_time_range_s: between what the chip time lies, by the ranges of its figures.
-        duration_s: how long the run is in real time, in s: steps x resolution, or what the caller of `price` gave.
-        clock: what the chip time goes by: `FASTEST`, `AS_GIVEN` or `REAL_TIME`.
-        waiting: the bill of a chip that waits for the end of each step, None where it has nothing to wait for.
-        refused: why the chip cannot run the network, "" if it can. A bill that is refused has lines and no total.
+        items: the lines: populations first, then projections, then the chip.
+        notes: assumptions, and costs that the sums lack.
+        of: "run", or the name of the part into which `per` divided the run.
+        chip_time_range_s: lowest and highest chip time, by the ranges of its figures.
+        duration_s: duration of the run in real time, in s: steps x resolution, or the value that the caller of `price`
+            passed.
+        clock: the clock of the chip time: `FASTEST`, `AS_GIVEN` or `REAL_TIME`.
+        waiting: the bill of a chip that waits for the end of each step in real time, None if no waiting is possible.
+        refused: why the chip cannot run the network, "" if it can. A refused bill has lines and no total.
     """
 
     target: str
@@ -93,61 +94,61 @@ class Energy:
 
     @property
     def real_time(self) -> Energy:
-        """The same bill where each step lasts its own time, as it does while events come; a late chip does not wait."""
+        """The same bill where each step lasts its simulated time, as with live events. A late chip does not wait."""
         return self.waiting or self
 
     @property
     def total_j(self) -> float:
-        """Joules in all, without the costs in `missing`; NaN on a chip that refuses the network."""
+        """Total energy in J, without the costs in `missing`; NaN on a chip that refuses the network."""
         return math.nan if self.refused else self.dynamic_j + self.static_j
 
     @property
     def dynamic_j(self) -> float:
-        """Joules of what is done."""
+        """Energy of all operations in J."""
         return _sum(self._dynamic())
 
     @property
     def static_j(self) -> float:
-        """Joules of chips being on; 0 where no figure is published, then a note says so."""
+        """Energy of chips that are on, in J; 0 where no figure is published (a note then says so)."""
         return _sum(self._static())
 
     @property
     def low_j(self) -> float:
-        """Joules in all if every figure is at the low end of its range; NaN as `total_j`."""
+        """Total energy in J if every figure is at the low end of its range; NaN if refused."""
         return math.nan if self.refused else _ends(self.items)[0]
 
     @property
     def high_j(self) -> float:
-        """Joules in all if every figure is at the high end of its range; NaN as `total_j`."""
+        """Total energy in J if every figure is at the high end of its range; NaN if refused."""
         return math.nan if self.refused else _ends(self.items)[1]
 
     @property
     def extrapolated(self) -> dict[str, tuple[str, ...]]:
-        """What does not hold for this run, by the reason: the names of the costs."""
-        found: dict[str, dict[str, None]] = {}
+        """Names of the costs that are extrapolated in this run, by the reason."""
+        costs: dict[str, dict[str, None]] = {}
         for item in self.items:
             if item.extrapolated:
-                found.setdefault(item.extrapolated, {})[item.what] = None
-        return {why: tuple(names) for why, names in found.items()}
+                costs.setdefault(item.extrapolated, {})[item.what] = None
+        return {why: tuple(names) for why, names in costs.items()}
 
     @property
     def static_known(self) -> bool:
-        """Whether there is a figure of static power, and a time that it lasts."""
+        """True if a static power and a time for it are known."""
         return any(item.what == STATIC for item in self.items)
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Names of the costs that the total lacks, as no figure is published: totals with any are shown behind ">"."""
+        """Names of the costs that the total lacks because no figure is published; totals then stand behind ">"."""
         unpriced = dict.fromkeys(item.what for item in self.items if item.joules is None)
         return (*unpriced, *(() if self.static_known else (STATIC,)))
 
     @property
     def late(self) -> bool:
-        """Whether the chip is slower than real time."""
+        """True if the chip is slower than real time."""
         return self.chip_time_s is not None and self.chip_time_s > self.duration_s * (1.0 + 1e-9)
 
     def sums(self) -> list[tuple[str, ...]]:
-        """Rows of text: chip time, dynamic, static and total energy, each at the bill's clock and in real time."""
+        """Return rows of text: chip time, dynamic, static and total energy, at the bill's clock and in real time."""
         rows = zip(("chip time", "dynamic", "static"), self._column(), self.real_time._column(), strict=True)
         return [("", self.clock, REAL_TIME), *rows, ("total", *_totals(self._both()))]
 
@@ -157,32 +158,32 @@ class Energy:
         return time, quantity(self.dynamic_j, "J"), static
 
     def cells(self) -> tuple[str, ...]:
-        """What stands below `COLUMNS`."""
+        """Return the cells below `COLUMNS`."""
         return cells(self._both())
 
     def totals(self) -> str:
-        """The total with its range at both clocks, in one line."""
+        """Return the total with its range at both clocks, as one line of text."""
         if self.refused:
             return f"{REFUSED}: {self.refused}"
         one, other = _totals(self._both())
         return f"{one} {self.clock}, {'the same' if one == other else other} {REAL_TIME}"
 
     def total(self, digits: int = 4) -> str:
-        """The total of this clock without its range, e.g. "8.234 uJ", "> 8.234 uJ" or "refused".
+        """Return the total at this clock without its range, e.g. "8.234 uJ", "> 8.234 uJ" or "refused".
 
         Args:
-            digits: how many.
+            digits: number of significant digits.
         """
         if self.refused:
             return REFUSED
         return "> " * bool(self.missing) + quantity(self.total_j, "J", digits)
 
     def by_population(self) -> dict[str, float]:
-        """Dynamic joules of each population's neurons."""
+        """Return the dynamic joules of each population's neurons."""
         return self._by("population")
 
     def by_projection(self) -> dict[str, float]:
-        """Dynamic joules of each projection: synapses, learning and the ways of its spikes."""
+        """Return the dynamic joules of each projection: synapses, learning and routing of its spikes."""
         return self._by("projection")
 
     def _by(self, kind: str) -> dict[str, float]:
@@ -193,7 +194,7 @@ class Energy:
         return sums
 
     def by_cost(self) -> dict[str, float]:
-        """Joules of each cost, in the order of the items."""
+        """Return the joules of each cost, in the order of the items."""
         sums: dict[str, float] = {}
         for item in self.items:
             if item.joules is not None:
@@ -201,11 +202,11 @@ class Energy:
         return sums
 
     def per(self, n: int, what: str) -> Energy:
-        """The same bill for one of `n` equal parts.
+        """Return the bill for one of `n` equal parts of the run.
 
         Args:
-            n: how many the run had.
-            what: what one is called, e.g. "recording" or "control step".
+            n: the number of parts in the run.
+            what: the name of one part, e.g. "recording" or "control step".
 
         Raises:
             ModelError: `n` is not a whole number >= 1.
@@ -230,7 +231,7 @@ class Energy:
         return replace(times, items=items, steps=self.steps / n, of=what)
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain values, for JSON; what is not known is None."""
+        """Return the bill as plain values for JSON; unknown values are None."""
         about = {"target": self.target, "title": self.title, "of": self.of, "clock": self.clock}
         items = [asdict(item) for item in self.items]
         extrapolated = [{"why": why, "costs": list(names)} for why, names in self.extrapolated.items()]
@@ -238,13 +239,13 @@ class Energy:
         return {**about, **self._both(), "refused": self.refused or None, **rest}
 
     def _both(self) -> dict[str, Any]:
-        """The figures of both clocks."""
+        """Return the figures at both clocks."""
         machine = {"chips": None if self.chip_time_s is None else self.chips, "steps": self.steps}
         real = {"duration_s": self.duration_s, "late": self.late, "real_time": self.real_time._figures()}
         return {**self._figures(), **machine, **real}
 
     def _figures(self) -> dict[str, Any]:
-        """Sums with their ranges and the chip time, of one clock."""
+        """Return the sums with their ranges and the chip time, at one clock."""
         static = self.static_j if self.static_known else None
         sums = {"total_j": None if self.refused else self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
         dynamic, chips_on = self._dynamic(), self._static()
@@ -268,10 +269,10 @@ class Energy:
         return self.told()
 
     def told(self, sources: bool = False) -> str:
-        """The bill as text: its lines, the sums, and what they assume.
+        """Return the bill as text: its lines, its sums and their assumptions.
 
         Args:
-            sources: whether to tell of each figure where it comes from.
+            sources: whether to add the source of each figure.
         """
         cited = list(dict.fromkeys(sourced(item.source, item.conditions) for item in self.items if item.source))
         table = [("item", "of", "count", "each", "energy", "source"), *(_row(item, cited) for item in self.items)]
@@ -291,7 +292,7 @@ class Energy:
         return "\n\n".join("\n".join(part) for part in parts if part)
 
     def noted(self, sources: bool = False) -> tuple[str, ...]:
-        """The notes, with what is extrapolated; if sources are asked for, with those of the chip time and of ranges."""
+        """Return the notes and the extrapolated costs; with `sources` also the sources of chip time and ranges."""
         marked = tuple(f"extrapolated (*): {', '.join(names)}: {why}" for why, names in self.extrapolated.items())
         if not sources:
             return tuple(note for note in self.notes if not note.startswith(CHIP_TIME)) + marked
@@ -316,7 +317,7 @@ def _share(value: float | None, n: int) -> float | None:
 
 
 def _ends(items: Iterable[BillItem]) -> Range:
-    """The sums of the low and of the high ends."""
+    """Return the sum of the low ends and the sum of the high ends."""
     priced = [(item.joules, item.low, item.high) for item in items if item.joules is not None]
     low = sum((joules if least is None else least for joules, least, _ in priced), 0.0)
     return low, sum((joules if most is None else most for joules, _, most in priced), 0.0)
@@ -327,12 +328,12 @@ def _sum(items: Iterable[BillItem]) -> float:
 
 
 def sourced(source: str, conditions: str) -> str:
-    """A source with its conditions."""
+    """Return a source with its conditions in brackets, if any."""
     return f"{source} ({conditions})" if conditions else source
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Some digits with a prefix, e.g. "23.6 pJ"."""
+    """Return a number with its unit and an SI prefix, e.g. "23.6 pJ"."""
     if value == 0:
         return f"0 {unit}"
     least = 1.0 - 0.5 * 10.0**-digits
@@ -341,7 +342,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
 
 
 def between(value: float, low: float, high: float) -> str:
-    """Joules with their range, e.g. "8.234 uJ (4.14 to 45.1 uJ)"."""
+    """Return joules with their range, e.g. "8.234 uJ (4.14 to 45.1 uJ)"."""
     if low == high:
         return f"{quantity(value, 'J')} (no range)"
     least, most = (quantity(end, "J", 3) for end in (low, high))
@@ -350,7 +351,7 @@ def between(value: float, low: float, high: float) -> str:
 
 
 def cells(bill: Mapping[str, Any]) -> tuple[str, ...]:
-    """What stands below `COLUMNS`, of a bill as plain values; "-" where no time is known, and so no chips."""
+    """Return the cells below `COLUMNS` for a bill as plain values; "-" marks an unknown time or number of chips."""
     time, chips = "-", "-" if bill["chips"] is None else f"{bill['chips']:,}"
     if bill["chip_time_s"] is not None:
         time = " of ".join(quantity(bill[name], "s", 3) for name in ("chip_time_s", "duration_s"))
@@ -358,7 +359,7 @@ def cells(bill: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _totals(bill: Mapping[str, Any]) -> tuple[str, str]:
-    """The total with its range at both clocks: behind ">" where it lacks a cost, "refused" where there is none."""
+    """Return the total with its range at both clocks: behind ">" if a cost is missing, or "refused"."""
     if bill["total_j"] is None:
         return REFUSED, REFUSED
     one, other = (
@@ -369,14 +370,14 @@ def _totals(bill: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def number(count: float) -> str:
-    """A count with separators; a fraction has four digits, a large one none."""
+    """Return a count with separators, e.g. "12,345"; a fraction below 1,000 has four significant digits."""
     if count == int(count):
         return f"{int(count):,}"
     return f"{count:,.0f}" if abs(count) >= 1000 else f"{count:.4g}"
 
 
 def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
-    """Figures by their source, if asked for, and the bills' notes; what holds for several is said once."""
+    """Yield the notes of several bills, and with `sources` the figures by source. A shared line names its targets."""
     targets: dict[str, list[str]] = {}
     for bill in priced:
         for line in (*(_sources(bill) if sources else ()), *bill.noted(sources)):

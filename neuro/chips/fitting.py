@@ -1,6 +1,6 @@
-"""Fit: the cores that a program fills on a chip, and what fits on no core, on no machine or into no delay register.
+"""The cores that a program fills on a chip, and the parts that exceed a limit of a core, of the machine or of a delay.
 
-Where the cores lie, and the hops between them, is in `neuro.chips.placing`. Most networks need no place to be accepted.
+`neuro.chips.placing` computes the positions of cores and the hops between them. Most networks can be accepted without.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from neuro.program.program import Floats, Ints, Program
 ORDERS = ("connected", "declared")
 
 LARGEST = 2000
-"""Most cores (or tiles) that are ordered and exchanged; more are laid out as they come."""
+"""Largest number of cores (or tiles) whose order is optimised; more are laid out in the order of declaration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cut:
-    """The cores of a program, before they have places.
+    """The cores of a program, before they have positions.
 
     Attributes:
-        order: as asked: "connected" or "declared".
+        order: "connected" or "declared", as the user chose.
         into: all synapses.
-        declared: cores filled in the order of declaration; None where there are too many to fill them twice.
-        tied: cores filled in the order that follows synapses; None where it is not asked for.
+        declared: cores filled in the order of declaration; None for a large program, which is split only once.
+        connected: cores filled in an order that follows synapses; None for order "declared".
     """
 
     order: str
     into: Incoming
     declared: Split | None
-    tied: Split | None
+    connected: Split | None
 
 
 def cut(program: Program, chip: Chip, *, order: str = "connected", neurons_per_core: int | None = None) -> Cut:
-    """Fill cores; arguments and errors are those of `neuro.chips.place`."""
+    """Split the populations over cores; arguments and errors are those of `neuro.chips.place`."""
     if order not in ORDERS:
         raise unknown("order", order, ORDERS)
     if neurons_per_core is not None:
@@ -66,20 +66,20 @@ def cut(program: Program, chip: Chip, *, order: str = "connected", neurons_per_c
     return Cut(order, into, declared, split(program, chip, into, by_ties, neurons_per_core, by_place=True))
 
 
-def fits_one_chip(program: Program, chip: Chip, found: Cut) -> bool:
-    """Whether one chip holds all cores in whatever order, and nothing is beyond a limit."""
+def fits_one_chip(program: Program, chip: Chip, cores_of_program: Cut) -> bool:
+    """Return whether one chip holds all cores in either order, within all limits."""
     shared = chip.limit("synapse_bytes_per_chip")
     return all(
-        len(cores.cores) <= capacity(chip, len(cores.cores))
-        and (shared is None or int(cores.memory.sum()) <= shared)
-        and not exceeded(program, chip, found.into, cores, 1)
-        for cores in (found.declared, found.tied)
-        if cores is not None
+        len(each.cores) <= capacity(chip, len(each.cores))
+        and (shared is None or int(each.memory.sum()) <= shared)
+        and not exceeded(program, chip, cores_of_program.into, each, 1)
+        for each in (cores_of_program.declared, cores_of_program.connected)
+        if each is not None
     )
 
 
 def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]:
-    """Populations in an order that follows their synapses."""
+    """Return the populations in an order that follows their synapses."""
     n = len(program.populations)
     synapses, pull = np.zeros((n, n)), np.zeros(n)
     for part, count in zip(program.projections, into.synapses, strict=True):
@@ -93,35 +93,37 @@ def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]
 
 
 def chain(traffic: Floats, pull: Floats) -> Ints:
-    """An order in which each comes after those to which it is tied most.
+    """Return an order in which each element follows those with which it exchanges most spikes.
 
     Args:
-        traffic: spikes between each two, symmetric, shape (n, n).
-        pull: spikes from the host to each.
+        traffic: spikes between each pair, symmetric, shape (n, n).
+        pull: spikes from the host to each element.
     """
     n = len(pull)
     if n == 0 or n > LARGEST:
         return np.arange(n)
-    left, tied = np.ones(n, dtype=bool), pull.astype(np.float64)
+    is_left, tied = np.ones(n, dtype=bool), pull.astype(np.float64)
     order = np.zeros(n, dtype=np.int64)
     at = int(np.lexsort((np.arange(n), traffic.sum(axis=1), -pull))[0])
     for i in range(n):
         if i:
-            at = int(np.argmax(np.where(left, tied, -1.0)))
-        order[i], left[at] = at, False
+            at = int(np.argmax(np.where(is_left, tied, -1.0)))
+        order[i], is_left[at] = at, False
         tied += traffic[at]
     return order
 
 
 def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: int) -> tuple[Problem, ...]:
-    """All that does not fit, at once; delays only where the arithmetic is not emulated, as quantising tells them else.
+    """Return all parts that exceed a limit.
+
+    Delays are checked only for a chip whose arithmetic is not emulated; quantising checks the others.
 
     Args:
-        program: has the names and places in the description.
-        chip: has the limits; `chips` among them is the size of the largest machine.
+        program: has the names, and the places in the description.
+        chip: has the limits; its limit `chips` is the size of the largest machine.
         into: all synapses.
-        split: the cores; a neuron that fits on none has one of its own.
-        chips: how many are needed.
+        split: the cores. A neuron that fits on no core has a core of its own.
+        chips: number of chips that the program needs.
     """
     return (
         *_too_much(program, chip, split, "memory", split.memory, memory_limit(chip), into),
@@ -134,7 +136,7 @@ def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: 
 
 
 def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
-    """Projections with a delay that the chip's register does not hold, in the words of `neuro.chips.quantise`."""
+    """Yield the projections whose delay exceeds the chip's register, with the messages of `neuro.chips.quantise`."""
     most, h = chip.limit("delay_max"), program.resolution
     if most is None:
         return
@@ -156,17 +158,17 @@ def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
 def _too_much(
     program: Program, chip: Chip, split: Split, kind: str, need: Ints, limit: int | None, into: Incoming
 ) -> Iterator[Problem]:
-    """Neurons that are beyond a limit although they are alone on their core, reported once for a population."""
+    """Yield the neurons that exceed a limit although each is alone on its core, one problem per population."""
     if limit is None:
         return
     alone: dict[int, list[tuple[int, int]]] = {}
     for core in np.flatnonzero(need > limit):
         population, neuron, _ = split.cores[core][0]
         alone.setdefault(population, []).append((neuron, int(need[core])))
-    for population, found in sorted(alone.items()):
-        neuron, count = min(found)
+    for population, neurons in sorted(alone.items()):
+        neuron, count = min(neurons)
         part = program.populations[population]
-        more = f" and {len(found) - 1:,} more" if len(found) > 1 else ""
+        more = f" and {len(neurons) - 1:,} more" if len(neurons) > 1 else ""
         synapses = int(np.diff(into.ends)[into.start[population] + neuron])
         if kind == "memory":
             whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
@@ -185,13 +187,13 @@ def _too_much(
 
 
 def _too_large(program: Program, chip: Chip, split: Split, chips: int) -> Iterator[Problem]:
-    """More chips than the largest machine has, reported for the population that takes most cores."""
+    """Yield a problem if the largest machine has too few chips, for the population with most cores."""
     most = chip.limit("chips")
     if most is None or chips <= most:
         return
-    held = np.bincount([index for parts in split.cores for index in {population for population, _, _ in parts}])
-    largest, cores = int(np.argmax(held)), len(split.cores)
-    part, own = program.populations[largest], int(held.max())
+    core_counts = np.bincount([index for parts in split.cores for index in {population for population, _, _ in parts}])
+    largest, cores = int(np.argmax(core_counts)), len(split.cores)
+    part, own = program.populations[largest], int(core_counts.max())
     surplus = cores - most * capacity(chip, cores)
     alone = np.sort([split.neurons[i] for i, parts in enumerate(split.cores) if {p for p, _, _ in parts} == {largest}])
     fit = part.size - int(alone[:surplus].sum())

@@ -1,4 +1,4 @@
-"""A program in a chip's integers, the report of what quantising made of it, and how full its input registers become."""
+"""A program in a chip's integers, the report of its rounding errors, and the fill level of its input registers."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class FixedProgram:
     """A whole program in a chip's integers.
 
     Attributes:
-        chip: what it was made for.
-        program: what it was made from.
-        populations, projections: in the order of the program; a projection that carries a current, or that could not
-            be brought into integers, is None.
-        problems: what is refused, and what is approximated beyond the stated limits.
-        notes: what the host does for the chip, and other things to know.
+        chip: the target chip.
+        program: the program in floats.
+        populations, projections: in the order of the program. A projection that carries a current, or that could not be
+            quantised, is None.
+        problems: refusals, and approximations beyond the stated limits.
+        notes: tasks of the host, and other remarks.
     """
 
     chip: Chip
@@ -41,11 +41,11 @@ class FixedProgram:
     notes: tuple[str, ...]
 
     def __str__(self) -> str:
-        """The report as a text."""
+        """Return the report as text."""
         return report(self)
 
     def as_dict(self) -> dict[str, Any]:
-        """The report for JSON."""
+        """Return the report as plain values for JSON."""
         return {
             "chip": self.chip.name,
             "populations": {
@@ -79,7 +79,7 @@ class FixedProgram:
 
 
 def report(fixed: FixedProgram) -> str:
-    """What quantising made of a program: a table of populations, one of projections, and notes."""
+    """Return the report of quantising a program: a table of populations, a table of projections, and notes."""
     lines = [f"network '{fixed.program.name}' in the integers of {fixed.chip.title}"]
     for head, rows in ((POPULATIONS, _populations(fixed)), (PROJECTIONS, _projections(fixed))):
         if body := list(rows):
@@ -104,7 +104,7 @@ def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
 
 
 def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
-    told_scale = arithmetic_of(fixed.chip).told_scale
+    scale_text = arithmetic_of(fixed.chip).scale_text
     for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
         if wires is None:
             continue
@@ -114,7 +114,7 @@ def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
             f"{part.size:,}",
             str(wires.bits),
             wires.sign_mode or "either",
-            told_scale(fixed.populations[part.target], wires),
+            scale_text(fixed.populations[part.target], wires),
             _range(wires.step),
             described if described == register else f"{described} as {register}",
             _share(lost.zeroed),
@@ -140,33 +140,36 @@ Spikes = Mapping[str, npt.NDArray[np.floating]]
 
 
 def filled(fixed: FixedProgram, spikes: Spikes) -> dict[str, float]:
-    """The largest share of its registers that the input of a population takes, in any neuron and step.
+    """Return the fullest input register of each population as a share of its range, over all neurons and steps.
 
-    1 or more wraps. Weights count as they are now, and delays as they are now.
+    A share of 1 or more wraps. Weights and delays are the present ones.
 
     Args:
         fixed: a quantised program.
-        spikes: by population how many each neuron emits in each step, (recordings, steps, neurons); none of those that
-            are left out.
+        spikes: number of spikes of each neuron in each step, shape (recordings, steps, neurons), by population.
+            Populations that are left out emit none.
 
     Returns:
-        By population that spikes reach; empty on chips whose slots saturate.
+        the share by population, for populations that spikes reach; empty on chips whose slots saturate.
     """
     program, arithmetic = fixed.program, arithmetic_of(fixed.chip)
-    if arithmetic.receptors == 2:  # their slots saturate
+    if arithmetic.receptors == 2:  # slots of such a family saturate
         return {}
-    found = {}
+    shares = {}
     for target, cells in enumerate(fixed.populations):
         onto = [k for k, part in enumerate(program.projections) if part.target == target]
         sums = [_sums(fixed, k, wires, spikes) for k in onto if (wires := fixed.projections[k]) is not None]
         arriving = [one for one in sums if one is not None]
         if arriving:
-            found[cells.name] = arithmetic.filled(cells, np.sum(arriving, axis=0))
-    return found
+            shares[cells.name] = arithmetic.filled(cells, np.sum(arriving, axis=0))
+    return shares
 
 
 def _sums(fixed: FixedProgram, index: int, wires: FixedProjection, spikes: Spikes) -> Floats | None:
-    """What a projection brings in each step, (recordings, steps, neurons) in words; None without spikes."""
+    """Return the input that a projection adds in each step, shape (recordings, steps, neurons), in words.
+
+    None where its source emits no spikes or the projection has no synapses.
+    """
     from scipy.sparse import csr_array
 
     program = fixed.program
@@ -180,12 +183,12 @@ def _sums(fixed: FixedProgram, index: int, wires: FixedProjection, spikes: Spike
     words = np.broadcast_to(wires.words, max(wires.words.size, int(place.max()) + 1))[place].astype(np.float64)
     lags = np.broadcast_to(wires.lag, max(wires.lag.size, int(place.max()) + 1))[place]
     rows = csr_array(emitted.reshape(batch * steps, -1).astype(np.float64))
-    found = np.zeros((batch, steps, target.size))
+    total = np.zeros((batch, steps, target.size))
     for lag in np.unique(lags):
         here = lags == lag
         table = csr_array((words[here], (pre[here], post[here])), shape=(source.size, target.size))
         dense = table.nnz > source.size * target.size // 8
         brought = rows @ (table.toarray() if dense else table)
         brought = (brought if dense else brought.toarray()).reshape(batch, steps, -1)
-        found[:, lag:] += brought[:, : steps - lag]
-    return found
+        total[:, lag:] += brought[:, : steps - lag]
+    return total

@@ -1,27 +1,28 @@
-"""The synapses of a program as placing looks at them, and the bits that they take in the memory of a core.
+"""The synapses of a program as placing sees them, and the bits that they need in the memory of a core.
 
-Loihi keeps, for each source neuron and projection, a list of the synapses onto the core in blocks of at most 64. A
-block of n takes n (weight + delay + tag + index bits) + 10 bits, rounded up to 64: nengo-loihi 1.1.0's packing, where
-the 10 bits are 4 for the format and 6 for the length. The bits of one synapse:
+Loihi stores, for each source neuron and projection, a list of the synapses onto the core in blocks of at most 64. A
+block of n synapses needs n (weight + delay + tag + index bits) + 10 bits, rounded up to 64, as in nengo-loihi 1.1.0.
+The 10 bits are 4 for the format and 6 for the length. The bits of one synapse:
 
 - weight: 8, or `num_weight_bits` of a `loihi_static`;
-- delay: those of the largest delay register of the projection, none where that is 0 (shared delays are stored, too:
-  a synapse has no other place for its delay);
-- tag: 9 where the chip learns, none where the host applies the rule (`r_stdp`);
-- index: those that tell the compartments of the core apart, none for one compartment, otherwise at least 6.
+- delay: bits of the largest delay register of the projection, none if that is 0. Shared delays are stored in each
+  synapse, too, because there is no other memory for them;
+- tag: 9 if the chip learns, none if the host applies the rule (`r_stdp`);
+- index: bits that number the compartments of the core, none for one compartment, otherwise at least 6.
 
-SpiNNaker keeps, for each projection and core, one row per source neuron in SDRAM: 3 words of header and one word of 32
-bits per synapse, all rows as long as the longest, so that a row is found by multiplying (sPyNNaker's static rows). A
-plastic row has the time of its last packet and its traces, too, and of each synapse a half word for the weight, one for
-the eligibility where dopamine teaches, and one for its place (sPyNNaker 7.4.1).
+SpiNNaker stores, for each projection and core, one row per source neuron in SDRAM: 3 words of header and one word of 32
+bits per synapse. All rows are as long as the longest, so that the address of a row is a product (sPyNNaker's static
+rows). A plastic row also has the time of its last packet and its traces, and for each synapse a half word for the
+weight, one for the eligibility if dopamine modulates it, and one for its target (sPyNNaker 7.4.1).
 
-Kernels of a grid are spelled out on both: these chips share no weights between neurons. A chip without an arithmetic
-here is packed as Loihi 1.
+Both chips store each synapse of a kernel of a grid, because they share no weights between neurons. A chip without an
+emulated arithmetic is packed as Loihi 1.
 
-Loihi 2 packs other synapses as Loihi 1, but keeps a kernel once on each core: for each place of the kernel and channel
-a row of 8 bits a map, rounded up to 64. A core has fewer than 4,096 neurons of a layer with a kernel, whole columns of
-its maps, of which there are a power of 2. So the layers of PilotNet take the cores that Intel's compiler prints for
-them: 13, 25, 13, 3, 3 and 2 (lava-dl, `pilotnet_snn/benchmark.ipynb`), whose kernels have fewer bits where few do.
+Loihi 2 packs other synapses as Loihi 1, but stores a kernel once on each core: for each position of the kernel and
+channel a row of 8 bits per map, rounded up to 64. A core has fewer than 4,096 neurons of a layer with a kernel, in
+whole columns of its maps, and the number of columns is a power of 2. The layers of PilotNet then need as many cores as
+Intel's compiler prints: 13, 25, 13, 3, 3 and 2 (lava-dl, `pilotnet_snn/benchmark.ipynb`). Intel's kernels have fewer
+bits where fewer are enough.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -51,21 +52,21 @@ WEIGHT_BITS = 8
 TAG_BITS = 9
 SHORTEST_INDEX = 6
 LAYER_NEURONS = 4096
-"""A core of Loihi 2 has fewer neurons of a layer with a kernel."""
+"""Exclusive limit of the neurons of a layer with a kernel on one core of Loihi 2."""
 SHARED = -1
-"""In place of the bits of a synapse where a core keeps a kernel once."""
+"""Marker in place of the bits of a synapse, for projections whose kernel a core stores once."""
 ROW_WORDS = 3
 WORD_BITS = 32
 
 
 def memory_limit(chip: Chip) -> int | None:
-    """Bytes that the synapses of one core can take at most: its own memory, or all that its chip shares."""
+    """Return the most bytes that the synapses of one core can use: its own memory, or all that its chip shares."""
     own = chip.limit("synapse_bytes_per_core")
     return chip.limit("synapse_bytes_per_chip") if own is None else own
 
 
 def row_form(program: Program, index: int) -> tuple[int, int, int]:
-    """Return the bytes of a row of SpiNNaker: of traces, of each weight, and of the place of each synapse."""
+    """Return the bytes in a row of SpiNNaker: of the traces, of each weight, and of each synapse's target."""
     synapse = program.projections[index].synapse
     if not isinstance(synapse, KNOWN):
         return 0, 4, 0
@@ -74,16 +75,19 @@ def row_form(program: Program, index: int) -> tuple[int, int, int]:
 
 
 def row_words(synapses: Any, form: Any) -> Any:
-    """Return the words of a row of SpiNNaker with some synapses, of a form as of `row_form`; numbers or arrays."""
+    """Return the words of a row of SpiNNaker with some synapses; `form` is from `row_form`. Takes numbers or arrays."""
     return ROW_WORDS + (form[0] + form[1] * synapses + 3) // 4 + (form[2] * synapses + 3) // 4
 
 
 def block_bits(synapses: Any, bits: Any) -> Any:
-    """Bits of the synapses of one source onto one core, in Loihi's blocks; numbers or arrays.
+    """Return the bits of the synapses of one source onto one core in Loihi's blocks; numbers or arrays.
+
+    For example 70 synapses of 17 bits need a block of 64 (1,098 bits, rounded up to 1,152) and one of 6 (112, rounded
+    up to 128): 1,280.
 
     Args:
-        synapses: how many.
-        bits: of one synapse.
+        synapses: number of synapses.
+        bits: bits of one synapse.
     """
     rest = synapses % BLOCK
     full = (BLOCK * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
@@ -92,7 +96,7 @@ def block_bits(synapses: Any, bits: Any) -> Any:
 
 
 def index_bits(neurons: int) -> int:
-    """Bits that tell the compartments of a core apart; the formats are 0, 6, 7, ... (nengo-loihi 1.1.0)."""
+    """Return the bits that number the compartments of a core: 0, 6, 7, ... (nengo-loihi 1.1.0)."""
     if neurons <= 1:
         return 0
     bits = SHORTEST_INDEX
@@ -102,7 +106,7 @@ def index_bits(neurons: int) -> int:
 
 
 def has_kernel(program: Program, index: int) -> bool:
-    """Whether the synapses of a projection share kernels, which Loihi 2 keeps once on a core."""
+    """Return whether the synapses of a projection share kernels, which Loihi 2 stores once on a core."""
     part = program.projections[index]
     return part.grid is not None or isinstance(part.synapse, loihi2_convolution)
 
@@ -117,13 +121,13 @@ def kernel_bits(program: Program, index: int, fan_in: int) -> int:
 
 
 def columns_per_core(shape: tuple[int, ...]) -> int:
-    """Columns of a layer's maps on a core of Loihi 2."""
+    """Return how many columns of a layer's maps a core of Loihi 2 can have."""
     most = max((LAYER_NEURONS - 1) // math.prod(shape[:-1]), 1)
     return 1 << most.bit_length() - 1
 
 
 def synapse_bits(program: Program, index: int) -> int:
-    """Bits of one synapse of a projection in Loihi's blocks, without its index."""
+    """Return the bits of one synapse of a projection in Loihi's blocks, without its index."""
     part = program.projections[index]
     weight = int(part.synapse.parameters().get("num_weight_bits", WEIGHT_BITS))
     longest = int(register(longest_lag(program, index), REGISTER_OF_ONE).max(initial=0))
@@ -132,7 +136,7 @@ def synapse_bits(program: Program, index: int) -> int:
 
 
 @kernel
-def onto(begin, end, targets, count):
+def count_onto(begin, end, targets, count):
     """Count the synapses of a projection onto each of its targets."""
     for i in range(begin.size):
         for e in range(begin[i], end[i]):
@@ -141,7 +145,7 @@ def onto(begin, end, targets, count):
 
 @kernel
 def scatter(begin, end, targets, first, position, line):
-    """Enter the synapses of a projection behind those that their targets already have."""
+    """Append the line of each synapse to the list of its target; `position` has the end of each target's list."""
     for i in range(begin.size):
         for e in range(begin[i], end[i]):
             t = targets[e]
@@ -151,7 +155,7 @@ def scatter(begin, end, targets, first, position, line):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IncomingRows:
-    """The synapses of a projection by source: those of source i end on targets[begin[i] : end[i]]."""
+    """The synapses of a projection by source: source i has the targets[begin[i] : end[i]]."""
 
     begin: Ints
     end: Ints
@@ -159,25 +163,28 @@ class IncomingRows:
 
     @property
     def size(self) -> int:
-        """How many synapses there are."""
+        """The number of synapses."""
         return int((self.end - self.begin).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class Incoming:
-    """All synapses. A line is one source neuron of one projection; all populations' neurons are numbered through.
+    """All synapses of a program.
+
+    A line is one source neuron of one projection. Neurons are numbered over all populations.
 
     Attributes:
         start: the number of each population's first neuron, and the number of all neurons.
-        rows: the synapses of each projection, none without spikes.
-        ends_at: the population on which each projection ends, `begins_at` the one from which it comes.
-        first: the first line of each projection, and the number of all lines; a projection without spikes has none.
-        bits: of one synapse of each projection in Loihi's blocks, without its index; SHARED where a core keeps kernels.
-        kernels: bits of the kernels onto each population that every core with some of its neurons keeps.
-        columns: of a population that is placed by columns of its maps, how many a core has at most.
-        forms: of the rows of each projection on SpiNNaker, see `row_form`.
-        sources: source neurons of each projection.
-        synapses: of each projection, a grid's spelled out.
+        rows: the synapses of each projection, None for a projection without spikes.
+        begins_at: the source population of each projection.
+        ends_at: the target population of each projection.
+        first: the first line of each projection, and the number of all lines. A projection without spikes has no line.
+        bits: bits of one synapse of each projection in Loihi's blocks, without its index; SHARED for stored kernels.
+        kernels: bits of the kernels onto each population, which every core with some of its neurons stores.
+        columns: largest number of columns of maps on a core, for populations that are split by columns.
+        forms: form of the rows of each projection on SpiNNaker, see `row_form`.
+        sources: number of source neurons of each projection.
+        synapses: number of synapses of each projection; a kernel counts each synapse of the grid.
     """
 
     start: Ints
@@ -194,16 +201,16 @@ class Incoming:
 
     @cached_property
     def ends(self) -> Ints:
-        """Synapses onto neuron t are ends[t] : ends[t + 1] of `line`, by projection."""
+        """Bounds of `line`: the synapses onto neuron t are line[ends[t] : ends[t + 1]], in the order of projections."""
         ends = np.zeros(self.start[-1] + 1, dtype=np.int64)
         for index, rows in enumerate(self.rows):
             if rows is not None:
-                onto(rows.begin, rows.end, rows.targets, ends[1 + self.start[self.ends_at[index]] :])
+                count_onto(rows.begin, rows.end, rows.targets, ends[1 + self.start[self.ends_at[index]] :])
         return np.cumsum(ends)
 
     @cached_property
     def line(self) -> NDArray[np.int32]:
-        """The line of each synapse, by target: 4 bytes a synapse, so it is made only where it is needed."""
+        """The line of each synapse, sorted by target. At 4 bytes per synapse the array is only made on first use."""
         line = np.empty(self.synapses.sum(), dtype=np.int32)
         position = self.ends[:-1].copy()
         for index, rows in enumerate(self.rows):
@@ -214,7 +221,7 @@ class Incoming:
 
     @cached_property
     def source(self) -> NDArray[np.int32]:
-        """The neuron of each line."""
+        """The source neuron of each line."""
         starts = [self.start[k] + np.arange(n) for k, n in zip(self.begins_at, self.sources, strict=True)]
         return np.concatenate([np.zeros(0, dtype=np.int64), *starts]).astype(np.int32)
 
@@ -225,11 +232,11 @@ class Incoming:
 
 
 def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
-    """Look at all synapses of a program that carry spikes.
+    """Collect all synapses of a program that carry spikes.
 
     Args:
-        program: has them.
-        keeps_kernels: whether a core keeps a kernel once.
+        program: has the projections.
+        keeps_kernels: whether a core stores a kernel once.
     """
     sizes = [part.size for part in program.populations]
     parts, carries = program.projections, set(spiking(program))
@@ -263,11 +270,12 @@ def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
 
 
 def rows_of(program: Program, index: int) -> IncomingRows:
-    """The synapses of a projection by source; rows that are alike share their targets, a grid's are spelled out."""
+    """Return the synapses of a projection by source. Equal rows share their targets; a grid lists each synapse."""
     part = program.projections[index]
     n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
     if part.grid is not None:
-        # A neuron at (row, column) sees the kernel's window of its channels, as far as it lies inside; all maps alike.
+        # A neuron at (row, column) has the part of the kernel's window that lies inside, for each of its channels.
+        # All maps have the same windows.
         g = part.grid
         y = _window(g.rows, g.top, g.kernel_height, g.stride)[:, None, None, :, None]
         x = _window(g.columns, g.left, g.kernel_width, g.stride)[None, :, None, None, :]
@@ -293,12 +301,15 @@ def _window(places: int, before: int, kernel: int, stride: int) -> Ints:
 
 
 def spiking(program: Program) -> list[int]:
-    """Indices of the projections that carry spikes; those of a dc_generator carry a current."""
+    """Return the indices of the projections that carry spikes. Those from a dc_generator carry a current."""
     return [index for index, part in enumerate(program.projections) if part.carries == "spikes"]
 
 
 def dense_size(program: Program, index: int) -> int:
-    """Multiply-accumulates of one step if every source sends: all pairs, n one to one, of a grid the convolution's."""
+    """Return the multiply-accumulates of one step if every source sends.
+
+    These are all pairs, n for one_to_one, and the operations of the convolution for a grid.
+    """
     part = program.projections[index]
     n_pre, n_post = program.populations[part.source].size, program.populations[part.target].size
     if part.grid is not None:
@@ -307,20 +318,20 @@ def dense_size(program: Program, index: int) -> int:
 
 
 def fan_out(program: Program, index: int, weight: Floats) -> Ints:
-    """Synapses of each source whose weight is not 0, shape (sources,).
+    """Return the number of synapses of each source whose weight is not 0, shape (sources,).
 
     Args:
         program: has the projection.
-        index: of the projection.
-        weight: its weights, shape (1,) where shared, else one per synapse; of a grid those of its kernels.
+        index: the index of the projection.
+        weight: its weights, shape (1,) where shared, else one per synapse; for a grid those of its kernels.
     """
     part = program.projections[index]
     n_pre = program.populations[part.source].size
     counts = np.broadcast_to(weight != 0, part.size).astype(np.int64)
     if part.grid is not None:
-        # A source meets each weight of its channel once for every place of the kernel that puts it there.
+        # A source meets each weight of its channel once for every kernel position that covers it.
         g = part.grid
-        of_maps = counts.reshape(-1, g.reach, *g.kernels[1:])  # of a depthwise grid by channel
+        of_maps = counts.reshape(-1, g.reach, *g.kernels[1:])  # by channel in a depthwise grid
         kernels = of_maps.sum(axis=1).reshape(g.channels, g.kernel_height, g.kernel_width)
         rows = _meets(g.height, g.top, g.kernel_height, g.rows, g.stride)
         columns = _meets(g.width, g.left, g.kernel_width, g.columns, g.stride)
@@ -333,7 +344,7 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
 
 
 def _meets(length: int, before: int, kernel: int, places: int, stride: int) -> NDArray[np.int64]:
-    """Whether the kernel has a place at which its line k lies on line y, shape (length, kernel)."""
+    """Return whether some position of the kernel puts its line k on line y of the input, shape (length, kernel)."""
     offset = np.arange(length)[:, None] + before - np.arange(kernel)[None, :]
     place, rest = np.divmod(offset, stride)
     return np.asarray((rest == 0) & (place >= 0) & (place < places), dtype=np.int64)
@@ -341,14 +352,14 @@ def _meets(length: int, before: int, kernel: int, places: int, stride: int) -> N
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 
-# the cores that the spikes of each source reach
+# kernels that follow the spikes of each source to cores
 
 bits_of_block = subkernel(block_bits)
 
 
 @subkernel
 def cores_of_source(i, rows, core_of, count, cores):
-    """The cores that source i reaches, each once; returns how many there are."""
+    """List the cores that source i reaches, each once, and count its synapses on each; return the number of cores."""
     begin, end, targets = rows
     n = 0
     for e in range(begin[i], end[i]):
@@ -360,75 +371,84 @@ def cores_of_source(i, rows, core_of, count, cores):
 
 
 @subkernel
-def is_new(i, core, sent):
-    """Whether this is the first projection of source i that sends a spike to a core."""
-    if sent.size == 0:
+def is_new(i, core, visited):
+    """Return whether source i sends its first spike to a core, and mark the core as visited."""
+    if visited.size == 0:
         return True
     bit = 1 << (core & 7)
-    if sent[i, core >> 3] & bit:
+    if visited[i, core >> 3] & bit:
         return False
-    sent[i, core >> 3] |= bit
+    visited[i, core >> 3] |= bit
     return True
 
 
 @kernel
-def weigh(rows, core_of, room, bits, index, sends, axons_in, blocks, longest):
-    """Count what a projection brings to each core.
+def weigh(rows, core_of, scratch, bits, index, sends, axons_in, blocks, longest):
+    """Add the memory and the axons that a projection needs on each core.
 
     Args:
-        rows: see above.
-        core_of: likewise.
-        room: likewise.
-        bits: of one synapse, without the index of its neuron.
-        index: bits that tell the neurons of each core apart, none where synapses lie in rows.
-        sends: cores that each source reaches, grows.
-        axons_in: sources that reach each core, grows.
-        blocks: bits of each core where synapses lie in blocks, grows.
-        longest: is raised, else, to the most synapses that a source has onto each core.
+        rows: first argument of `projections_by_source`.
+        core_of: second argument of `projections_by_source`.
+        scratch: third argument of `projections_by_source`.
+        bits: bits of one synapse, without the index of its neuron.
+        index: bits that number the neurons of each core; empty where synapses are stored in rows.
+        sends: output, number of cores that each source reaches; increased.
+        axons_in: output, number of sources that reach each core; increased.
+        blocks: output for blocks, bits on each core; increased.
+        longest: output for rows, the most synapses that a source has onto each core; raised.
     """
-    count, cores, sent = room
+    count, cores, visited = scratch
     for i in range(rows[0].size):
         for k in range(cores_of_source(i, rows, core_of, count, cores)):
             core = cores[k]
             n = count[core]
             count[core] = 0
             if bits == SHARED:
-                pass  # the core keeps a kernel once, which is counted apart
+                pass  # `Incoming.kernels` has the bits of kernels
             elif index.size:
                 blocks[core] += bits_of_block(n, bits + index[core])
             else:
                 longest[core] = max(longest[core], n)
-            if is_new(i, core, sent):
+            if is_new(i, core, visited):
                 sends[i] += 1
                 axons_in[core] += 1
 
 
-def reached(into: Incoming, core_of: Ints, cores: int) -> Iterator[tuple[int, tuple[Any, ...]]]:
-    """Every projection with spikes, those of a source in order, and what kernels take of it.
+def projections_by_source(into: Incoming, core_of: Ints, cores: int) -> Iterator[tuple[int, tuple[Any, ...]]]:
+    """Yield each projection with spikes, grouped by source population, with arguments for the kernels above.
 
     Args:
         into: all synapses.
         core_of: the core of every neuron, -1 for generators.
-        cores: how many there are.
+        cores: number of cores.
 
     Yields:
-        the projection; its rows, the core of each of its targets, and room to count in.
+        the index of the projection; its rows, the core of each of its targets, and scratch arrays. The scratch arrays
+        count synapses per core, list reached cores, and mark the cores to which a source has already sent by another
+        projection (empty where no two projections of a source reach the same core).
     """
-    held = [core_of[a:b].astype(np.int32) for a, b in zip(into.start[:-1], into.start[1:], strict=True)]
-    count, listed = np.zeros((2, cores), dtype=np.int32)
-    listed = np.append(listed, np.int32(0))
-    on = np.zeros((len(held), cores), dtype=np.int64)
-    for population, own in enumerate(held):
-        on[population, own[own >= 0]] = 1
-    of_each: dict[int, list[int]] = {}
+    target_cores = [core_of[a:b].astype(np.int32) for a, b in zip(into.start[:-1], into.start[1:], strict=True)]
+    count, reached_cores = np.zeros((2, cores), dtype=np.int32)
+    reached_cores = np.append(reached_cores, np.int32(0))
+    has_neurons = np.zeros((len(target_cores), cores), dtype=np.int64)
+    for population, own in enumerate(target_cores):
+        has_neurons[population, own[own >= 0]] = 1
+    by_source: dict[int, list[int]] = {}
     for index, rows in enumerate(into.rows):
         if rows is not None and rows.size:
-            of_each.setdefault(into.begins_at[index], []).append(index)
-    for source, projections in of_each.items():
+            by_source.setdefault(into.begins_at[index], []).append(index)
+    for source, projections in by_source.items():
         size = int(into.start[source + 1] - into.start[source])
-        apart = bool(np.all(np.sum([on[into.ends_at[index]] for index in projections], axis=0) <= 1))
-        sent = np.zeros((0, 0) if apart else (size, cores // 8 + 1), dtype=np.uint8)
+        is_disjoint = bool(np.all(np.sum([has_neurons[into.ends_at[index]] for index in projections], axis=0) <= 1))
+        visited = np.zeros((0, 0) if is_disjoint else (size, cores // 8 + 1), dtype=np.uint8)
         for index in projections:
             rows = into.rows[index]
             assert rows is not None
-            yield index, ((rows.begin, rows.end, rows.targets), held[into.ends_at[index]], (count, listed, sent))
+            yield (
+                index,
+                (
+                    (rows.begin, rows.end, rows.targets),
+                    target_cores[into.ends_at[index]],
+                    (count, reached_cores, visited),
+                ),
+            )

@@ -1,9 +1,9 @@
-"""What quantising looks at: one population of a program, all that arrives at it, and when.
+"""The input of one population as quantising sees it: the projections onto it, their weights and their delays.
 
-One rule says when a spike acts; delay registers, their memory and refused delays follow from it. Input of most neurons
-acts in the step in which it arrives: a spike over a delay of D steps acts after D. NEST's synaptic currents
-(`I_syn_ex`, `I_syn_in`) move the potential a step after they arrive, so there it acts after D + 1. A chip's current
-acts at once, so its spike must be that much later. How the delay register counts is a family's own.
+One rule says when a spike acts; delay registers, their memory and refused delays follow from it. The input of most
+neurons acts in the step of its arrival: a spike with a delay of D steps acts after D steps. NEST's synaptic currents
+(`I_syn_ex`, `I_syn_in`) move the potential one step after they arrive, so a spike acts after D + 1 steps. A chip's
+current acts at once, so its spike is delayed by that step. Each family has its own encoding of the delay register.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a user has set; a family's `neuro.chips.arithmetic.Option` says what there is.
+    """The options that a user has set; `neuro.chips.arithmetic.Option` describes those of a family.
 
     Attributes:
         values: by option, then by part, e.g. {"scales": {"exc": 50000.0}}.
@@ -36,7 +36,7 @@ class Options:
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def of(self, option: str, part: str) -> Any:
-        """What is set of a part, None if nothing is."""
+        """Return the value of an option for a part, or None."""
         return self.values.get(option, {}).get(part)
 
 
@@ -45,12 +45,13 @@ class Inputs:
 
     Args:
         program: the whole network.
-        index: which population.
-        modes: sign modes that are kept whatever the weights are now, by projection.
+        index: the index of the population.
+        modes: sign modes, by projection, that stay fixed whatever the present weights are.
         check_only: find refusals only; weights of synapses that do not learn are not quantised.
 
     Attributes:
-        spikes, currents: indices of the projections that carry spikes, and currents.
+        spikes: indices of the projections that carry spikes.
+        currents: indices of the projections that carry currents.
     """
 
     def __init__(
@@ -63,20 +64,20 @@ class Inputs:
         self.spikes = [i for i in incoming if i not in self.currents]
 
     def lag(self, index: int) -> Words:
-        """Steps from the emission of a spike of a projection to the update that sees it, shape as its delays."""
+        """Return the steps from the emission of a spike to the update that sees it, in the shape of the delays."""
         return lag(self.program, index) if self.keeps(index) else longest_lag(self.program, index)
 
     def keeps(self, index: int) -> bool:
-        """Whether the words of a projection are wanted."""
+        """Return whether the words of a projection are needed."""
         return not self._check_only or bool(self.program.projections[index].synapse.learns)
 
     def learns(self, index: int) -> bool:
-        """Whether the weights of a projection change."""
+        """Return whether the weights of a projection can change."""
         synapse = self.program.projections[index].synapse
         return bool(synapse.learns) and not synapse.delays
 
     def range_of(self, index: int) -> Floats:
-        """The weights of a projection, followed by the bounds between which learning may move them."""
+        """Return the weights of a projection, followed by the bounds of its learning rule."""
         part = self.program.projections[index]
         if part.synapse.learns in ("pairs", "trials", "chip"):
             bounds = np.concatenate([np.ravel(end) for end in part.synapse.bounds()])
@@ -84,39 +85,39 @@ class Inputs:
         return part.weight
 
     def sign_mode(self, index: int) -> str:
-        """The signs that the weights of a projection have or may come to have."""
-        if kept := self._modes.get(self.program.projections[index].name):
-            return kept
+        """Return the sign mode that holds all present weights of a projection and all that learning can reach."""
+        if mode := self._modes.get(self.program.projections[index].name):
+            return mode
         low, high = self._bounds[index]
         if low >= 0.0:
             return "excitatory"
         return "inhibitory" if high <= 0.0 else "mixed"
 
     def bounds(self, index: int) -> tuple[float, float]:
-        """The smallest and the largest weight of a projection that carries spikes, or 0 if there is none such."""
+        """Return the smallest and the largest weight of a projection with spikes; at most 0 and at least 0."""
         return self._bounds[index]
 
     @cached_property
     def _bounds(self) -> dict[int, tuple[float, float]]:
-        found = {}
+        bounds = {}
         for index in self.spikes:
             weight = self.range_of(index)
-            found[index] = (float(weight.min(initial=0.0)), float(weight.max(initial=0.0)))
-        return found
+            bounds[index] = (float(weight.min(initial=0.0)), float(weight.max(initial=0.0)))
+        return bounds
 
     @property
     def low(self) -> float:
-        """The most negative weight that arrives, at most 0."""
+        """The most negative weight of all projections, at most 0."""
         return min((low for low, _ in self._bounds.values()), default=0.0)
 
     @property
     def high(self) -> float:
-        """The most positive weight that arrives, at least 0."""
+        """The most positive weight of all projections, at least 0."""
         return max((high for _, high in self._bounds.values()), default=0.0)
 
     @cached_property
     def current(self) -> float:
-        """The largest current in pA that generators may add to one neuron."""
+        """The largest current in pA that generators can add to one neuron."""
         total = 0.0
         for index in self.currents:
             part = self.program.projections[index]
@@ -132,12 +133,12 @@ class Inputs:
         return total
 
     def targets(self, index: int) -> Ints:
-        """The target of every synapse of a projection, in the order of its weights."""
+        """Return the target of every synapse of a projection, in the order of its weights."""
         return self.program.connections(index)[1]
 
 
 def constants_of(part: Population, resolution: float) -> Floats:
-    """The constants of a population's exact integration, one row, or one a neuron where they differ."""
+    """Return the constants of a population's exact integration, one row, or one per neuron if neurons differ."""
     model = part.model
     assert isinstance(model, Neuron)
     columns = [part.parameters[word] for word in model.quantities()]
@@ -147,32 +148,34 @@ def constants_of(part: Population, resolution: float) -> Floats:
     constants = np.zeros((len(different), model.width))
     for row, c in zip(different, constants, strict=True):
         model.arithmetic.constants(row, resolution, c)
-    found: Floats = constants[back.reshape(-1)]
-    return found
+    expanded: Floats = constants[back.reshape(-1)]
+    return expanded
 
 
-def falls(part: Population) -> NDArray[np.bool_]:
-    """Of each neuron, or of the one that all are like, whether V_m falls at a spike instead of being reset."""
-    found: NDArray[np.bool_] = part.parameters.get("reset_by_subtraction", np.zeros(1)) != 0.0
-    return found
+def resets_by_subtraction(part: Population) -> NDArray[np.bool_]:
+    """Return whether a spike subtracts from V_m instead of resetting it; one entry, or one per neuron."""
+    subtracts: NDArray[np.bool_] = part.parameters.get("reset_by_subtraction", np.zeros(1)) != 0.0
+    return subtracts
 
 
-def fall_register(part: Population, unit: float) -> dict[str, Ints]:
-    """How far the voltage register falls at a spike, of `unit` a mV; none where V_m is reset."""
-    if not falls(part).any():
+def soft_reset_register(part: Population, unit: float) -> dict[str, Ints]:
+    """Return the register with the fall of the voltage at a spike, at `unit` units per mV; empty where V_m is reset."""
+    if not resets_by_subtraction(part).any():
         return {}
     p = part.parameters
-    return {"fall": np.atleast_1d(np.rint(unit * (p["V_th"] - p["V_reset"]) * falls(part)).astype(np.int64))}
+    return {
+        "fall": np.atleast_1d(np.rint(unit * (p["V_th"] - p["V_reset"]) * resets_by_subtraction(part)).astype(np.int64))
+    }
 
 
-def has_lowest(part: Population) -> bool:
-    """Whether its potential is bounded from below."""
+def has_lowest_potential(part: Population) -> bool:
+    """Return whether the potential of a population has a lower bound."""
     return bool(np.isfinite(part.parameters.get("V_min", np.array([-np.inf]))).any())
 
 
-def of_lowest(part: Population) -> Iterator[Problem]:
-    """Lowest potentials that one register of a population cannot be."""
-    if not has_lowest(part):
+def lowest_potential_problems(part: Population) -> Iterator[Problem]:
+    """Yield the lower bounds of potentials that one register for the population cannot hold."""
+    if not has_lowest_potential(part):
         return
     p = part.parameters
     if np.unique(p["V_min"]).size > 1:
@@ -183,9 +186,9 @@ def of_lowest(part: Population) -> Iterator[Problem]:
         yield refused(part, what, "the lowest potential is above E_L", "lower V_min")
 
 
-def of_falls(part: Population, how: str) -> Iterator[Problem]:
-    """What a chip lacks, or does otherwise, of neurons whose potential falls at a spike."""
-    if not falls(part).any():
+def soft_reset_problems(part: Population, how: str) -> Iterator[Problem]:
+    """Yield the features of reset by subtraction that a chip lacks or approximates; `how` describes its reset."""
+    if not resets_by_subtraction(part).any():
         return
     if np.any(part.parameters["t_ref"] > 0.0):
         why = "a neuron that is held would fire with what is left of its voltage"
@@ -200,12 +203,12 @@ def of_falls(part: Population, how: str) -> Iterator[Problem]:
 
 
 def value_at(part: Population, name: str, neuron: int) -> float:
-    """A parameter of one neuron."""
+    """Return a parameter of one neuron."""
     return float(np.broadcast_to(part.parameters[name], part.size)[neuron])
 
 
 def too_short(part: Population, name: str, resolution: float) -> Iterator[Problem]:
-    """A time constant below a step."""
+    """Yield a problem if a time constant is below a step."""
     shortest = float(part.parameters[name].min())
     if shortest < resolution:
         yield refused(
@@ -219,7 +222,7 @@ def too_short(part: Population, name: str, resolution: float) -> Iterator[Proble
 def too_long(
     part: Population, name: str, resolution: float, limit: float, register: str, infinite: bool
 ) -> Iterator[Problem]:
-    """A finite time constant beyond the longest that a decay register holds; `infinite`: it also holds no decay."""
+    """Yield a problem if a finite time constant exceeds its decay register; `infinite`: it can hold no decay."""
     tau = part.parameters[name]
     longest = float(tau[np.isfinite(tau)].max(initial=0.0))
     if longest > limit * (1.0 + 1e-9):
@@ -233,7 +236,7 @@ def too_long(
 
 
 def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
-    """A shared kernel onto neurons whose weights would need different scales; `gains` is how many there are."""
+    """Return a problem if a shared kernel ends on neurons with different scales; `gains` is the number of scales."""
     part = inputs.program.projections[index]
     if part.grid is None or gains == 1:
         return []
@@ -242,25 +245,25 @@ def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
 
 
 def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = None) -> Floats:
-    """Sum of the weights of one sign that each neuron could receive of a projection in one step, as magnitudes.
+    """Return the largest input of one sign that each neuron can get from a projection in one step, as a magnitude.
 
     Args:
         inputs: the population.
-        index: of the projection.
+        index: the index of the projection.
         sign: 1 or -1.
-        weight: in place of the projection's.
+        weight: weights to use instead of the projection's.
     """
     part, n = inputs.program.projections[index], inputs.part.size
     source = inputs.program.populations[part.source].size
     low, high = inputs.bounds(index)
     if weight is None and (high if sign > 0.0 else -low) <= 0.0:
         return np.zeros(n)
-    given = part.weight if weight is None else weight
-    if part.layout == "csr" and given.size > 1:
+    weights = part.weight if weight is None else weight
+    if part.layout == "csr" and weights.size > 1:
         total = np.zeros(n)
-        arriving(part.targets, given, sign, total)
+        arriving(part.targets, weights, sign, total)
         return total
-    own = np.maximum(sign * given, 0.0)
+    own = np.maximum(sign * weights, 0.0)
     if part.grid is not None:
         per_map: Floats = np.broadcast_to(own, part.size).reshape(part.grid.maps, -1).sum(axis=1)
         return np.repeat(per_map, n // part.grid.maps)
@@ -274,25 +277,28 @@ def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = 
 
 
 def refused(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
-    """A problem of a part that keeps a program from running."""
-    return Problem(True, f"{_named(part)}: {what}", why, way_out, part.origin)
+    """Return a problem of a part that keeps a program from running."""
+    return Problem(True, f"{_label(part)}: {what}", why, way_out, part.origin)
 
 
 def approximated(part: Population | Projection, what: str, why: str, way_out: str = "") -> Problem:
-    """A problem of a part, or of a property of it, that changes what a program does."""
-    return Problem(False, f"{_named(part)}: {what}" if what else _named(part), why, way_out, part.origin)
+    """Return a problem of a part, or of one of its properties, that changes what a program computes."""
+    return Problem(False, f"{_label(part)}: {what}" if what else _label(part), why, way_out, part.origin)
 
 
-def _named(part: Population | Projection) -> str:
+def _label(part: Population | Projection) -> str:
     return f"{'population' if isinstance(part, Population) else 'projection'} '{part.name}'"
 
 
 LEARN_ELSEWHERE = f"run it on event: {SAVE_FROZEN}"
-"""The way out for delays that a chip cannot learn."""
+"""Hint for rules whose delays a chip cannot learn."""
 
 
 def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
-    """Why a synapse model cannot be on a chip: another family has its registers, or synapses share weights; or None."""
+    """Return a problem if a synapse model cannot run on a chip, else None.
+
+    Either the model has the registers of another family, or synapses that learn share weights.
+    """
     part = program.projections[index]
     if part.grid is not None and part.synapse.learns in ("pairs", "chip"):
         why = "its synapses are spelled out, so each would learn a weight of its own"
@@ -306,7 +312,7 @@ def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
 
 
 def no_rule(program: Program, index: int) -> Problem | None:
-    """Why no learning engine can run a synapse model onto these neurons; None if one can."""
+    """Return a problem if no learning engine can run a synapse model onto these neurons, else None."""
     part = program.projections[index]
     synapse, target = part.synapse, program.populations[part.target].model
     if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
@@ -327,14 +333,16 @@ def no_rule(program: Program, index: int) -> Problem | None:
 
 
 LARGEST_SIGNAL = 4.0
-"""Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where nothing says more."""
+"""Default for the largest dopamine that a signal sets, in units of one dopamine spike (1/tau_n)."""
 
 
 def largest_signal(program: Program, index: int, options: Options) -> float:
-    """Return the largest dopamine in 1/ms that the signal of a projection sets: an option, the signal, or a default.
+    """Return the largest dopamine in 1/ms that the signal of a projection sets.
+
+    The value is that of the option `signals`, or of the signal, or a default.
 
     Raises:
-        ModelError: the signal is computed, and nothing says it.
+        ModelError: the signal is computed, and neither the option nor the signal gives a largest value.
     """
     part = program.projections[index]
     signal = program.signals[part.signal] if part.signal >= 0 else None
@@ -343,49 +351,49 @@ def largest_signal(program: Program, index: int, options: Options) -> float:
         largest = signal.largest
         if largest is None and signal.values is not None:
             message = f"its signal '{signal.name}' is computed: the largest value is not known"
-            hint = f"'largest' in its values says it, or the option signals={{'{part.name}': ...}}"
+            hint = f"set 'largest' in its values, or the option signals={{'{part.name}': ...}}"
             raise ModelError(message, hint=hint)
     return float(largest or LARGEST_SIGNAL / part.synapse.parameters().get("tau_n", 1.0))
 
 
 def acts_late(model: Model) -> bool:
-    """Whether input moves the potential only in the step after its arrival."""
+    """Return whether input moves the potential only in the step after its arrival."""
     return any(state.name.startswith("I_syn") for state in model.states) and not isinstance(model, cuba_lif)
 
 
 def lag(program: Program, index: int) -> NDArray[np.int32]:
-    """Steps from the emission of a spike of a projection to the update of its target that sees it.
+    """Return the steps from the emission of a spike of a projection to the update of its target that sees it.
 
     Args:
         program: has the projection.
-        index: of the projection.
+        index: the index of the projection.
 
     Returns:
-        shape (1,) where the projection has one delay and keeps it, else one per synapse.
+        shape (1,) where the projection has one constant delay, else one entry per synapse.
     """
     part = program.projections[index]
-    late = acts_late(program.populations[part.target].model)
+    extra = acts_late(program.populations[part.target].model)
     delay = np.broadcast_to(part.delay, part.size) if part.synapse.delays else part.delay
-    return np.add(delay, late, dtype=np.int32)
+    return np.add(delay, extra, dtype=np.int32)
 
 
 def longest_lag(program: Program, index: int) -> NDArray[np.int32]:
-    """The longest lag of a projection, now or when its delays have learnt, shape (1,), or none without synapses."""
+    """Return the longest lag of a projection, now or after delays have learnt, shape (1,); empty without synapses."""
     part = program.projections[index]
-    late = acts_late(program.populations[part.target].model)
+    extra = acts_late(program.populations[part.target].model)
     if part.synapse.delays:
         _, most = part.delay_range(program.resolution)
-        return np.array([most + late], dtype=np.int32)
+        return np.array([most + extra], dtype=np.int32)
     return (
-        np.add(part.delay.max(keepdims=True), late, dtype=np.int32) if part.delay.size else part.delay.astype(np.int32)
+        np.add(part.delay.max(keepdims=True), extra, dtype=np.int32) if part.delay.size else part.delay.astype(np.int32)
     )
 
 
 def register(lag: NDArray[np.int32], of_one: int) -> NDArray[np.int32]:
-    """What a delay register holds for some lags; `of_one` is what it holds for a lag of one step."""
+    """Return the content of a delay register for some lags; `of_one` is its content for a lag of one step."""
     return lag + np.int32(of_one - 1)
 
 
 def has_two_inputs(model: Model) -> bool:
-    """Whether the synapses onto a neuron name one of two inputs."""
+    """Return whether each synapse onto a neuron selects one of two inputs."""
     return isinstance(model, Neuron) and model.receptors == 2 and not model.signed

@@ -1,4 +1,4 @@
-"""The chips that are known, from tables in which every number has a source, and the families that are emulated."""
+"""The known chips, read from tables in which every number has a source, and the arithmetic of the emulated families."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from neuro.core.registry import Registry
 from neuro.model.language.reader import Node, found_text, mistake, read, words
 
 ARITHMETICS = {arithmetic.name: arithmetic for arithmetic in (LOIHI, LOIHI2, SPINNAKER)}
-"""The families of chips whose arithmetic is emulated, by name."""
+"""The arithmetic of each emulated family of chips, by name."""
 
 WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
 PARTS = {"limits": "limit", "costs": "cost"}
@@ -27,15 +27,15 @@ TILES = ("columns", "rows", "cores_per_tile")
 
 
 def parse(root: Node, path: Path, base: Chip | None) -> Chip:
-    """The chip that a table describes.
+    """Return the chip that a table describes.
 
     Args:
-        root: the table.
-        path: its file.
-        base: the chip that it changes (`like`), None if it stands alone.
+        root: the root node of the table.
+        path: the file of the table.
+        base: the chip from which the table starts (`like`), or None.
 
     Raises:
-        ModelError: a word is unknown, a number has no source or cannot be, with its place.
+        ModelError: a word is unknown, or a number has no source or is not allowed; the message has the place.
     """
     table = words(root, WORDS, "a table of a chip")
     base = base or Chip("", "", "")
@@ -58,7 +58,7 @@ def parse(root: Node, path: Path, base: Chip | None) -> Chip:
 
 
 def load(path: Path) -> Node:
-    """The text of a table."""
+    """Read a table file as nodes."""
     try:
         return read(path)
     except ModelError as error:
@@ -69,13 +69,13 @@ def load(path: Path) -> Node:
 
 
 def like(root: Node) -> Node | None:
-    """The node that names the chip from which a table starts, if it has one."""
+    """Return the node `like`, which names the chip from which a table starts, or None."""
     return words(root, WORDS, "a table of a chip").get("like")
 
 
-def _entries(table: Mapping[str, Node], part: str, known: Mapping[str, object]) -> Mapping[str, Node]:
+def _entries(table: Mapping[str, Node], part: str, allowed: Mapping[str, object]) -> Mapping[str, Node]:
     kind = PARTS[part]
-    return words(table[part], known, f"{part} of a chip", kind=kind) if part in table else {}
+    return words(table[part], allowed, f"{part} of a chip", kind=kind) if part in table else {}
 
 
 def _limits(table: Mapping[str, Node]) -> dict[str, Figure]:
@@ -88,7 +88,7 @@ def _limits(table: Mapping[str, Node]) -> dict[str, Figure]:
 
 
 def _figure(node: Node, name: str, unit: str) -> Figure:
-    """A number with its source; `unit` is what a message asks for where there is no number."""
+    """Return a number with its source. Messages about a missing number name `unit`."""
     if not isinstance(node.value, dict):
         raise mistake(node, f"{name}: {found_text(node)}: expected a figure", "write {value: ..., source: ...}")
     parts = words(node, FIGURE, f"figure '{name}'", needs=("value", "source"))
@@ -97,8 +97,8 @@ def _figure(node: Node, name: str, unit: str) -> Figure:
     if (low is not None and low > value) or (high is not None and high < value):
         end = "low" if low is not None and low > value else "high"
         ends = {"low": low, "value": value, "high": high}
-        told = ", ".join(f"{word} = {n:g}" for word, n in ends.items() if n is not None)
-        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {told}")
+        range_text = ", ".join(f"{word} = {n:g}" for word, n in ends.items() if n is not None)
+        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {range_text}")
     return Figure(
         value,
         _text(parts["source"], f"{name}: source"),
@@ -116,7 +116,7 @@ def _figure(node: Node, name: str, unit: str) -> Figure:
 
 
 def _quantity(node: Node, what: str, name: str, unit: str) -> float:
-    """A number >= 0; `unit` is given when there is none."""
+    """Return a number >= 0. Messages about a missing number name `unit`."""
     value = node.value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = f"23.6 p{unit} is written 23.6e-12" if unit else ""
@@ -127,7 +127,7 @@ def _quantity(node: Node, what: str, name: str, unit: str) -> float:
 
 
 def _range(node: Node, what: str) -> Range:
-    """Two numbers, the smaller first."""
+    """Return two numbers, the smaller first."""
     ends = [part.value for part in node.value] if isinstance(node.value, list) else []
     numbers = [n for n in ends if isinstance(n, (int, float)) and not isinstance(n, bool) and n >= 0]
     if len(ends) != 2 or len(numbers) != 2 or numbers[0] > numbers[1]:
@@ -153,8 +153,8 @@ def _text(node: Node, name: str) -> str:
 def _arithmetic(node: Node) -> str:
     names = ("", *ARITHMETICS)
     if node.value not in names:
-        known = ", ".join(f"'{name}'" for name in names)
-        raise mistake(node, f"arithmetic: {found_text(node)}: expected one of {known}", "'' has limits and costs only")
+        choices = ", ".join(f"'{name}'" for name in names)
+        raise mistake(node, f"arithmetic: {found_text(node)}: expected one of {choices}", "'' has limits and costs only")
     return str(node.value)
 
 
@@ -169,7 +169,7 @@ def _mesh(node: Node) -> Mesh:
 
 
 def _agree(chip: Chip, root: Node) -> None:
-    """Refuse a mesh that has another number of cores than the limits say."""
+    """Refuse a mesh whose number of cores differs from the limit `cores_per_chip`."""
     cores = chip.limit("cores_per_chip")
     if chip.mesh is None or cores is None:
         return
@@ -183,7 +183,7 @@ def _agree(chip: Chip, root: Node) -> None:
 
 TABLES = Path(__file__).parent / "tables"
 _reading: list[Path] = []
-"""The tables that are being read, each like the next."""
+"""Stack of the tables that are being read, each of which starts from the next, to detect cycles."""
 
 
 CHIPS: Registry[Chip] = Registry(
@@ -193,19 +193,19 @@ CHIPS: Registry[Chip] = Registry(
     group="neuro.chips",
     name=lambda chip: chip.name,
 )
-"""All chips that have a name; `neuro.register(neuro.chips.chip("my.yaml"))` adds one."""
+"""All registered chips, by name; `neuro.register(neuro.chips.chip("my.yaml"))` adds one."""
 
 
 def chips() -> tuple[str, ...]:
-    """Names of the chips and processors that are known."""
+    """Return the names of the known chips and processors."""
     return tuple(sorted(CHIPS))
 
 
 def chip(name: str | PathLike[str]) -> Chip:
-    """The chip of that name, or of a table file, which is read each time.
+    """Return the chip of a name or of a table file. A file is read at each call.
 
     Raises:
-        ModelError: there is none, or the file is not such a table.
+        ModelError: no chip has that name, or the file is not a valid table.
     """
     text = str(name)
     if is_table(text):
@@ -216,17 +216,17 @@ def chip(name: str | PathLike[str]) -> Chip:
 
 
 def is_table(name: str) -> bool:
-    """Whether a name is that of a table file."""
+    """Return whether a name is that of a table file."""
     return name.endswith((".yaml", ".yml"))
 
 
 def read_chip(path: Path) -> Chip:
-    """The chip that a table file describes.
+    """Return the chip that a table file describes.
 
-    A table with `like: loihi` starts from that chip and changes what it names.
+    A table with `like: loihi` starts from that chip and replaces the entries that it names.
 
     Raises:
-        ModelError: the file is not a table, a word is unknown, or a number has no source; it says where.
+        ModelError: the file is not a table, a word is unknown, or a number has no source; the message has the place.
     """
     root = load(path)
     base = like(root)
@@ -240,7 +240,7 @@ def read_chip(path: Path) -> Chip:
 
 
 def _of_file(path: Path, base: Node) -> Chip:
-    """The chip of another table, which lies beside the one that is like it."""
+    """Return the chip of the table file in `like`, relative to the folder of the table that names it."""
     other = path.parent / str(base.value)
     if not other.is_file():
         raise ModelError(f"like: there is no file '{other}'", where=base.where)
@@ -254,10 +254,10 @@ def _of_file(path: Path, base: Node) -> Chip:
 
 
 def arithmetic_of(chip: Chip) -> Arithmetic:
-    """The arithmetic of a chip.
+    """Return the arithmetic of a chip.
 
     Raises:
-        ModelError: none is known here.
+        ModelError: the chip's arithmetic is not emulated.
     """
     if chip.arithmetic not in ARITHMETICS:
         raise ModelError(
@@ -268,5 +268,5 @@ def arithmetic_of(chip: Chip) -> Arithmetic:
 
 
 def placed_as(chip: Chip) -> Arithmetic:
-    """The arithmetic by which a chip packs synapses, sends spikes and counts delays: Loihi 1's where none is known."""
+    """Return the arithmetic that placing uses for synapses, spikes and delays; Loihi 1's where none is emulated."""
     return ARITHMETICS.get(chip.arithmetic, LOIHI)

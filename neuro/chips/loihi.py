@@ -1,16 +1,16 @@
-"""Loihi 1 as a family of chips, and how a leaky integrate-and-fire neuron becomes registers.
+"""Loihi 1: the conversion of leaky integrate-and-fire neurons and their weights to registers.
 
-Any table with `arithmetic: loihi` computes so.
+Any table with `arithmetic: loihi` uses it.
 
-With S units of the voltage register per mV, P32 the potential in mV that 1 pA gives in a step, and P30 that of a
-constant current (exact integration, `neuro.model.neurons.propagators`):
+Let S be the units of the voltage register per mV, P32 the potential in mV that 1 pA of synaptic current adds in a step,
+and P30 the potential that 1 pA of constant current adds (exact integration, `neuro.model.neurons.propagators`):
 
 | described | on the chip |
 | --- | --- |
 | V_m - E_L | v = S (V_m - E_L) |
-| I_syn, without what arrives in this step | u = S P32 I_syn / P11, with P11 = exp(-h / tau_syn) |
+| I_syn, without the input of this step | u = S P32 I_syn / P11, with P11 = exp(-h / tau_syn) |
 | weight of `iaf_psc_exp` | 64 m 2^e = S P32 w |
-| weight of `iaf_psc_delta` | 64 m 2^e = S w, and du = 4095, so that u keeps nothing |
+| weight of `iaf_psc_delta` | 64 m 2^e = S w, and du = 4095, so that u decays completely |
 | tau_syn | (4096 - (du + 1)) / 4096 = exp(-h / tau_syn) |
 | tau_m | (4096 - dv) / 4096 = exp(-h / tau_m) |
 | V_m >= V_th | v > 64 vth, the largest 64 vth below S (V_th - E_L) |
@@ -18,9 +18,10 @@ constant current (exact integration, `neuro.model.neurons.propagators`):
 | delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, see `neuro.chips.inputs` |
 
 Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where
-these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as in
-Brian2Loihi, which reports a match with the chip); the sum of a step wraps as a two's complement of 22 bits, u and
-u + bias as one of 24, and v is clipped (as in nengo-loihi, whose sums are held to the chip by its own tests).
+these differ, two rules are those of Brian2Loihi, which reports a match with the chip: each weight is shifted, not the
+sum of a step, and mantissas lose their lowest bits towards 0. Three rules are those of nengo-loihi, whose own tests
+compare its sums with the chip: the sum of a step wraps as a two's complement of 22 bits, u and u + bias wrap at 24
+bits, and v is clipped.
 """
 
 from __future__ import annotations
@@ -48,13 +49,13 @@ from neuro.chips.inputs import (
     Options,
     acts_late,
     approximated,
-    falls,
-    has_lowest,
-    of_falls,
-    of_lowest,
+    has_lowest_potential,
+    lowest_potential_problems,
     one_kernel,
     refused,
     register,
+    resets_by_subtraction,
+    soft_reset_problems,
     too_long,
     too_short,
     value_at,
@@ -63,24 +64,24 @@ from neuro.chips.loihi_registers import (
     BIAS_LARGEST,
     BIAS_MANTISSA,
     DECAY_STEPS,
-    GENTLE,
     INPUT_LIMIT,
     KIND,
     LOSSLESS,
     REFRACTORY_LIMIT,
     REGISTER_OF_ONE,
+    TOLERANCE,
     U_LIMIT,
     V_LIMIT,
     VTH_LIMIT,
     WEIGHT_BITS,
     WEIGHT_EXPONENTS,
-    Described,
+    InMillivolts,
     bounds,
     choose_scale,
-    described,
     exponent_of,
-    gained,
     grain_of,
+    in_millivolts,
+    potential_changes,
     receives,
     registers_of,
     word,
@@ -99,13 +100,13 @@ SOFT_RESET = (
 )
 
 
-def lacking(inputs: Inputs) -> list[Problem]:
-    """Return all that a compartment lacks of a population, whatever its scale."""
-    return [*_times(inputs), *_potentials(inputs), *_input(inputs), *of_falls(inputs.part, SOFT_RESET)]
+def missing_features(inputs: Inputs) -> list[Problem]:
+    """Return the features of a population that a compartment lacks at any scale."""
+    return [*_times(inputs), *_potentials(inputs), *_input(inputs), *soft_reset_problems(inputs.part, SOFT_RESET)]
 
 
 def _times(inputs: Inputs) -> Iterator[Problem]:
-    """Time constants that 12-bit decays cannot hold, and refractory periods beyond their register."""
+    """Yield time constants that 12-bit decays cannot hold, and refractory periods beyond their register."""
     part, h = inputs.part, inputs.program.resolution
     limit = -h / np.log1p(-1.0 / DECAY_STEPS)
     flows = dict(zip(("tau_syn_ex", "tau_syn_in"), receives(inputs), strict=True))
@@ -125,11 +126,11 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
 
 
 def _potentials(inputs: Inputs) -> Iterator[Problem]:
-    """Potentials that a compartment cannot tell apart, or has not."""
+    """Yield reset potentials and thresholds that a compartment cannot have."""
     part, p = inputs.part, inputs.part.parameters
-    off = np.flatnonzero(np.broadcast_to((p["V_reset"] != p["E_L"]) & ~falls(part), part.size))
-    if off.size:
-        v_reset, e_l = value_at(part, "V_reset", off[0]), value_at(part, "E_L", off[0])
+    mismatched = np.flatnonzero(np.broadcast_to((p["V_reset"] != p["E_L"]) & ~resets_by_subtraction(part), part.size))
+    if mismatched.size:
+        v_reset, e_l = value_at(part, "V_reset", mismatched[0]), value_at(part, "E_L", mismatched[0])
         yield refused(
             part,
             f"V_reset = {v_reset:g} mV",
@@ -145,19 +146,19 @@ def _potentials(inputs: Inputs) -> Iterator[Problem]:
             f"the threshold register is unsigned, so V_th must be above E_L = {e_l:g} mV",
             "raise V_th or lower E_L, or run on spinnaker",
         )
-    yield from of_lowest(part)
+    yield from lowest_potential_problems(part)
 
 
 def _input(inputs: Inputs) -> Iterator[Problem]:
-    """Input that a compartment does not keep apart, or not keep."""
+    """Yield input that a compartment loses, and receptors with different time constants."""
     part, p = inputs.part, inputs.part.parameters
     if p.get("refractory_input", np.zeros(1)).any():
         yield refused(part, "refractory_input", "a compartment loses input while it is refractory", "leave it out")
     if "tau_syn_ex" not in p or not all(receives(inputs)):
         return
-    apart = np.flatnonzero(np.broadcast_to(p["tau_syn_ex"] != p["tau_syn_in"], part.size))
-    if apart.size:
-        ex, inh = value_at(part, "tau_syn_ex", apart[0]), value_at(part, "tau_syn_in", apart[0])
+    different = np.flatnonzero(np.broadcast_to(p["tau_syn_ex"] != p["tau_syn_in"], part.size))
+    if different.size:
+        ex, inh = value_at(part, "tau_syn_ex", different[0]), value_at(part, "tau_syn_in", different[0])
         yield refused(
             part,
             f"tau_syn_ex = {ex:g} ms and tau_syn_in = {inh:g} ms",
@@ -166,8 +167,8 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
         )
 
 
-def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
-    """Registers that a scale overflows: one that a user set, or one kept while parameters change."""
+def overflows(part: Population, d: InMillivolts, volt: float) -> Iterator[Problem]:
+    """Yield the registers that overflow at a scale that a user set, or that stays fixed while parameters change."""
     for what, largest, limit, name in (
         ("V_th - E_L", float(d.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
         ("the constant current", float(d.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),
@@ -175,7 +176,7 @@ def overflows(part: Population, d: Described, volt: float) -> Iterator[Problem]:
         ("I_syn at step 0", float(np.abs(d.current).max()), U_LIMIT - 1, "the 24-bit current register"),
     ):
         need = volt * largest
-        if need > limit * (1.0 + GENTLE):
+        if need > limit * (1.0 + TOLERANCE):
             yield refused(
                 part,
                 f"{what} needs {need:.6g} at {volt:.6g} units per mV",
@@ -193,11 +194,11 @@ SCALING = (
         "a weight exponent, a whole number from -8 to 7",
     ),
 )
-"""What a user may fix of a chip's scales."""
+"""Options by which a user fixes scales and exponents."""
 
 
 def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
-    """How much of the 24 bits of u is filled by what arrives in each step, and what came before."""
+    """Return the largest |u| that some input causes, as a share of 2^23; 0 for neurons without a current."""
     if "du" not in cells.registers:
         return 0.0
     keep = (4095 - cells.registers["du"]) / 4096
@@ -209,7 +210,7 @@ def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
 
 
 class Loihi(Arithmetic):
-    """The integers of Loihi 1."""
+    """The integer arithmetic of Loihi 1."""
 
     name = "loihi"
     title = "Loihi"
@@ -225,16 +226,16 @@ class Loihi(Arithmetic):
     }
     states: Mapping[str, tuple[str, ...]] = {KIND: ("v", "u")}
     kind = KIND
-    """The step that `models` with a potential take, see `FixedPopulation.kind`."""
+    """The integer step of `models` with a potential, see `FixedPopulation.kind`."""
     shifts_sums = False
-    """Whether a negative exponent shifts the sum of a step, not each weight."""
+    """Whether a negative exponent shifts the sum of a step instead of each weight."""
 
     def ends(self, mode: str, bits: int) -> tuple[int, int, int]:
-        """Return the smallest and the largest mantissa of a sign mode, and the step between two."""
+        """Return the smallest and the largest mantissa of a sign mode, and the step between two mantissas."""
         return bounds(mode, bits)
 
     def words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """Return what a spike adds for some mantissas."""
+        """Return the words that a spike adds for some mantissas."""
         return word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
 
     def wires(
@@ -250,18 +251,18 @@ class Loihi(Arithmetic):
         native: bool = False,
         **more: Any,
     ) -> FixedProjection:
-        """Return a projection by its mantissas, their sign mode and what became of the weights.
+        """Return a projection from its mantissas, their sign mode and their rounding errors.
 
         Args:
-            inputs: the population on which it ends.
-            index: of the projection.
+            inputs: the target population.
+            index: the index of the projection.
             mantissas: one, or one per synapse.
-            rounding: what became of the weights.
+            rounding: the rounding errors of the weights.
             step: weight per mantissa.
-            exponent: of the weights.
-            mode: the sign mode; "" for words as they are.
-            bits: of a mantissa.
-            native: whether the weights of the language are the mantissas, bits that the chip drops included.
+            exponent: the weight exponent.
+            mode: the sign mode; "" for mantissas that are sent unchanged.
+            bits: bits of a mantissa.
+            native: whether the weights of the language are mantissas, including the bits that the chip drops.
             more: other attributes of `FixedProjection`.
         """
         low, high, grain = self.ends(mode, WEIGHT_BITS if native else bits)
@@ -288,7 +289,7 @@ class Loihi(Arithmetic):
         return replace(wires, words=self.words(wires, mantissas))
 
     def native_projection(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-        """Return a projection onto a `loihi_lif`, whose weights are mantissas, and what cannot be."""
+        """Return a projection onto a `loihi_lif`, whose weights are mantissas, and its refusals."""
         part = inputs.program.projections[index]
         numbers = part.synapse.parameters()
         exponent, bits = numbers.get("weight_exp", 0), numbers.get("num_weight_bits", WEIGHT_BITS)
@@ -301,30 +302,30 @@ class Loihi(Arithmetic):
             value = part.weight[bad[0]]
             why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
             problems.append(refused(part, f"weight = {value:g}", why, "raise weight_exp and lower the mantissas"))
-        asked: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
-        sent: Floats = word(asked, exponent, bits, mode == "mixed") * 2.0**-exponent
-        rounding = judge_weights(asked.astype(np.float64), sent, 1.0, low, high)
-        wires = self.wires(inputs, index, asked, rounding, exponent=exponent, mode=mode, bits=bits, native=True)
+        mantissas: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
+        sent: Floats = word(mantissas, exponent, bits, mode == "mixed") * 2.0**-exponent
+        rounding = judge_weights(mantissas.astype(np.float64), sent, 1.0, low, high)
+        wires = self.wires(inputs, index, mantissas, rounding, exponent=exponent, mode=mode, bits=bits, native=True)
         return wires, problems
 
     def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
-        """Return a projection onto parrots, which the host relays: every spike counts, whatever its weight."""
+        """Return a projection onto parrots. The host relays every spike, whatever the weight."""
         step = inputs.program.projections[index].weight.copy()
         return self.wires(inputs, index, np.ones(1, dtype=np.int32), LOSSLESS, step, mode="excitatory")
 
     def population(self, inputs: Inputs, options: Options) -> tuple[FixedPopulation, Projections, list[Problem]]:
-        """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it.
+        """Quantise a population of `iaf_psc_delta` or `iaf_psc_exp` and the projections onto it.
 
         Args:
-            inputs: the population and what arrives at it.
-            options: scales that a user sets.
+            inputs: the population and its input.
+            options: scales and exponents that a user sets.
         """
         part = inputs.part
-        d, problems = described(inputs), lacking(inputs)
+        d, problems = in_millivolts(inputs), missing_features(inputs)
         volt = float(options.of("scales", part.name) or choose_scale(inputs, d))
         problems += overflows(part, d, volt)
         registers, errors = registers_of(inputs, d, volt)
-        if has_lowest(part):
+        if has_lowest_potential(part):
             rest, lowest = part.parameters["E_L"], part.parameters["V_min"]
             depth = volt * float((rest - lowest).max())
             registers["v_min"] = np.array([1 - 2 ** round(np.log2(max(depth, 0.0) + 1.0))])
@@ -344,31 +345,31 @@ class Loihi(Arithmetic):
             volt * d.drift,
             errors,
         )
-        found = {}
+        wires = {}
         for index in inputs.spikes:
-            found[index], more = self.fitted_projection(inputs, index, d, volt, options)
+            wires[index], more = self.fitted_projection(inputs, index, d, volt, options)
             problems += more
-        return fixed, found, problems
+        return fixed, wires, problems
 
     def fitted_projection(
-        self, inputs: Inputs, index: int, d: Described, volt: float, options: Options
+        self, inputs: Inputs, index: int, d: InMillivolts, volt: float, options: Options
     ) -> tuple[FixedProjection, list[Problem]]:
-        """The weights onto a population with a scale, as mantissas and an exponent."""
+        """Convert the weights onto a population with a known scale to mantissas and an exponent."""
         part = inputs.program.projections[index]
         mode = inputs.sign_mode(index)
         low, high, grain = bounds(mode)
         problems = one_kernel(inputs, index, d.gain.size)
         exponent = options.of("exponents", part.name)
         if exponent is None:
-            exponent = exponent_of(gained(inputs, index, d, few=True), volt, low, high, inputs.learns(index))
+            exponent = exponent_of(potential_changes(inputs, index, d, few=True), volt, low, high, inputs.learns(index))
         step = 64.0 * 2.0**exponent / (volt * (d.gain if part.grid is None else d.gain[:1]))
         per_synapse = step if step.size == 1 else step[inputs.targets(index)]
         keep = exponent < 0 or inputs.keeps(index)
-        mantissas, found = round_weights(part.weight, per_synapse, per_synapse, low, high, grain, keep)
-        if exponent < 0:  # the lowest bits of a mantissa are kept for learning, but not sent
+        mantissas, rounding = round_weights(part.weight, per_synapse, per_synapse, low, high, grain, keep)
+        if exponent < 0:  # learning uses the lowest bits of a mantissa, but spikes do not send them
             sent: Floats = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
-            found = judge_weights(np.broadcast_to(part.weight, mantissas.shape), sent, per_synapse, low, high)
-        if found.saturated > 0.0:
+            rounding = judge_weights(np.broadcast_to(part.weight, mantissas.shape), sent, per_synapse, low, high)
+        if rounding.saturated > 0.0:
             beyond = farthest_weight(part.weight, per_synapse, low, high)
             limit = low if beyond.weight < 0.0 else high
             problems.append(
@@ -377,43 +378,46 @@ class Loihi(Arithmetic):
                     f"weight = {beyond.weight:g}",
                     f"a mantissa in sign mode {mode} holds at most {limit}, which is {limit * beyond.step:.6g} "
                     f"at exponent {exponent} and {volt:.6g} units per mV",
-                    "use a larger exponent or a smaller scale, or leave them to be chosen",
+                    "use a larger exponent or a smaller scale, or leave both to be chosen",
                 )
             )
-        return self.wires(inputs, index, mantissas, found, per_synapse, exponent=exponent, mode=mode), problems
+        return self.wires(inputs, index, mantissas, rounding, per_synapse, exponent=exponent, mode=mode), problems
 
     def give_rule(
         self, program: Program, chip: Chip, index: int, wires: Projections, options: Options
     ) -> Iterator[Problem]:
-        """Give a rule of the learning engine to a projection; yield what is refused and what is approximated."""
+        """Set a rule of the learning engine for a projection; yield refusals and approximations."""
         if type(program.projections[index].synapse) is not static:
             from neuro.chips.loihi_learning import give_rule
 
             yield from give_rule(program, chip, index, wires, options)
 
-    def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
-        """Return the scale and the exponents that a population and the projections onto it have."""
+    def scale_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+        """Return the present scale and exponents of a population and of the projections onto it."""
         return Options({"scales": {cells.name: cells.volt}, "exponents": {part.name: part.exponent for part in wires}})
 
     def filled(self, cells: FixedPopulation, arriving: Floats) -> float:
-        """Return how much of the 22 bits of a step's input, or of the 24 of u, is filled by what arrives."""
+        """Return the largest input of a step as a share of its 22 bits, or |u| as a share of 24, if that is more."""
         if "du" not in cells.registers:
             return 0.0
         return max(64.0 * float(np.abs(arriving).max(initial=0.0)) / INPUT_LIMIT, filled_current(cells, arriving))
 
-    def told_scale(self, cells: FixedPopulation, wires: FixedProjection) -> str:
-        """Return the name of a projection's scale in a report."""
+    def scale_text(self, cells: FixedPopulation, wires: FixedProjection) -> str:
+        """Return the exponent of a projection for the report."""
         return f"exponent {wires.exponent}"
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return how mantissas lose nothing to the shift of the exponent and to the bits of the memory."""
+        """Return a hint against bits that the exponent shifts out or that the weight memory drops."""
         grain = max(grain_of(wires.bits, wires.sign_mode == "mixed"), 2 ** max(0, -wires.exponent))
         ways = [f"use mantissas that are multiples of {grain}"] if grain <= wires.high else []
         ways += ["use a larger weight_exp"] if wires.exponent < 0 else []
         return ", or ".join(ways)
 
     def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
-        """Return a synaptic current in pA: a compartment has one; what is above 0 is excitatory."""
+        """Return a synaptic current in pA.
+
+        A compartment has one current: above 0 it is excitatory, below 0 inhibitory.
+        """
         units = np.maximum(states["u"], 0) if name == "I_syn_ex" else np.minimum(states["u"], 0)
         current: Floats = units / cells.ampere[0]
         return current
@@ -424,7 +428,7 @@ class Loihi(Arithmetic):
         return units
 
     def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
-        """Return what the bias register adds in each step, with a current in pA beside the constant one."""
+        """Return the bias of each step: the constant one plus that of an extra current in pA."""
         r = cells.registers
         mantissas = r["bias_mant"] + np.rint(current * cells.drive / 2.0 ** r["bias_exp"]).astype(np.int64)
         if mantissas.min() < -BIAS_MANTISSA - 1 or mantissas.max() > BIAS_MANTISSA:
@@ -436,8 +440,8 @@ class Loihi(Arithmetic):
         return value
 
     def way_out(self, cells: FixedPopulation) -> str:
-        """Return the scale that leaves four times the room."""
-        return f"scales={{'{cells.name}': {cells.volt / 4:.4g}}} leaves 4 times the room"
+        """Return the option that sets a quarter of the scale."""
+        return f"scales={{'{cells.name}': {cells.volt / 4:.4g}}} makes all registers a quarter as full"
 
 
 LOIHI = Loihi()

@@ -1,17 +1,17 @@
-"""Loihi 2 as a family of chips: payloads, sums that are shifted as a whole, and neurons in registers.
+"""Loihi 2: payloads, sums that are shifted as a whole, and neurons that are described in registers.
 
-Any table with `arithmetic: loihi2` computes so.
+Any table with `arithmetic: loihi2` uses it.
 
 | described | on the chip |
 | --- | --- |
-| weight of `loihi2_static` | the mantissa; bits that the memory does not keep are dropped downwards |
+| weight of `loihi2_static` | the mantissa; bits that the memory lacks are rounded down |
 | weight of `static` onto neurons in whole numbers | m 2^e: with the largest e that is exact, else the nearest |
 | `iaf_psc_exp`, `iaf_psc_delta` | as on Loihi 1 (`neuro.chips.loihi`); without a refractory period |
-| `sigma_delta` and such | vth and bias in units of the states, 2^-(spike_exp + state_exp) |
-| `stdp_dopa` with a signal | a rule of three factors (`neuro.chips.loihi_learning`) |
+| `sigma_delta` and other graded models | vth and bias in units of the states, 2^-(spike_exp + state_exp) |
+| `stdp_dopa` with a signal | a three-factor rule (`neuro.chips.loihi_learning`) |
 
-What differs from Loihi 1: mixed mantissas are rounded down, not towards 0; a negative exponent shifts the sum of a
-step, not each weight; a step's input has 32 bits; there is no refractory period. Source: lava 0.10.0, `src/lava/proc`.
+Differences from Loihi 1: mixed mantissas are rounded down, not towards 0; a negative exponent shifts the sum of a step,
+not each weight; the input of a step has 32 bits; there is no refractory period. Source: lava 0.10.0, `src/lava/proc`.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from neuro.chips.inputs import (
     Inputs,
     Options,
     approximated,
-    falls,
-    has_lowest,
+    has_lowest_potential,
     has_two_inputs,
     refused,
+    resets_by_subtraction,
     value_at,
 )
 from neuro.chips.loihi import Loihi, filled_current
@@ -59,20 +59,22 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 LIF = "loihi2_lif"
 GRADED = (sigma_delta, delta_encoder, sigma_decoder, graded_vector, graded_product)
-"""Models in whole numbers, whose parameters are registers on a scale of their own."""
+"""Models with payloads, whose parameters are scaled to registers by exponents of their own."""
 
 STATE_LIMIT = 2**31 - 1
 SIGN_MODES = {"mixed": (-256, 255), "excitatory": (0, 255), "inhibitory": (-255, 0)}
-"""The smallest and the largest mantissa of each."""
+"""The smallest and the largest mantissa of each sign mode."""
 
 
-def dropped(mantissas: Words, bits: int, mode: str) -> Words:
-    """Mantissas as the weight memory keeps them: clipped, and without the lowest bits, rounded down."""
+def stored_mantissas(mantissas: Words, bits: int, mode: str) -> Words:
+    """Return mantissas as the weight memory stores them: clipped, and rounded down to the bits that it has."""
     low, high = SIGN_MODES[mode]
-    lost = WEIGHT_BITS - bits + (mode == "mixed")
-    kept = np.clip(mantissas, low, high)
+    dropped_bits = WEIGHT_BITS - bits + (mode == "mixed")
+    clipped = np.clip(mantissas, low, high)
     # Inhibitory mantissas are magnitudes, so rounding down is towards 0 there.
-    words: Words = -(-kept >> lost << lost) if mode == "inhibitory" else kept >> lost << lost
+    words: Words = (
+        -(-clipped >> dropped_bits << dropped_bits) if mode == "inhibitory" else clipped >> dropped_bits << dropped_bits
+    )
     return words.astype(np.int32)
 
 
@@ -83,8 +85,8 @@ def _not_whole(part: Projection) -> Iterator[Problem]:
         yield refused(part, f"weight = {part.weight[bad[0]]:g}", why, "raise weight_exp and lower the mantissas")
 
 
-def _without_reference(part: Population) -> Iterator[Problem]:
-    """What lava's fixed-point neuron has not."""
+def _missing_features(part: Population) -> Iterator[Problem]:
+    """Yield features that lava's fixed-point neuron lacks."""
     if np.any(part.parameters["t_ref"] > 0.0):
         at = int(np.argmax(part.parameters["t_ref"]))
         what, why = (
@@ -92,7 +94,7 @@ def _without_reference(part: Population) -> Iterator[Problem]:
             "no fixed-point neuron of Loihi 2 has a refractory period",
         )
         yield refused(part, what, why, "give it t_ref: 0, or run on loihi")
-    if falls(part).any() or has_lowest(part):
+    if resets_by_subtraction(part).any() or has_lowest_potential(part):
         why = "no fixed-point neuron of Loihi 2 resets by subtraction or has a lowest potential"
         yield refused(part, part.model.name, why, "leave it out, or run on loihi")
 
@@ -101,7 +103,7 @@ _SIGMA = ("sigma", "act", "residue", "error", "payload")
 
 
 class Loihi2(Loihi):
-    """The integers of Loihi 2: those of Loihi 1 but for payloads, and for how mantissas and sums are cut."""
+    """The integer arithmetic of Loihi 2: that of Loihi 1 except for payloads and the rounding of mantissas and sums."""
 
     name = "loihi2"
     title = "Loihi 2"
@@ -126,19 +128,19 @@ class Loihi2(Loihi):
     shifts_sums = True
 
     def ends(self, mode: str, bits: int) -> tuple[int, int, int]:
-        """Return the smallest and the largest mantissa of a sign mode, and the step between two."""
+        """Return the smallest and the largest mantissa of a sign mode, and the step between two mantissas."""
         return (*SIGN_MODES.get(mode, (-255, 255)), 1 << (WEIGHT_BITS - bits + (mode == "mixed")))
 
     def words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """Return what a spike of payload 1 adds to the sum of a step: a negative exponent shifts the sum."""
+        """Return the words that a spike of payload 1 adds. A negative exponent shifts the sum of a step instead."""
         if not wires.sign_mode:
             return mantissas
-        # What has been learnt keeps its lowest bits, as in lava.
-        sent = mantissas if wires.rule is not None else dropped(mantissas, wires.bits, wires.sign_mode)
-        return sent << max(wires.exponent, 0)
+        # Learnt mantissas keep their lowest bits, as in lava.
+        stored = mantissas if wires.rule is not None else stored_mantissas(mantissas, wires.bits, wires.sign_mode)
+        return stored << max(wires.exponent, 0)
 
     def native(self, part: Population) -> FixedPopulation:
-        """Return a neuron that is described in registers, and whose model's name is its step."""
+        """Return a population that is described in registers; its integer step has the name of its model."""
         fixed = super().native(part)
         if "cos_decay" in fixed.registers:
             vth = np.trunc(part.parameters["vth"] * 2.0 ** part.parameters["state_exp"]).astype(np.int64)
@@ -146,7 +148,7 @@ class Loihi2(Loihi):
         return fixed
 
     def native_projection(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-        """Return a projection onto neurons in registers, by its synapse model, and what cannot be."""
+        """Return a projection onto neurons in registers, and its refusals and approximations."""
         part = inputs.program.projections[index]
         if isinstance(part.synapse, (loihi2_static, loihi2_learning)):
             wires, problems = self._in_mantissas(inputs, index, part.synapse)
@@ -160,7 +162,7 @@ class Loihi2(Loihi):
     def _in_mantissas(
         self, inputs: Inputs, index: int, synapse: loihi2_static | loihi2_learning
     ) -> tuple[FixedProjection, list[Problem]]:
-        """Weights that are mantissas."""
+        """Return a projection whose weights are mantissas."""
         part = inputs.program.projections[index]
         exponent, bits, mode = synapse.weight_exp, synapse.num_weight_bits, synapse.sign_mode
         low, high = SIGN_MODES[mode]
@@ -169,30 +171,30 @@ class Loihi2(Loihi):
         if beyond.size:
             why = f"a mantissa in sign mode {mode} is clipped to {low}..{high}"
             problems.append(approximated(part, f"weight = {part.weight[beyond[0]]:g}", why, "raise weight_exp"))
-        asked = np.clip(np.rint(part.weight), low, high).astype(np.int32)
-        found = judge_weights(asked.astype(np.float64), dropped(asked, bits, mode), 1.0, low, high)
+        clipped = np.clip(np.rint(part.weight), low, high).astype(np.int32)
+        rounding = judge_weights(clipped.astype(np.float64), stored_mantissas(clipped, bits, mode), 1.0, low, high)
         rule = synapse.rule() if isinstance(synapse, loihi2_learning) else None
-        mantissas = asked if rule is None else dropped(asked, bits, mode)
+        mantissas = clipped if rule is None else stored_mantissas(clipped, bits, mode)
         wires = self.wires(
-            inputs, index, mantissas, found, exponent=exponent, mode=mode, bits=bits, native=True, rule=rule
+            inputs, index, mantissas, rounding, exponent=exponent, mode=mode, bits=bits, native=True, rule=rule
         )
         return wires, problems
 
     def _convolution(
         self, inputs: Inputs, index: int, synapse: loihi2_convolution
     ) -> tuple[FixedProjection, list[Problem]]:
-        """Weights as they are, whose sum may wrap."""
+        """Return a projection whose weights are sent unchanged, and whose sum may wrap."""
         part = inputs.program.projections[index]
         problems = [*_not_whole(part)]
         beyond = np.flatnonzero(np.abs(part.weight) > 255)
         if beyond.size:
-            found = f"weight = {part.weight[beyond[0]]:g}"
-            problems.append(refused(part, found, "a weight has 8 bits and a sign", "scale it"))
-        asked = np.rint(part.weight).astype(np.int32)
-        return self.wires(inputs, index, asked, LOSSLESS, native=True, wraps=synapse.wraps), problems
+            what = f"weight = {part.weight[beyond[0]]:g}"
+            problems.append(refused(part, what, "a weight has 8 bits and a sign", "scale it"))
+        mantissas = np.rint(part.weight).astype(np.int32)
+        return self.wires(inputs, index, mantissas, LOSSLESS, native=True, wraps=synapse.wraps), problems
 
     def _fitted(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-        """Return weights m 2^e with the largest exponent that loses nothing, else the smallest."""
+        """Return weights m 2^e with the largest exponent that is exact, else the smallest exponent that fits."""
         part, mode = inputs.program.projections[index], inputs.sign_mode(index)
         low, high = SIGN_MODES[mode]
         grain = 1 + (mode == "mixed")
@@ -211,27 +213,27 @@ class Loihi2(Loihi):
         ]
         exponent = max(exact, default=fitting[0])
         step = np.full(1, 2.0**exponent)
-        mantissas, found = round_weights(part.weight, step, step, low, high, grain, inputs.keeps(index))
-        return self.wires(inputs, index, mantissas, found, step, exponent=exponent, mode=mode), problems
+        mantissas, rounding = round_weights(part.weight, step, step, low, high, grain, inputs.keeps(index))
+        return self.wires(inputs, index, mantissas, rounding, step, exponent=exponent, mode=mode), problems
 
     def population(self, inputs: Inputs, options: Options) -> tuple[FixedPopulation, Projections, list[Problem]]:
-        """Bring a population of `models` and the projections onto it into integers, and tell what cannot be."""
+        """Quantise a population of `models` and the projections onto it; also return refusals and approximations."""
         if isinstance(inputs.part.model, GRADED):
             return self._graded(inputs)
         fixed, wires, problems = super().population(inputs, options)
         registers = {name: values for name, values in fixed.registers.items() if name != "refractory"}
-        return replace(fixed, registers=registers), wires, [*problems, *_without_reference(inputs.part)]
+        return replace(fixed, registers=registers), wires, [*problems, *_missing_features(inputs.part)]
 
     def _graded(self, inputs: Inputs) -> tuple[FixedPopulation, Projections, list[Problem]]:
-        """Neurons that send payloads: their parameters in units of the states."""
+        """Quantise neurons that send payloads: scale their parameters to units of the states."""
         part, p = inputs.part, inputs.part.parameters
         unit = 2.0 ** (p.get("spike_exp", np.zeros(1)) + p.get("state_exp", np.zeros(1)))
-        wanted = {name: p[name] * unit for name in ("vth", "bias") if name in p}
-        registers: dict[str, Ints] = {name: np.rint(values).astype(np.int64) for name, values in wanted.items()}
-        registers |= {n: values.astype(np.int64) for n, values in p.items() if n not in (*wanted, "tau_minus")}
+        scaled = {name: p[name] * unit for name in ("vth", "bias") if name in p}
+        registers: dict[str, Ints] = {name: np.rint(values).astype(np.int64) for name, values in scaled.items()}
+        registers |= {n: values.astype(np.int64) for n, values in p.items() if n not in (*scaled, "tau_minus")}
         problems: list[Problem] = []
         errors: list[Rounding] = []
-        for name, values in wanted.items():
+        for name, values in scaled.items():
             if np.any(np.abs(values) > STATE_LIMIT):
                 why = f"a register holds at most {STATE_LIMIT}"
                 problems.append(refused(part, f"{name} = {p[name].max():g}", why, "lower it, or the exponents"))
@@ -241,16 +243,16 @@ class Loihi2(Loihi):
                 )
         initial = {name: np.rint(values).astype(np.int64) for name, values in part.initial.items()}
         fixed = FixedPopulation(part.name, part.model.name, registers, initial, rounding=tuple(errors))
-        found = {}
+        wires = {}
         for index in inputs.spikes:
-            found[index], more = self.native_projection(inputs, index)
+            wires[index], more = self.native_projection(inputs, index)
             problems += more
-        return fixed, found, problems
+        return fixed, wires, problems
 
     def give_rule(
         self, program: Program, chip: Chip, index: int, wires: Projections, options: Options
     ) -> Iterator[Problem]:
-        """Give a rule of three factors; rules in registers are given with the mantissas."""
+        """Set a three-factor rule; rules in registers are already set with the mantissas."""
         if program.projections[index].synapse.modulated:
             from neuro.chips.loihi_learning import give_rule
 
@@ -259,15 +261,18 @@ class Loihi2(Loihi):
             yield from Arithmetic.give_rule(self, program, chip, index, wires, options)
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return how mantissas that a user sets lose nothing to the bits of the memory."""
+        """Return a hint against mantissa bits that the weight memory drops."""
         return f"use mantissas that are multiples of {1 << (WEIGHT_BITS - wires.bits + (wires.sign_mode == 'mixed'))}"
 
-    def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
-        """Return the scale and the exponents that a population and the projections onto it have."""
-        return super().kept_options(cells, wires) if cells.kind == LIF else Options({})
+    def scale_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+        """Return the present scale and exponents of a population and of the projections onto it."""
+        return super().scale_options(cells, wires) if cells.kind == LIF else Options({})
 
     def filled(self, cells: FixedPopulation, arriving: Floats) -> float:
-        """Return how much of the 24 bits of u is filled by what arrives; a step's input has 32."""
+        """Return the largest |u| as a share of its 24 bits.
+
+        The input of a step has 32 bits and cannot wrap before u.
+        """
         return filled_current(cells, arriving)
 
 

@@ -1,17 +1,18 @@
-"""From `stdp` and `stdp_dopa` to the scales, impulses and rules of Loihi's learning engine.
+"""The conversion of `stdp` and `stdp_dopa` to scales, impulses and rules of Loihi's learning engine.
 
-A trace that rises by `impulse` i stands for K = trace / i; a scale S = m 2^e makes S i the change by one pair, in
-mantissas. Impulses of up to 31 leave room for K = 4 in 7 bits. With dopamine the tag holds the eligibility, 16 to 31
-for the largest pair; r1 and r2 hold the positive and the negative part of n, and the weight moves in every 2^k-th step.
+A trace that rises by an impulse i represents K = trace / i. With a scale S = m 2^e, one pair changes the weight by S i
+mantissas. Impulses are at most 31, so that 7 bits can hold K = 4. With dopamine the tag holds the eligibility, 16 to 31
+units for the largest change by one pair. r1 and r2 hold the positive and the negative part of n, and the weight moves
+in every 2^k-th step.
 
-A post spike reaches a float synapse after its delay of D >= 1 steps, on the chip at once. A pair in one step is then
-causal on both, but the window of the float model begins one step later: A_plus exp(-h / tau_plus) and A_minus give both
-windows the float model's areas, so that uncorrelated spikes drift alike.
+A post spike reaches a float synapse after its delay of D >= 1 steps, but a synapse on the chip at once. A pair in one
+step is causal in both, but the window of the float model begins one step later. The amplitudes A_plus exp(-h /
+tau_plus) and A_minus give both windows the areas of the float model, so that uncorrelated spikes cause the same drift.
 
-On Loihi 2 the target sends y1, y2 and y3 (lava's Loihi3FLearningRule): y1 is a trace of its spikes before this step, y2
-and y3 take the place of r1 and r2. lava has one u_k for a whole rule, and cuts the 5 lowest bits of a tag times a trace
-downwards, so that small changes of both signs would lower the weight. So the target rounds n by a draw to one of 16
-levels, multiples of 8, and the mantissa is 4: no product has such bits.
+On Loihi 2 the target sends y1, y2 and y3 (lava's Loihi3FLearningRule): y1 is a trace of its spikes before this step,
+and y2 and y3 replace r1 and r2. lava has one u_k for a whole rule. It also truncates the 5 lowest bits of a tag times a
+trace downwards, so that small changes of both signs would lower the weight. The target therefore rounds n
+stochastically to one of 16 levels, multiples of 8, and the mantissa is 4, so that no product has the lowest bits.
 """
 
 from __future__ import annotations
@@ -50,19 +51,19 @@ from neuro.program.backend import SAVE_FROZEN, Problem
 from neuro.program.program import Program
 
 LARGEST_IMPULSE = 31
-"""Leaves room for four spikes in 7 bits."""
+"""Largest impulse of a trace: four spikes fit into 7 bits."""
 SMALLEST_UPDATE = 2.0**-FRACTION_BITS
-"""A change by less than this many mantissas is cut to nothing: mappings are refused below it."""
+"""The smallest change in mantissas. Smaller changes are truncated to 0, so mappings with such a change are refused."""
 COARSE_UPDATE = 16 * SMALLEST_UPDATE
-"""Below this many mantissas cutting loses up to 6 % of a change, or a trace has less than 16 levels: a warning."""
+"""Changes below this many mantissas lose up to 6 %, or a trace has fewer than 16 levels; this is reported."""
 _MANTISSAS = (1, 3, 5, 7)
 LEAST_SHIFT = 3
-"""Bits by which the modulatory trace of a target is cut at least: 7 bits have no more than 16 levels."""
+"""Least number of low bits that the modulatory trace of a target drops: 7 bits then have at most 16 levels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """An impulse and a scale mantissa 2^exponent; `value` is their product."""
+    """An impulse and a scale mantissa x 2^exponent; `value` is their product."""
 
     impulse: int
     mantissa: int
@@ -70,34 +71,35 @@ class Fit:
 
     @property
     def value(self) -> float:
-        """What one spike makes of it."""
+        """The change by one spike."""
         return self.impulse * self.mantissa * 2.0**self.exponent
 
 
 def nearest_fit(change: float, bits: int, what: str) -> Fit:
-    """Impulse and scale whose product is nearest to a change; of those within 1 % the one with the largest impulse.
+    """Return the impulse and scale whose product is nearest to a change; within 1 % those with the largest impulse.
 
     Raises:
-        ModelError: none is within a quarter.
+        ModelError: none is within a quarter of the change.
     """
     lowest = -FRACTION_BITS - max(0, bits - PRODUCT_BITS)
-    found = []
+    candidates = []
     for impulse in range(1, LARGEST_IMPULSE + 1):
         for mantissa in _MANTISSAS:
             exponent = round(math.log2(change / (impulse * mantissa)))
             fit = Fit(impulse, mantissa, min(LARGEST_EXPONENT, max(lowest, exponent)))
             off = abs(fit.value / change - 1.0)
-            found.append(((off > 0.01, off if off > 0.01 else -impulse, mantissa), fit, off))
-    _, fit, off = min(found, key=lambda entry: entry[0])
+            candidates.append(((off > 0.01, off if off > 0.01 else -impulse, mantissa), fit, off))
+    _, fit, off = min(candidates, key=lambda entry: entry[0])
     if off > 0.25:
         raise too_small(what, change) if fit.value > change else too_large(what, change)
     return fit
 
 
 def signal_fit(gain: float, largest_n: float, b: float) -> tuple[Fit, float]:
-    """A scale and the unit of r1 and r2 that makes it exact, so that `largest_n` fits 7 bits.
+    """Return a scale, and the unit of r1 and r2 for which the scale is exact and `largest_n` fits 7 bits.
 
-    Of the units up to four times the smallest one that does, the one of which `b` is most nearly a whole number.
+    Among the units up to four times the smallest possible one, the unit of which `b` is most nearly a multiple is
+    chosen.
     """
     lowest = -FRACTION_BITS - (WIDTHS["t"] + WIDTHS["r1"] + MANTISSA_BITS - PRODUCT_BITS)
     units = [
@@ -115,15 +117,15 @@ def signal_fit(gain: float, largest_n: float, b: float) -> tuple[Fit, float]:
     return Fit(0, mantissa, exponent), n_scale
 
 
-def fading(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tuple[tuple[Term, ...], float, str]:
-    """Products by which a tag decays with a time constant in steps: a share of 128ths in every 2^k-th step.
+def tag_decay(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tuple[tuple[Term, ...], float, str]:
+    """Return products by which a tag decays with a time constant in steps: it loses n 128ths in every 2^k-th step.
 
     Args:
-        tau: the time constant.
-        periods: each k that may be.
+        tau: the time constant in steps.
+        periods: the allowed k.
 
     Returns:
-        the products, by which share the time constant is off, and both in words.
+        the products, the relative error of the time constant, and both as text.
     """
     fits = []
     for every in periods:
@@ -131,15 +133,15 @@ def fading(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tuple[t
         part = max(1, round(share * 128))
         if share <= 0.25 or every == 0:
             fits.append((abs(-(2**every) / math.log1p(-min(part, 127) / 128) / tau - 1.0), every, min(part, 127)))
-    near = [entry for entry in fits if entry[0] <= 0.01]
-    off, every, part = near[0] if near else min(fits)
+    close = [entry for entry in fits if entry[0] <= 0.01]
+    off, every, part = close[0] if close else min(fits)
     bits = [1 << k for k in range(7) if part >> k & 1]
     terms = tuple(Term(-1, bit.bit_length() - 8, "u", every, (Factor("t"),)) for bit in bits)
     return terms, off, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {off:.1%} off"
 
 
 def too_small(what: str, change: float) -> ModelError:
-    """The error for a change that the accumulator cannot hold."""
+    """Return the error for a change that is too small for the accumulator."""
     return ModelError(
         f"{what}: a change of {change:.3g} mantissas cannot be represented: the smallest is {SMALLEST_UPDATE:.3g}",
         hint="a smaller weight scale (weight exponent) or a larger step size of the rule",
@@ -147,7 +149,7 @@ def too_small(what: str, change: float) -> ModelError:
 
 
 def too_large(what: str, change: float) -> ModelError:
-    """The error for a change beyond the accumulator."""
+    """Return the error for a change that is too large for the accumulator."""
     return ModelError(
         f"{what}: a change of {change:.3g} mantissas does not fit the accumulator",
         hint="a larger weight scale (weight exponent) or a smaller step size of the rule",
@@ -155,15 +157,15 @@ def too_large(what: str, change: float) -> ModelError:
 
 
 @dataclass(frozen=True, slots=True)
-class Mapped:
-    """A rule of the chip that stands for a float synapse model.
+class MappedRule:
+    """A rule of the chip in place of a float synapse model.
 
     Attributes:
         rule: the rule.
-        approximations: what differs, one sentence each.
-        update: size of one change of the weight in mantissas: by one pair; for `stdp_dopa` in one application, after
-            one pair, at the largest n or at that of one dopamine spike. Below `COARSE_UPDATE` it is worth a warning.
-        n_scale: dopamine in 1/ms of one unit of r1 and r2; 0 without dopamine.
+        approximations: differences from the float model, one sentence each.
+        update: size of one weight change in mantissas: by one pair, or for `stdp_dopa` in one application after one
+            pair, at the largest n or that of one dopamine spike. Below `COARSE_UPDATE` a problem is reported.
+        n_scale: dopamine in 1/ms per unit of r1 and r2; 0 without dopamine.
     """
 
     rule: LearningRule
@@ -182,28 +184,28 @@ def rule_of(
     delay: int = 1,
     largest_n: float = 1.0,
     from_target: bool = False,
-) -> Mapped:
-    """The rule that does on Loihi what a float synapse model does.
+) -> MappedRule:
+    """Return the rule of Loihi's learning engine that approximates a float synapse model.
 
     Args:
-        synapse: a `stdp` or `stdp_dopa`.
+        synapse: a `stdp` or `stdp_dopa`, or a model with a method `microcode`.
         resolution_ms: length of a step in ms.
         tau_minus: time constant of the target's K- in ms.
-        weight_scale: weight, in its unit, of one mantissa.
+        weight_scale: weight of one mantissa, in its unit.
         weight_bits: bits of a weight, for the messages.
         delay: delay of the projection in steps.
         largest_n: largest |n| that a signal will set, in 1/ms.
-        from_target: whether it is of Loihi 2, whose targets send y1, y2 and y3.
+        from_target: whether the chip is Loihi 2, whose targets send y1, y2 and y3.
 
     Raises:
-        ModelError: the chip cannot do it; the hint is a way out.
+        ModelError: the chip cannot run the model; the hint is a way out.
     """
     if isinstance(synapse, stdp_dopa):
-        mapped = _dopamine(synapse, resolution_ms, tau_minus, weight_scale, largest_n, from_target)
+        mapped = _dopamine_rule(synapse, resolution_ms, tau_minus, weight_scale, largest_n, from_target)
     elif isinstance(synapse, stdp) and not from_target:
-        mapped = _pairs(synapse, resolution_ms, tau_minus, weight_scale)
+        mapped = _pair_rule(synapse, resolution_ms, tau_minus, weight_scale)
     elif hasattr(synapse, "microcode") and not from_target:
-        mapped = _own(synapse, resolution_ms, tau_minus, weight_scale, largest_n)
+        mapped = _microcode_rule(synapse, resolution_ms, tau_minus, weight_scale, largest_n)
     else:
         runs = "stdp_dopa with a signal, and loihi2_learning"
         if not from_target:
@@ -215,16 +217,16 @@ def rule_of(
     shared = [
         f"weights have {weight_bits} bits and change by whole steps, stochastically rounded from 2^-7 of a mantissa",
         f"traces are 7-bit: K above {TRACE_MAX / LARGEST_IMPULSE:.3g} saturates; their decay is stochastically rounded",
-        *(["one random number rounds x1 of all sources, another one all weights and tags of a step"] * from_target),
-        f"a post spike reaches its synapses at once, not after the delay ({delay} steps): the windows of pairs are "
-        "shifted by it" + " and keep their areas" * isinstance(synapse, (stdp, stdp_dopa)),
-        "several spikes of a neuron in one step are one",
+        *(["one random number rounds x1 of all sources, another all weights and tags of a step"] * from_target),
+        f"a post spike reaches its synapses at once, not after the delay ({delay} steps): STDP windows are shifted "
+        "by it" + " and keep their areas" * isinstance(synapse, (stdp, stdp_dopa)),
+        "several spikes of a neuron in one step count as one",
     ]
-    return Mapped(mapped.rule, (*mapped.approximations, *shared), mapped.update, mapped.n_scale)
+    return MappedRule(mapped.rule, (*mapped.approximations, *shared), mapped.update, mapped.n_scale)
 
 
-def _own(p: Any, h: float, tau_minus: float, scale: float, largest_n: float) -> Mapped:
-    """The rule of a synapse model that has its own sums of products."""
+def _microcode_rule(p: Any, h: float, tau_minus: float, scale: float, largest_n: float) -> MappedRule:
+    """Return the rule of a synapse model that defines its own sums of products."""
     n, modulatory = 0.0, {}
     if isinstance(p, Modulated):
         tau, impulse = p.parameters().get("tau_n", math.inf), 0 if p.dopamine is None else LARGEST_IMPULSE
@@ -234,15 +236,15 @@ def _own(p: Any, h: float, tau_minus: float, scale: float, largest_n: float) -> 
         rule = p.microcode(LoihiEngine(h, tau_minus, scale, n, modulatory))
     except ModelError:
         raise
-    except Exception as error:  # a third party's code, with the parameters of a user
+    except Exception as error:  # third-party code, with the parameters of a user
         raise ModelError(f"{p.name}.microcode: {type(error).__name__}: {error}") from error
     if not isinstance(rule, LearningRule):
-        raise ModelError(f"{p.name}.microcode: found {rule!r:.60}: expected what the engine's 'rule' returns")
+        raise ModelError(f"{p.name}.microcode: found {rule!r:.60}: expected the result of the engine's method 'rule'")
     notes = (
         f"the engine runs its microcode: {'; '.join(str(rule).splitlines())}",
         f"the chip clips at 0 and 255 mantissas ({255 * scale:g})",
     )
-    return Mapped(rule, notes, COARSE_UPDATE, n)
+    return MappedRule(rule, notes, COARSE_UPDATE, n)
 
 
 def _period(every: int) -> str:
@@ -250,7 +252,7 @@ def _period(every: int) -> str:
     return f"every {2**every} steps" if every else "every step"
 
 
-def _pairs(p: stdp, h: float, tau_minus: float, scale: float) -> Mapped:
+def _pair_rule(p: stdp, h: float, tau_minus: float, scale: float) -> MappedRule:
     for word, mu in (("mu_plus", p.mu_plus), ("mu_minus", p.mu_minus)):
         if mu not in (0.0, 1.0):
             raise ModelError(
@@ -263,22 +265,24 @@ def _pairs(p: stdp, h: float, tau_minus: float, scale: float) -> Mapped:
     more: tuple[Factor, ...] = (Factor("w", -bound),) if p.mu_plus else ()
     less: tuple[Factor, ...] = (Factor("w"),) if p.mu_minus else ()
     plus, minus = p.lambda_ * (1.0 if p.mu_plus else top), p.alpha * p.lambda_ * (1.0 if p.mu_minus else top)
-    terms, traces, notes = _sides(
+    terms, traces, notes = _pair_terms(
         (plus * math.exp(-h / p.tau_plus), more, -1 if p.mu_plus else 1),
         (minus, less, -1),
         (p.tau_plus / h, tau_minus / h),
         "stdp.lambda",
     )
     if not math.isclose(bound, top, rel_tol=1e-9):
-        notes += (f"Wmax = {p.Wmax:g} is {top:.5g} mantissas, taken as {bound}",)
+        notes += (f"Wmax = {p.Wmax:g} is {top:.5g} mantissas, rounded to {bound}",)
     if not p.mu_plus:
         notes += (f"potentiation stops at the largest mantissa, {255 * scale:g}, not at Wmax = {p.Wmax:g}",)
     if p.mu_plus or p.mu_minus:
-        notes += ("changes that depend on the weight are cut towards 0 to 2^-7 of a mantissa",)
-    return Mapped(LearningRule(terms, traces=traces), notes, p.lambda_ * top)
+        notes += ("weight-dependent changes are truncated towards 0 to multiples of 2^-7 of a mantissa",)
+    return MappedRule(LearningRule(terms, traces=traces), notes, p.lambda_ * top)
 
 
-def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n: float, from_target: bool) -> Mapped:
+def _dopamine_rule(
+    p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n: float, from_target: bool
+) -> MappedRule:
     if p.dopamine is not None and from_target:
         message = f"dopamine = '{p.dopamine}': no public model of Loihi 2 has a trace that spikes of a population raise"
         raise ModelError(message, hint="name a signal, or run it on loihi or event", path=("dopamine",))
@@ -288,7 +292,7 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
         message = f"stdp_dopa.c_min = {p.c_min:g}: a tag has no such bound"
         raise ModelError(message, hint="leave it out, or run on spinnaker", path=("c_min",))
     one = _tag_of_one(abs(p.A_plus) * math.exp(-h / p.tau_plus), abs(p.A_minus))
-    dt, traces, notes = _sides(
+    dt, traces, notes = _pair_terms(
         (p.A_plus * one * math.exp(-h / p.tau_plus), (), 1),
         (p.A_minus * one, (), -1),
         (p.tau_plus / h, tau_minus / h),
@@ -297,15 +301,15 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
     )
     every = max(0, min(LARGEST_U, math.floor(math.log2(max(1.0, min(p.tau_c, p.tau_n) / h / 8)))))
     if from_target:
-        fade, off, factor = fading(p.tau_c / h, range(every, -1, -1))
+        fade, off, factor = tag_decay(p.tau_c / h, range(every, -1, -1))
         every = fade[0].every
         if off > 0.25:
             read = f"n is read {_period(every)}, and the nearest decay of the eligibility then is {off:.0%} off"
             message = f"stdp_dopa.tau_c = {p.tau_c:g} ms, tau_n = {p.tau_n:g} ms: {read}"
             raise ModelError(message, hint="bring them nearer to each other", path=("tau_c",))
     else:
-        fade, _, factor = fading(p.tau_c / h)
-    gain = 2.0**every * h / one / scale  # mantissas in one application, of one tag unit at n = 1/ms
+        fade, _, factor = tag_decay(p.tau_c / h)
+    gain = 2.0**every * h / one / scale  # mantissas per application, for one tag unit at n = 1/ms
     shift = 0
     if from_target:
         power = math.ceil(math.log2(gain * largest_n / TRACE_MAX))
@@ -333,27 +337,32 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
     traces |= {more: Trace(fit.impulse, keep.numerator, KEEP), less: keep}
     described = baseline / fraction * n_scale
     if from_target:
-        cut = f"which the target rounds by a draw to steps of {n_scale * 2**shift:.4g} 1/ms, {LEVEL} units of {more}"
+        rounding = (
+            f"which the target rounds stochastically to steps of {n_scale * 2**shift:.4g} 1/ms, {LEVEL} units of {more}"
+        )
     else:
-        cut = "cut towards 0 to 2^-7 of a mantissa"
+        rounding = "truncated towards 0 to multiples of 2^-7 of a mantissa"
     notes += (
         factor,
         f"n is {more} - {less} in units of {n_scale:.4g} 1/ms, 7 bits each; b = {p.b:g} is {described:.4g}",
-        f"the eligibility is a 9-bit tag, {one:.4g} for each of its units; beyond {255 / one:.4g} it saturates",
-        f"the weight moves {_period(every)} by c (n - b), {cut}",
+        f"the eligibility is a 9-bit tag of {one:.4g} units per 1; it saturates beyond {255 / one:.4g}",
+        f"the weight moves {_period(every)} by c (n - b), {rounding}",
         f"the chip clips at 0 and 255 mantissas ({255 * scale:g}), not at Wmin = {p.Wmin:g} and Wmax = {p.Wmax:g}",
     )
     if from_target:
         outgoing = Outgoing(baseline, shift)
-        return Mapped(LearningRule(dw, (*dt, *fade), traces, outgoing=outgoing), notes, COARSE_UPDATE, n_scale)
+        return MappedRule(LearningRule(dw, (*dt, *fade), traces, outgoing=outgoing), notes, COARSE_UPDATE, n_scale)
     update = gain * one * max(abs(p.A_plus), abs(p.A_minus)) * (largest_n if p.dopamine is None else 1.0 / p.tau_n)
     if update < SMALLEST_UPDATE:
         raise too_small("stdp_dopa", update)
-    return Mapped(LearningRule(dw, (*dt, *fade), traces), notes, update, n_scale)
+    return MappedRule(LearningRule(dw, (*dt, *fade), traces), notes, update, n_scale)
 
 
 def _tag_of_one(plus: float, minus: float) -> float:
-    """Units of the tag for an eligibility of 1: the larger side is some whole impulse, the other one nearly exact."""
+    """Return the units of the tag for an eligibility of 1.
+
+    The larger side then is a whole impulse, and the smaller one has the least rounding error.
+    """
     larger, smaller = max(plus, minus), min(plus, minus)
     sizes = [impulse / larger for impulse in range(LARGEST_IMPULSE // 2 + 1, LARGEST_IMPULSE + 1)]
     if smaller == 0.0:
@@ -364,17 +373,23 @@ def _tag_of_one(plus: float, minus: float) -> float:
     )
 
 
-def _sides(
+def _pair_terms(
     plus: tuple[float, tuple[Factor, ...], int],
     minus: tuple[float, tuple[Factor, ...], int],
     taus: tuple[float, float],
     what: str,
     from_target: bool = False,
 ) -> tuple[tuple[Term, ...], dict[str, Trace], tuple[str, ...]]:
-    """Products, traces and notes of potentiation (y0 x1) and depression (x0 (y1 - y2)); y2 is a spike of this step.
+    """Return products, traces and notes of potentiation, y0 x1, and of depression, x0 (y1 - y2).
 
-    Each side is its change by one pair, the factors beside its trace, and its sign; `taus` are in steps. A target that
-    sends y1 leaves the spike of this step out.
+    y2 is the spike of this step, which does not count for depression.
+
+    Args:
+        plus: for potentiation, the change by one pair, further factors of the product, and the sign.
+        minus: the same for depression.
+        taus: time constants of x1 and y1 in steps.
+        what: name of the parameter, for messages.
+        from_target: whether the target sends y1, which then lacks the spike of this step.
     """
     terms: list[Term] = []
     traces: dict[str, Trace] = {}
@@ -407,7 +422,7 @@ def _bound(what: str, weight: float, scale: float) -> int:
 
 
 FRACTIONS = 256
-"""Parts of a step that a tag tells apart: -128 to 127 of them, so that the register is the nearest whole step."""
+"""Resolution of a delay in the tag, in fractions of a step: -128 to 127 around the whole step in the register."""
 
 
 def give_rule(
@@ -418,15 +433,15 @@ def give_rule(
     options: Options,
     from_target: bool = False,
 ) -> Iterator[Problem]:
-    """Give a rule to a projection that learns on the chip; tell what is refused and what is approximated.
+    """Set the rule of a projection that learns on the chip; yield refusals and approximations.
 
     Args:
         program: the whole network.
-        chip: for which it is quantised.
-        index: of the projection.
-        wires: the projections in words, by index; one that learns is replaced.
-        options: largest dopamine by projection.
-        from_target: whether it is of Loihi 2, whose targets send y1, y2 and y3.
+        chip: the chip for which the network is quantised.
+        index: the index of the projection.
+        wires: the quantised projections, by index. One that learns is replaced by a copy with a rule.
+        options: options of the user, for the largest dopamine.
+        from_target: whether the chip is Loihi 2, whose targets send y1, y2 and y3.
     """
     part = program.projections[index]
     synapse = part.synapse
@@ -435,37 +450,37 @@ def give_rule(
     elif isinstance(synapse, loihi_learning) and index in wires:
         wires[index] = replace(wires[index], rule=synapse.rule())
     elif synapse.delays and index in wires:
-        yield _delays(program, index)
+        yield _delay_problem(program, index)
     elif synapse.learns == "pairs" and index in wires:
         try:
-            mapped = _mapped(program, index, wires[index], options, from_target)
+            mapped = _map_rule(program, index, wires[index], options, from_target)
         except ModelError as error:
             yield refused(part, synapse.name, error.message, error.hint)
             return
         wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
         differs = "".join(f"\n    - {text}" for text in mapped.approximations)
-        yield approximated(part, synapse.name, f"the chip's learning engine runs it otherwise:{differs}")
+        yield approximated(part, synapse.name, f"differences on the chip's learning engine:{differs}")
         if mapped.update < COARSE_UPDATE:
-            why = f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
+            why = f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much is truncated"
             yield approximated(part, synapse.name, why, "learn faster, or lower Wmax, which sets the weight step")
 
 
-def _delays(program: Program, index: int) -> Problem:
-    """What a rule for delays becomes on the chip; a synapse that has other traces than times cannot be there."""
+def _delay_problem(program: Program, index: int) -> Problem:
+    """Return the approximation of a rule for delays, or a refusal if it has traces other than times of spikes."""
     part = program.projections[index]
     traces = (*part.synapse.pre, *part.synapse.post) if part.synapse.learns == "pairs" else ()
     if any(trace.tau for trace in traces) or len(traces) > 2:
-        return refused(part, part.synapse.name, "of spikes the host knows when the last ones were", LEARN_ELSEWHERE)
-    when = "times of spikes, which its learning engine has not" if traces else "the ends of trials"
-    kept = f"delays are whole steps in the register and 1/{FRACTIONS} of a step in the tag"
-    return approximated(part, part.synapse.name, f"{kept}; the host changes them by {when}")
+        return refused(part, part.synapse.name, "the host stores only the times of the last spikes", LEARN_ELSEWHERE)
+    when = "times of spikes, which its learning engine lacks" if traces else "the ends of trials"
+    storage = f"delays are whole steps in the register and 1/{FRACTIONS} of a step in the tag"
+    return approximated(part, part.synapse.name, f"{storage}; the host changes them by {when}")
 
 
-def _mapped(program: Program, index: int, wires: FixedProjection, options: Options, from_target: bool) -> Mapped:
-    """The rule of the learning engine for a projection.
+def _map_rule(program: Program, index: int, wires: FixedProjection, options: Options, from_target: bool) -> MappedRule:
+    """Return the rule of the learning engine for a projection.
 
     Raises:
-        ModelError: there is none.
+        ModelError: the engine cannot run it.
     """
     part = program.projections[index]
     numbers = part.synapse.parameters()

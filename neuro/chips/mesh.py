@@ -1,4 +1,4 @@
-"""Where cores lie: tiles in rows and columns, chips beside each other, and an order that keeps partners close."""
+"""Positions of cores: tiles in rows and columns, chips in a square, and an order that keeps connected cores close."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy as np
 
 from neuro.chips.description import Chip, Mesh, capacity, mesh_of
 from neuro.chips.fitting import LARGEST
-from neuro.chips.incoming import Incoming, cores_of_source, is_new, reached
+from neuro.chips.incoming import Incoming, cores_of_source, is_new, projections_by_source
 from neuro.kernels.jit import kernel
 from neuro.program.program import Floats, Ints, Program
 
 _EFFORT = 10_000_000
-"""Exchanges x pairs that are looked at: keeps placing of 1 M synapses below half a second."""
+"""Largest number of exchanges x pairs. With it, placing a program of 1 M synapses needs less than half a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshPlaces:
-    """Places of cores. Chips lie on a square as small as holds them; tiles are counted over all chips.
+    """Positions of cores. Chips form the smallest square that holds them; tiles are counted over all chips.
 
     Attributes:
-        mesh: of one chip.
+        mesh: the mesh of one chip.
         chip: the chip of each core.
         slot: the core's number inside its tile.
-        column, row: of its tile, counted from the first chip's corner (0, 0), where the host is.
+        column, row: position of its tile, counted from the corner (0, 0) of the first chip, where the host is.
     """
 
     mesh: Mesh
@@ -37,40 +37,41 @@ class MeshPlaces:
 
     @property
     def chip_column(self) -> Ints:
-        """The column of each core's chip on the square."""
+        """The column of each core's chip in the square."""
         return self.column // self.mesh.columns
 
     @property
     def chip_row(self) -> Ints:
-        """The row of each core's chip on the square."""
+        """The row of each core's chip in the square."""
         return self.row // self.mesh.rows
 
-    def taken(self, order: Ints) -> MeshPlaces:
-        """Core i at the place of core order[i]."""
+    def reordered(self, order: Ints) -> MeshPlaces:
+        """Return positions in which core i has the position of core order[i]."""
         return MeshPlaces(self.mesh, self.chip[order], self.slot[order], self.column[order], self.row[order])
 
 
 def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
-    """Fill chip after chip and tile after tile with cores as they come.
+    """Fill one chip and tile after the other with cores in their order.
 
     Args:
         chip: has the mesh, and perhaps a memory that the cores of a chip share.
         memory: bytes of each core.
-        snake: whether the tiles of a chip are taken column by column, down and up in turn, and chips row by row, to
-            and fro, so that one is beside the next; otherwise both are taken row by row.
+        snake: whether the tiles of a chip are filled column by column, alternately down and up, and chips row by row,
+            alternately to the right and to the left, so that each tile is next to the last one. Otherwise both are
+            filled row by row.
     """
     mesh = mesh_of(chip, len(memory))
     most, shared = capacity(chip, len(memory)), chip.limit("synapse_bytes_per_chip")
-    number, within = np.zeros((2, len(memory)), dtype=np.int64)
-    at, held, filled = 0, 0, 0
+    chip_of_core, index_on_chip = np.zeros((2, len(memory)), dtype=np.int64)
+    chip_number, on_chip, filled = 0, 0, 0
     for i, need in enumerate(memory):  # a chip ends when its cores or its memory are used up
-        if held == most or (held and shared is not None and filled + int(need) > shared):
-            at, held, filled = at + 1, 0, 0
-        number[i], within[i] = at, held
-        held, filled = held + 1, filled + int(need)
-    side = math.isqrt(max(int(number.max(initial=0)), 0)) + (0 if len(memory) == 0 else 1)
-    tile, slot = np.divmod(within, mesh.cores_per_tile)
-    chip_row, chip_column = np.divmod(number, max(side, 1))
+        if on_chip == most or (on_chip and shared is not None and filled + int(need) > shared):
+            chip_number, on_chip, filled = chip_number + 1, 0, 0
+        chip_of_core[i], index_on_chip[i] = chip_number, on_chip
+        on_chip, filled = on_chip + 1, filled + int(need)
+    side = math.isqrt(max(int(chip_of_core.max(initial=0)), 0)) + (0 if len(memory) == 0 else 1)
+    tile, slot = np.divmod(index_on_chip, mesh.cores_per_tile)
+    chip_row, chip_column = np.divmod(chip_of_core, max(side, 1))
     if snake:
         chip_column = np.where(chip_row % 2, side - 1 - chip_column, chip_column)
         column, row = np.divmod(tile, mesh.rows)
@@ -78,20 +79,20 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
         column = np.where(chip_row % 2, mesh.columns - 1 - column, column)
     else:
         row, column = np.divmod(tile, mesh.columns)
-    return MeshPlaces(mesh, number, slot, chip_column * mesh.columns + column, chip_row * mesh.rows + row)
+    return MeshPlaces(mesh, chip_of_core, slot, chip_column * mesh.columns + column, chip_row * mesh.rows + row)
 
 
 def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
-    """Exchange the places of two, again and again, as long as it saves hops; the best pair first.
+    """Exchange the positions of two elements, the best pair first, as long as an exchange saves hops.
 
     Args:
-        traffic: spikes between each two, symmetric with 0 on the diagonal, shape (n, n).
-        pull: spikes from the host, which is at (0, 0), to each.
-        column: of each one's tile.
-        row: likewise.
+        traffic: spikes between each pair, symmetric with 0 on the diagonal, shape (n, n).
+        pull: spikes from the host, which is at (0, 0), to each element.
+        column: column of each element's tile.
+        row: row of each element's tile.
 
     Returns:
-        whose place each takes. All numbers are whole, so that the result is the same on every machine.
+        the element whose position each element gets. All numbers are whole, so the result is the same on every machine.
     """
     n = len(pull)
     at = np.arange(n)
@@ -114,7 +115,7 @@ def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
 
 
 def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pull: Floats) -> MeshPlaces:
-    """Exchange whole tiles, used or not, then cores; nothing where a chip could then hold more than it can."""
+    """Exchange whole tiles, used or not, then cores; no exchange where a chip could then exceed its memory."""
     shared, most = chip.limit("synapse_bytes_per_chip"), capacity(chip, len(memory))
     mesh = places.mesh
     if most < mesh.columns * mesh.rows * mesh.cores_per_tile:
@@ -134,21 +135,21 @@ def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pu
         np.fill_diagonal(between, 0.0)
         tile = exchange(between, pull @ member, column, row)[tile]
         places = MeshPlaces(mesh, chips[tile // size], places.slot, column[tile], row[tile])
-    return places.taken(exchange(traffic, pull, places.column, places.row))
+    return places.reordered(exchange(traffic, pull, places.column, places.row))
 
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 
 
 @kernel
-def between_cores(rows, core_of, room, own, traffic, pull):
-    """Add one spike of each source: from its core (`own`) to each that it reaches; -1 is the host."""
-    count, cores, sent = room
+def between_cores(rows, core_of, scratch, own, traffic, pull):
+    """Add one spike of each source from its core (`own`) to each core that it reaches; a core of -1 is the host."""
+    count, cores, visited = scratch
     for i in range(rows[0].size):
         for k in range(cores_of_source(i, rows, core_of, count, cores)):
             core = cores[k]
             count[core] = 0
-            if not is_new(i, core, sent):
+            if not is_new(i, core, visited):
                 continue
             if own[i] < 0:
                 pull[core] += 1
@@ -157,46 +158,59 @@ def between_cores(rows, core_of, room, own, traffic, pull):
 
 
 @kernel
-def travel(rows, core_of, room, begins, places, found):
-    """The moves of one spike of each source that is sent for each core by itself.
+def travel(rows, core_of, scratch, start_of, places, moves):
+    """Add the moves of one spike of each source that sends one spike to each core.
 
-    `begins` has the column, the row, the chip's column and the chip's row where each source begins, `places` the same
-    of each core. `found` grows by source: cores, those on the tile, columns, rows and chips that a spike moves.
+    Args:
+        rows: first argument of `projections_by_source`.
+        core_of: second argument of `projections_by_source`.
+        scratch: third argument of `projections_by_source`.
+        start_of: column, row, chip's column and chip's row of each source.
+        places: the same of each core.
+        moves: output by source: number of cores, cores on the source's tile, and columns, rows and chips that spikes
+            move; increased.
     """
-    count, cores, sent = room
+    count, cores, visited = scratch
     for i in range(rows[0].size):
         for k in range(cores_of_source(i, rows, core_of, count, cores)):
             core = cores[k]
             count[core] = 0
-            if not is_new(i, core, sent):
+            if not is_new(i, core, visited):
                 continue
-            east = abs(places[0][core] - begins[0][i])
-            south = abs(places[1][core] - begins[1][i])
-            found[0][i] += 1
-            found[1][i] += east == 0 and south == 0
-            found[2][i] += east
-            found[3][i] += south
-            found[4][i] += abs(places[2][core] - begins[2][i]) + abs(places[3][core] - begins[3][i])
+            east = abs(places[0][core] - start_of[0][i])
+            south = abs(places[1][core] - start_of[1][i])
+            moves[0][i] += 1
+            moves[1][i] += east == 0 and south == 0
+            moves[2][i] += east
+            moves[3][i] += south
+            moves[4][i] += abs(places[2][core] - start_of[2][i]) + abs(places[3][core] - start_of[3][i])
 
 
 @kernel
-def spread(rows, core_of, room, begin, places, reached, local, along, across):
+def spread(rows, core_of, scratch, begin, places, cores_reached, local, along, across):
     """Add destinations to the links that sources use: first along their row, then along columns.
 
-    `begin` and `places` are the columns and rows of sources and of cores. Filled are the cores of each source
-    (`reached`) and those on its tile (`local`), how far it goes west and east (`along`), and north and south in each
-    column (`across`).
+    Args:
+        rows: first argument of `projections_by_source`.
+        core_of: second argument of `projections_by_source`.
+        scratch: third argument of `projections_by_source`.
+        begin: column and row of each source.
+        places: column and row of each core.
+        cores_reached: output, number of cores that each source reaches; increased.
+        local: output, number of those on the source's tile; increased.
+        along: output, tiles that each source's spikes move east and west; raised.
+        across: output, tiles that they move south and north in each column; raised.
     """
-    count, cores, sent = room
+    count, cores, visited = scratch
     for s in range(rows[0].size):
         for k in range(cores_of_source(s, rows, core_of, count, cores)):
             core = cores[k]
             count[core] = 0
-            if not is_new(s, core, sent):
+            if not is_new(s, core, visited):
                 continue
             column = places[0][core]
             east, south = column - begin[0][s], places[1][core] - begin[1][s]
-            reached[s] += 1
+            cores_reached[s] += 1
             local[s] += east == 0 and south == 0
             along[0, s] = max(along[0, s], east)
             along[1, s] = max(along[1, s], -east)
@@ -206,13 +220,13 @@ def spread(rows, core_of, room, begin, places, reached, local, along, across):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hops:
-    """What one spike of each source neuron of a projection moves; int64, shape (sources,).
+    """Moves of one spike of each source neuron of a projection; int64, shape (sources,).
 
     Attributes:
-        cores: cores it is sent to for this projection.
-        local: those of them on the tile from which it starts (its own core among them).
+        cores: cores to which the spike is sent for this projection.
+        local: those of them on the source's tile, its own core included.
         east_west, north_south: hops from tile to tile.
-        chip: those of them that lead from chip to chip.
+        chip: those hops that lead from chip to chip.
     """
 
     cores: Ints
@@ -228,49 +242,49 @@ class Hops:
 
 
 def routes(program: Program, into: Incoming, core_of: Ints, places: MeshPlaces, multicast: bool) -> tuple[Hops, ...]:
-    """The hops of every projection.
+    """Return the hops of every projection.
 
     Args:
         program: has the projections.
         into: their synapses.
         core_of: the core of every neuron, -1 for generators.
-        places: where cores lie. Generators are at tile (0, 0) of chip 0, where the host's spikes enter.
-        multicast: a spike goes once over the links that its ways share (first along its row, then along columns);
-            otherwise it is sent once for each destination core. What several projections of a population share
-            counts with the first.
+        places: positions of the cores. Generators are at tile (0, 0) of chip 0, where the host's spikes enter.
+        multicast: whether a spike passes a link only once: first along its row, then along columns. Links that several
+            projections of a population share count for the first one. Otherwise one spike is sent to each destination
+            core.
     """
-    found = [
+    hops_of_each = [
         Hops(*np.zeros((5, program.populations[part.source].size), dtype=np.int64)) for part in program.projections
     ]
     trees: dict[int, _Tree] = {}
     coordinates = (places.column, places.row, places.chip_column, places.chip_row)
-    for index, ways in reached(into, core_of, len(places.chip)):
+    for index, ways in projections_by_source(into, core_of, len(places.chip)):
         source = program.projections[index].source
         own = core_of[into.start[source] : into.start[source + 1]]
         if multicast:
             if source not in trees:
                 trees[source] = _Tree(own, places)
-            found[index] = trees[source].grow(ways)
+            hops_of_each[index] = trees[source].grow(ways)
         else:
-            hops = found[index]
-            start = tuple(begins(own, coordinate) for coordinate in coordinates)
+            hops = hops_of_each[index]
+            start = tuple(start_of(own, coordinate) for coordinate in coordinates)
             moves = (hops.cores, hops.local, hops.east_west, hops.north_south, hops.chip)
             travel(*ways, start, coordinates, moves)
-    return tuple(found)
+    return tuple(hops_of_each)
 
 
-def begins(own: Ints, coordinate: Ints) -> Ints:
-    """Where each source neuron is: on its core, or with the host."""
+def start_of(own: Ints, coordinate: Ints) -> Ints:
+    """Return a coordinate of each source neuron: that of its core, or 0 where the host is."""
     if not len(coordinate):
         return np.zeros(len(own), dtype=np.int64)
     return np.where(own >= 0, coordinate[own], 0)
 
 
 class _Tree:
-    """The links that each neuron of a population uses: how far east and west, and in each column south and north."""
+    """The links that each neuron of a population uses: tiles east and west, and tiles south and north per column."""
 
     def __init__(self, own: Ints, places: MeshPlaces) -> None:
-        self.column, self.row = begins(own, places.column), begins(own, places.row)
+        self.column, self.row = start_of(own, places.column), start_of(own, places.row)
         self.places = places.column, places.row
         self.mesh = places.mesh
         columns = int(places.column.max(initial=0)) + 1
@@ -278,7 +292,7 @@ class _Tree:
         self.across = np.zeros((2, own.size, columns), dtype=np.int64)
 
     def grow(self, ways: tuple[Any, ...]) -> Hops:
-        """Add destinations; of the links only what is new."""
+        """Add the destinations of a projection, and return the additional links."""
         before = self.links()
         cores, local = np.zeros((2, self.column.size), dtype=np.int64)
         spread(*ways, (self.column, self.row), self.places, cores, local, self.along, self.across)
@@ -286,7 +300,7 @@ class _Tree:
         return Hops(cores, local, *(new - old for new, old in zip(after, before, strict=True)))
 
     def links(self) -> tuple[Ints, Ints, Ints]:
-        """All links of each neuron."""
+        """Return the number of links along rows, along columns and between chips, for each neuron."""
         column, row = self.column, self.row[:, None]
         over = np.zeros_like(column)
         for side, sign in enumerate((1, -1)):

@@ -1,8 +1,8 @@
-"""A run in the words of the NeuroBench harness 2.3, and beside them what it does not measure.
+"""A report of a run with the metrics of the NeuroBench harness 2.3, and figures that the harness does not measure.
 
-The harness hooks into torch modules; the same numbers follow from counters. `connection_sparsity`,
+The harness hooks into torch modules; here the same numbers follow from counters. `connection_sparsity`,
 `activation_sparsity`, `synaptic_operations` and, where potentials are given, `membrane_updates` and `neuron_ops` are
-its metrics by its definitions. All that is counted is per sample.
+its metrics by its definitions. All counts are per sample.
 
 Source: NeuroBench 2.3.0, `neurobench/metrics`; Yik et al., Nature Communications 16:1545, 2025.
 """
@@ -55,23 +55,23 @@ def neurobench(
     placement: Placement | None = None,
     energy: Energy | None = None,
 ) -> dict[str, Any]:
-    """A run as NeuroBench would report it, ready for JSON.
+    """Return a report of a run as NeuroBench would write it, ready for JSON.
 
     Args:
-        program: what ran.
-        counts: of the run.
-        samples: how many samples it presented.
-        steps: of one sample; all steps / samples if not given. The harness passes a spike through all layers in one
-            step, so a sample of 20 takes 22 steps here if two layers have a delay of 1: then say 20.
-        weights: of each projection, as they were; those of the program if not given.
-        potentials: V_m of populations by name, shape (samples, steps, neurons), at the end of each step. Only with
-            those of all neurons are `membrane_updates` and `neuron_ops.effective` known, else they are None.
+        program: the program that ran.
+        counts: the counts of the run.
+        samples: number of samples in the run.
+        steps: steps of one sample; default: all steps / samples. The harness passes a spike through all layers in one
+            step. A sample of 20 steps needs 22 steps here if two layers have a delay of 1; pass 20 then.
+        weights: present weights of each projection; default: those of the program.
+        potentials: V_m of populations by name at the end of each step, shape (samples, steps, neurons). Without those
+            of all neurons, `membrane_updates` and `neuron_ops.effective` are None.
         stride_s: time between two executions of the model in s, which its author declares.
-        placement: where the neurons lie on a chip, for `hops`.
+        placement: the placement on a chip, for `hops`.
         energy: the bill of the run, for `energy_j` and `table_source`.
 
     Raises:
-        ModelError: the samples take more steps than there were, or potentials are of another shape.
+        ModelError: the samples have more steps than the run, or potentials have another shape.
     """
     steps = _steps(counts.steps, samples, steps)
     weights = [part.weight for part in program.projections] if weights is None else weights
@@ -101,11 +101,11 @@ def neurobench(
 
 
 def _steps(total: int, samples: int, steps: int | None) -> int:
-    """Steps of one sample."""
+    """Return the steps of one sample."""
     if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
         raise ModelError(f"samples = {samples!r}: expected a whole number >= 1")
     if steps is None and total % samples:
-        raise ModelError(f"samples = {samples}: expected a number that divides the {total} steps", hint="or say steps")
+        raise ModelError(f"samples = {samples}: expected a number that divides the {total} steps", hint="or pass steps")
     steps = total // samples if steps is None else steps
     if isinstance(steps, bool) or not isinstance(steps, int) or not 0 <= steps * samples <= total:
         raise ModelError(f"steps = {steps!r}: expected at most the {total} steps of the run / {samples} samples")
@@ -113,7 +113,7 @@ def _steps(total: int, samples: int, steps: int | None) -> int:
 
 
 class _Report:
-    """The numbers, one a method."""
+    """The metrics of a run, one per method."""
 
     def __init__(
         self, program: Program, counts: EngineCounts, samples: int, steps: int, weights: Sequence[Floats]
@@ -126,7 +126,7 @@ class _Report:
         self.dense_updates = samples * steps * sum(program.populations[i].size for i in self.neurons)
 
     def footprint(self) -> int:
-        """Bytes of the arrays that describe the network: connections, weights, delays, parameters, states."""
+        """Return the bytes of all arrays of the network: connections, weights, delays, parameters, states."""
         size = 0
         for part, weight in zip(self.program.projections, self.weights, strict=True):
             size += weight.nbytes + part.delay.nbytes + part.targets.nbytes + part.row_ends.nbytes
@@ -137,7 +137,10 @@ class _Report:
         return size
 
     def connection_sparsity(self) -> float:
-        """Weights of dense layers that are 0, of all, to four digits; a grid has those of its kernels."""
+        """Return the share of weights that are 0, to four digits.
+
+        Absent synapses count as 0; a grid counts its kernels.
+        """
         zeros = total = 0
         for index in self.layers:
             part = self.program.projections[index]
@@ -148,13 +151,13 @@ class _Report:
         return round(zeros / total, 4) if total else 0.0
 
     def activation_sparsity(self) -> float:
-        """Neuron-steps without a spike, of all."""
+        """Return the share of neuron-steps without a spike."""
         total = self.dense_updates
         fired = sum(int(self.counts.events[index].sum()) for index in self.neurons)
         return (total - fired) / total if total else 0.0
 
     def synaptic_operations(self) -> dict[str, float]:
-        """Operations on weights that are not 0: accumulates of binary spikes, else multiply-accumulates."""
+        """Return the operations on nonzero weights: accumulates for binary spikes, else multiply-accumulates."""
         ops = {"effective_acs": 0, "effective_macs": 0, "dense": 0}
         for index in self.layers:
             source = self.program.projections[index].source
@@ -166,29 +169,29 @@ class _Report:
         return {name: count / self.samples for name, count in ops.items()}
 
     def membrane_updates(self, potentials: Mapping[str, Floats]) -> dict[str, int]:
-        """Of each population: every neuron in the first step of a sample, then each change of V_m."""
+        """Return the updates by population: every neuron in the first step of a sample, then each change of V_m."""
         updates = {}
         for index in self.neurons:
             part = self.program.populations[index]
             shape = (self.samples, self.steps, part.size)
             v = potentials.get(part.name)
             if v is None or v.shape != shape:
-                found = "none" if v is None else f"shape {v.shape}"
-                raise ModelError(f"potentials of '{part.name}': found {found}: expected shape {shape}")
+                shape_text = "none" if v is None else f"shape {v.shape}"
+                raise ModelError(f"potentials of '{part.name}': found {shape_text}: expected shape {shape}")
             updates[part.name] = self.samples * part.size * min(1, shape[1]) + int(np.count_nonzero(np.diff(v, axis=1)))
         return updates
 
     def neuron_ops(self, updates: Mapping[str, int] | None) -> dict[str, Any]:
-        """Membrane updates x operations of the model; models that the harness does not know are left out."""
+        """Return membrane updates x operations of the model, without models that the harness does not know."""
         parts = [self.program.populations[index] for index in self.neurons]
-        known = {part.name: OPS[part.model.name] for part in parts if part.model.name in OPS}
+        ops_of = {part.name: OPS[part.model.name] for part in parts if part.model.name in OPS}
         dense = self.samples * self.steps * sum(part.size * OPS.get(part.model.name, 0) for part in parts)
-        done = None if updates is None else sum(ops * updates[name] for name, ops in known.items()) / self.samples
-        left_out = [part.name for part in parts if part.name not in known]
-        return {"effective": done, "dense": dense / self.samples, "left_out": left_out}
+        effective = None if updates is None else sum(ops * updates[name] for name, ops in ops_of.items()) / self.samples
+        left_out = [part.name for part in parts if part.name not in ops_of]
+        return {"effective": effective, "dense": dense / self.samples, "left_out": left_out}
 
     def spikes(self) -> dict[str, Any]:
-        """Spikes that come in, within, and of populations from which nothing goes on."""
+        """Return the spikes of generators, of populations that send to others, and of populations that do not."""
         senders = {part.source for part in self.program.projections}
         each = {name: part.spikes / self.samples for name, part in self.tally.populations.items()}
         sums = {"in": 0.0, "hidden": 0.0, "out": 0.0}
@@ -198,12 +201,12 @@ class _Report:
         return {**sums, "total": sum(sums.values()), "per_population": each}
 
     def packets(self) -> float:
-        """Spikes of populations that send to any."""
+        """Return the spikes of populations with an outgoing projection."""
         senders = {part.source for part in self.program.projections}
         return sum(int(self.counts.spikes[index].sum()) for index in senders) / self.samples
 
     def hops(self, placement: Placement) -> float:
-        """Moves from tile to tile, on one chip or between two."""
+        """Return the hops of all spikes from tile to tile, on one chip or between two."""
         total = 0
         for index, part in enumerate(self.program.projections):
             each = placement.hops(index)
@@ -212,7 +215,7 @@ class _Report:
 
 
 def _joules(energy: Energy, samples: int) -> dict[str, Any]:
-    """Joules of one sample by what they are spent on, the chip working at the bill's clock, and all in real time."""
+    """Return the joules of one sample by kind of operation at the bill's clock, and the totals in real time."""
     sums = dict.fromkeys(("synop", "neuron", "route", "learn", "static"), 0.0)
     for item in energy.items:
         sums["learn" if item.kind == "host" else _COSTS[item.what]] += (item.joules or 0.0) / samples

@@ -1,27 +1,27 @@
-"""Place: from a program and a chip to cores, tiles and chips, and the hops that spikes make between them.
+"""Placement: the cores, tiles and chips of a program's neurons, and the hops of spikes between them.
 
-What is taken to be so:
+Assumptions:
 
-- Generators are the host's: they take no core, and their spikes enter the machine at tile (0, 0) of chip 0.
-- A core takes neurons of a population as long as its limits allow. A population that fits whole shares the core of
-  the one before it, where the chip lets several populations share a core (`populations_per_core`:
-  SpiNNaker does not).
-- Synapses lie at the target's core, see `neuro.chips.incoming`.
-- An input axon of a core is a source neuron whose spikes reach it, generators' too, however many projections it has;
-  an output axon is a pair of a neuron and a core that it reaches, its own core included. A dopamine population's
-  broadcast and currents of a dc_generator take none.
-- A spike to several cores is sent once for each, except where routers copy it, as SpiNNaker's do.
-- Chips lie side by side on a square, and their tiles go on from one chip to the next.
+- Generators run on the host. They use no core, and their spikes enter the machine at tile (0, 0) of chip 0.
+- A core gets neurons of a population as long as its limits allow. A population that fits completely shares the core of
+  the previous population, where the chip lets several populations share a core (`populations_per_core`: SpiNNaker does
+  not).
+- Synapses are stored at the target's core, see `neuro.chips.incoming`.
+- An input axon of a core is a source neuron, generators included, whose spikes reach the core by any number of
+  projections. An output axon is a pair of a neuron and a core that it reaches, its own core included. The broadcast of
+  a dopamine population and the currents of a dc_generator use no axons.
+- A spike to several cores is sent once to each, unless routers copy it, as on SpiNNaker.
+- Chips form a square, and their tiles continue from one chip to the next.
 
-Order "connected" takes neurons that lie at one place of a grid together, since they share their sources, and takes
-populations and cores in an order in which each comes after those to which it is tied most. It lays the cores along
-tiles that touch, and exchanges tiles and cores while that saves hops. Order "declared" takes all as it is declared,
-tile by tile and row by row. Where this happens to be shorter, "connected" takes it, too, unless it needs more than
-2,000 cores at any rate: those are laid out once, as they come.
+Order "connected" keeps neurons at one position of a grid together, because they share their sources. It orders
+populations and cores so that each follows those with most synapses to it, lays the cores along adjacent tiles, and
+exchanges tiles and cores as long as that saves hops. Order "declared" follows the declaration, tile by tile and row by
+row. If "declared" needs fewer chips or hops, "connected" uses it, too. Programs of more than 2,000 cores are laid out
+once, without exchanges.
 
-What fits on no core, on no machine or into no delay register is refused. What the delay register of a spike holds
-follows from when the spike acts (`neuro.chips.inputs`) and from how the family counts. A chip without an
-arithmetic here is taken to count as Loihi 1.
+Neurons that fit on no core, programs that fit on no machine and delays that fit into no register are refused. The delay
+register of a synapse follows from the step in which its spike acts (`neuro.chips.inputs`) and from the encoding of the
+chip's family. A chip whose arithmetic is not emulated uses that of Loihi 1.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ import numpy as np
 
 from neuro.chips.description import Chip
 from neuro.chips.fitting import LARGEST, Cut, chain, cut, exceeded
-from neuro.chips.incoming import Incoming, reached
+from neuro.chips.incoming import Incoming, projections_by_source
 from neuro.chips.known import placed_as
 from neuro.chips.mesh import Hops, MeshPlaces, between_cores, draw_close, lay_out, routes
 from neuro.chips.splitting import Split
@@ -52,15 +52,15 @@ class Core:
 
     Attributes:
         chip: the number of its chip.
-        column, row: of its tile, counted over all chips from the corner where the host is.
+        column, row: position of its tile, counted over all chips from the corner where the host is.
         slot: its number inside the tile.
-        parts: (population, first, last): it holds the neurons first <= i < last, in one or several runs.
-        neurons: how many it holds.
-        synapse_bytes: of the synapses onto them.
-        own_bytes: of the core's own memory that learning takes, 0 where that is not known.
-        axons_in: source neurons whose spikes reach it.
+        parts: runs (population, first, last) of the neurons first <= i < last on the core.
+        neurons: number of neurons.
+        synapse_bytes: bytes of the synapses onto these neurons.
+        own_bytes: bytes of the core's own memory that learning needs, 0 where none are counted.
+        axons_in: source neurons whose spikes reach the core.
         axons_out: destination cores of its neurons, summed over the neurons.
-        load: used share of each limit of the core by the limit's name.
+        load: used share of each limit of the core, by the limit's name.
     """
 
     chip: int
@@ -78,20 +78,20 @@ class Core:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """Where the neurons of a program lie on a chip; `str()` of it is a report.
+    """The placement of a program's neurons on a chip; `str()` returns a report.
 
     Attributes:
         network: name of the program.
         target: name of the chip.
-        order: as asked: "connected" or "declared".
+        order: "connected" or "declared", as the user chose.
         multicast: whether a spike to several cores shares links.
-        cores: by chip, row, column and slot.
-        chips_used, tiles_used: how many have a core in use.
-        core_of: for each population the index in `cores` of every neuron; -1 for generators, which are the host's.
+        cores: the cores in use, sorted by chip, row, column and slot.
+        chips_used, tiles_used: number of chips and tiles with a core in use.
+        core_of: for each population the index in `cores` of every neuron; -1 for generators, which run on the host.
         populations, projections: their names.
         ways: hops of each projection.
-        problems: what does not fit; the rest is placed all the same.
-        notes: what learning takes of the cores, in words, as far as that is known.
+        problems: the parts that do not fit. They are placed nevertheless.
+        notes: memory and time of learning as text, as far as known.
     """
 
     network: str
@@ -109,7 +109,7 @@ class Placement:
     notes: tuple[str, ...] = ()
 
     def hops(self, projection: int) -> Hops:
-        """What one spike of each source neuron of a projection (by index) moves."""
+        """Return the moves of one spike of each source neuron of a projection, by its index."""
         return self.ways[projection]
 
     @property
@@ -123,16 +123,16 @@ class Placement:
         return sum(core.synapse_bytes for core in self.cores)
 
     def cores_of(self, population: int) -> list[int]:
-        """Indices of the cores that hold neurons of a population."""
+        """Return the indices of the cores with neurons of a population."""
         return [i for i, core in enumerate(self.cores) if any(part[0] == population for part in core.parts)]
 
     def mean_hops(self, projection: int) -> dict[str, float]:
-        """Moves of one spike of a projection, by name of `Hops`, averaged over its sources."""
+        """Return the moves of one spike of a projection, by the names of `Hops`, averaged over its sources."""
         ways = self.ways[projection]
         return {name: float(getattr(ways, name).mean()) if ways.cores.size else 0.0 for name in _WAYS}
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it but the per-neuron arrays as plain values, for JSON."""
+        """Return everything except the per-neuron arrays as plain values for JSON."""
         return {
             "network": self.network,
             "target": self.target,
@@ -157,9 +157,9 @@ class Placement:
     def __str__(self) -> str:
         used = (_several(len(self.cores), "core"), _several(self.tiles_used, "tile"), _several(self.chips_used, "chip"))
         head = f"'{self.network}' on {self.target}: {used[0]} on {used[1]} of {used[2]}, order: {self.order}"
-        way = "multicast" if self.multicast else "one packet for each destination core"
-        memory = f"synapses take {self.synapse_bytes:,} bytes"
-        hops = f"{self.total_hops:,} hops if all sources spike once, {way}"
+        packets = "multicast" if self.multicast else "one packet per destination core"
+        memory = f"memory of synapses: {self.synapse_bytes:,} bytes"
+        hops = f"hops when every source spikes once: {self.total_hops:,} ({packets})"
         return "\n".join(
             [head, memory, *self.notes, hops, "", *self._core_rows(), "", *self._projection_rows(), *self._refusals()]
         )
@@ -170,19 +170,19 @@ class Placement:
         ]
         for core in self.cores[:_SHOWN]:
             name, share = max(core.load.items(), key=lambda item: item[1], default=("", 0.0))
-            held = [f"{self.populations[p]}[{first}:{last}]" for p, first, last in core.parts]
-            held[_RUNS:] = [f"{len(held) - _RUNS} more runs"] if len(held) > _RUNS else []
+            runs = [f"{self.populations[p]}[{first}:{last}]" for p, first, last in core.parts]
+            runs[_RUNS:] = [f"{len(runs) - _RUNS} more runs"] if len(runs) > _RUNS else []
             counts = (core.neurons, core.synapse_bytes, core.axons_in, core.axons_out)
             full = f"{share:.0%} {name}" if name else "-"
             place = (str(core.chip), f"{core.column},{core.row}", str(core.slot))
-            table.append((*place, *(f"{count:,}" for count in counts), full, ", ".join(held)))
+            table.append((*place, *(f"{count:,}" for count in counts), full, ", ".join(runs)))
         rows = aligned(table, ">" * 7)
         rest = self.cores[_SHOWN:]
         return rows if not rest else [*rows, f"... and {_several(len(rest), 'more core')}"]
 
     def _projection_rows(self) -> list[str]:
         table: list[tuple[str, ...]] = [
-            ("to cores", "same tile", "east-west", "north-south", "chip to chip", "a spike of")
+            ("to cores", "same tile", "east-west", "north-south", "chip to chip", "per spike of")
         ]
         for index, name in enumerate(self.projections):
             table.append((*(f"{value:.4g}" for value in self.mean_hops(index).values()), name))
@@ -215,41 +215,41 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
     """Place the neurons of a program on cores.
 
     Args:
-        program: of float or of a chip's own models; its values do not matter.
-        chip: with limits, and a mesh if its cores do not all share one tile.
+        program: a program with float models or the chip's own models. Weights and states have no effect.
+        chip: a chip with limits, and with a mesh unless its cores all share one tile.
         order: "connected" or "declared".
-        neurons_per_core: put fewer neurons on a core than the chip allows.
+        neurons_per_core: largest number of neurons on a core, below the chip's limit.
 
     Returns:
-        the same placement for the same arguments; what does not fit is in its `problems`, but the delays of a chip
-        whose arithmetic is emulated, which `neuro.chips.quantising` tells.
+        the same placement for the same arguments. Parts that do not fit are listed in `problems`, except for delays on
+        a chip whose arithmetic is emulated, which `neuro.chips.quantising` checks.
 
     Raises:
-        ModelError: an argument cannot be.
+        ModelError: an argument is not allowed.
     """
-    return placed(program, chip, cut(program, chip, order=order, neurons_per_core=neurons_per_core))
+    return place_cores(program, chip, cut(program, chip, order=order, neurons_per_core=neurons_per_core))
 
 
-def placed(program: Program, chip: Chip, found: Cut) -> Placement:
-    """Place cores that have been filled."""
-    multicast, into = placed_as(chip).multicast, found.into
+def place_cores(program: Program, chip: Chip, filled: Cut) -> Placement:
+    """Place cores that are already filled."""
+    multicast, into = placed_as(chip).multicast, filled.into
     drafts: list[tuple[Split, MeshPlaces]] = []
-    if found.tied is not None:
-        drafts.append(_close(chip, into, found.tied))
-    if found.declared is not None:
-        drafts.append((found.declared, lay_out(chip, found.declared.memory, snake=False)))
+    if filled.connected is not None:
+        drafts.append(_close(chip, into, filled.connected))
+    if filled.declared is not None:
+        drafts.append((filled.declared, lay_out(chip, filled.declared.memory, snake=False)))
     numbered: list[tuple[int, int, Split, MeshPlaces, tuple[Hops, ...]]] = []
     for cores, places in drafts:
-        # Cores are numbered by their places.
+        # Cores are numbered by their positions.
         by_place = np.lexsort((places.slot, places.column, places.row, places.chip))
-        cores, places = cores.taken(by_place), places.taken(by_place)
+        cores, places = cores.reordered(by_place), places.reordered(by_place)
         ways = routes(program, into, cores.core_of, places, multicast)
         numbered.append((len(np.unique(places.chip)), sum(part.total for part in ways), cores, places, ways))
     chips, _, cores, places, ways = min(numbered, key=lambda draft: draft[:2])
     return Placement(
         network=program.name,
         target=chip.name,
-        order=found.order,
+        order=filled.order,
         multicast=multicast,
         cores=tuple(_core(chip, cores, places, i) for i in range(len(cores.cores))),
         chips_used=chips,
@@ -259,30 +259,30 @@ def placed(program: Program, chip: Chip, found: Cut) -> Placement:
         projections=tuple(part.name for part in program.projections),
         ways=ways,
         problems=exceeded(program, chip, into, cores, chips),
-        notes=tuple(placed_as(chip).told_of_learning(program, chip, cores.cores)),
+        notes=tuple(placed_as(chip).learning_notes(program, chip, cores.cores)),
     )
 
 
 def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
-    """Lay cores out so that those which exchange many spikes are close."""
+    """Order cores and lay them out so that cores that exchange many spikes are close."""
     if len(cut.cores) > LARGEST:
         return cut, lay_out(chip, cut.memory, snake=True)
     # Spikes between each two cores, and from the host to each, if all sources spike once.
     n = len(cut.cores)
     traffic, pull = np.zeros((n, n)), np.zeros(n)
-    for index, ways in reached(into, cut.core_of, n):
+    for index, ways in projections_by_source(into, cut.core_of, n):
         source = into.begins_at[index]
         between_cores(*ways, cut.core_of[into.start[source] : into.start[source + 1]], traffic, pull)
     np.fill_diagonal(traffic, 0.0)
     traffic = traffic + traffic.T
     order = chain(traffic, pull)
-    cut, traffic, pull = cut.taken(order), traffic[np.ix_(order, order)], pull[order]
+    cut, traffic, pull = cut.reordered(order), traffic[np.ix_(order, order)], pull[order]
     places = lay_out(chip, cut.memory, snake=True)
     return cut, draw_close(chip, places, cut.memory, traffic, pull)
 
 
 def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
-    """One core with its load."""
+    """Return the description of a core, with its load."""
     used = [int(counts[i]) for counts in (cut.neurons, cut.memory, cut.own, cut.axons_in, cut.axons_out)]
     return Core(
         chip=int(places.chip[i]),

@@ -1,16 +1,15 @@
-"""Counts x figures: what a run would take on a chip, whatever backend it ran on.
+"""The price of a run on a chip, whatever backend it ran on: counts of operations x published figures.
 
-Dynamic energy is the counts that all backends share, and the ways of the spikes by the placement, times the table's
-figures. Static energy is the power of the chips times the emulated chip time, and in real time the power times what
-the steps last. Where a table has `mac`, the same work is priced as dense layers instead: every synapse in every step.
+Dynamic energy is the sum of the counts that all backends share, and of the moves of spikes in the placement, each times
+the figure of the chip's table. Static energy is the power of the chips times the chip time, or in real time times the
+duration of the steps. A table with `mac` prices the same work as dense layers: every synapse in every step.
 
-**Chip time.** With `step_s` steps are real time: steps x `step_s`. Else they take as long as their work: steps x the
-barrier, plus the work of the busiest core: the updates of its neurons, and of each projection's synaptic operations and
-learning updates its share of the target's neurons. That is a lower bound: the busiest core may be another in every
-step, and the time that spikes travel is left out. The barrier is linear in the tiles of one chip, and from there in the
-chips.
+**Chip time.** With `step_s` it is steps x `step_s`. Otherwise it is steps x the barrier, plus the work of the busiest
+core: the updates of its neurons, and its share (by target neurons) of each projection's synaptic operations and
+learning updates. The result is a lower bound: another core may be the busiest in each step, and the travel time of
+spikes is not counted. The barrier is linear in the tiles of one chip, and beyond one chip linear in the chips.
 
-In real time the steps of the network last their own time, as events come: a chip that is done earlier waits.
+In real time each step of the network lasts its simulated time, as with live events, and a chip that is faster waits.
 """
 
 from __future__ import annotations
@@ -56,24 +55,24 @@ TILES = 32
 CHIPS = 768
 
 RULES_APPLIED = (
-    "learning updates, which are priced, count the plastic synapses of each pre and each post spike, as the published "
-    "figure is of one pairwise update; 'rules applied' count the synapses that the chip's learning engine visits at "
-    "the end of an epoch: all of them where a product with u_k is due, else each once whose neurons spiked"
+    "learning updates, which the bill prices, count the plastic synapses of each pre and each post spike, because the "
+    "published figure is that of one pairwise update; 'rules applied' count the synapses that the chip's learning "
+    "engine visits at the end of an epoch: all in epochs with a u_k product, otherwise each synapse with a spike once"
 )
-"""Why Loihi's own count of learning differs from the one in its bill."""
+"""Note on the difference between Loihi's own count of learning and the count that the bill prices."""
 
 HOST = "cpu"
-"""The processor that prices what the host computes."""
+"""The processor whose figures price the work of the host."""
 RULE_MACS = 4
-"""Multiply-accumulates of a rule of trials for one weight: w + span (A s) (1 - s), with s = (w - Wmin) / span."""
+"""Multiply-accumulates per weight of a rule for trials: w + span (A s) (1 - s), with s = (w - Wmin) / span."""
 
 Pick = Callable[[Figure], float]
-"""Which number of a figure is taken: its value, or an end of its range."""
+"""Selects a number of a figure: its value, or an end of its range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Duration:
-    """Seconds that a chip takes for a run: the best estimate, and between what it lies."""
+    """Seconds that a chip needs for a run: the best estimate, and the range."""
 
     best: float
     low: float
@@ -83,15 +82,15 @@ class Duration:
 def chip_time(
     program: Program, counts: Counts, placement: Placement | None, chip: Chip, run: Run, step_s: float | None = None
 ) -> Duration | None:
-    """How long a chip takes; None if no times are published, or nothing is placed.
+    """Return the time that a chip needs, or None if no times are published or nothing is placed.
 
     Args:
-        program: what ran.
-        counts: of the run.
-        placement: where its neurons lie.
+        program: the program that ran.
+        counts: the counts of the run.
+        placement: the placement of its neurons.
         chip: has the figures.
-        run: its conditions, by which figures hold.
-        step_s: how long a step takes, where that is known.
+        run: conditions of the run, which decide on the range of figures.
+        step_s: duration of a step on the chip, where known.
     """
     if step_s is not None:
         return Duration(*3 * [counts.steps * step_s])
@@ -109,27 +108,27 @@ def chip_time(
     )
 
 
-def waited(time: Duration | None, seconds: float) -> Duration:
-    """How long a chip is on in real time: as long as the run lasts, or longer where it is late.
+def time_with_waiting(time: Duration | None, seconds: float) -> Duration:
+    """Return how long a chip is on in real time: the duration of the run, or longer if the chip is late.
 
     Args:
-        time: that it takes, None where that is not known: then it is taken to be in time.
-        seconds: that the run lasts.
+        time: time that the chip needs, None if unknown; the chip is then assumed to be in time.
+        seconds: duration of the run.
     """
     if time is None:
         return Duration(seconds, seconds, seconds)
-    in_time = seconds * (1.0 - 1e-9)  # equal but for the last bits: no waiting
+    in_time = seconds * (1.0 - 1e-9)  # a difference in the last bits only is no waiting
     return Duration(*(seconds if each < in_time else each for each in (time.best, time.low, time.high)))
 
 
 def barrier(placement: Placement, chip: Chip, run: Run, pick: Pick = lambda figure: figure.value) -> float:
-    """Seconds of the end of a step.
+    """Return the seconds of the barrier at the end of a step.
 
     Args:
-        placement: where the neurons lie.
+        placement: the placement of the neurons.
         chip: has the figures.
-        run: its conditions, of which the chips that are on.
-        pick: which number of a figure.
+        run: conditions of the run, among them the chips that are on.
+        pick: selects a number of a figure.
     """
     one, many = (pick(chip.costs[name]) for name in BARRIERS)
     chips = run["chips"]
@@ -139,7 +138,7 @@ def barrier(placement: Placement, chip: Chip, run: Run, pick: Pick = lambda figu
 
 
 def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip, pick: Pick) -> float:
-    """Seconds of work of the core that has most."""
+    """Return the seconds of work of the busiest core."""
     op, active, inactive, learning = (pick(chip.costs[name]) if name in chip.costs else 0.0 for name in WORK)
     work = [0.0] * len(program.populations)
     for index, part in enumerate(program.populations):
@@ -157,8 +156,8 @@ def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip,
     return max(loads, default=0.0)
 
 
-def told_times(program: Program, chip: Chip, run: Run, step_s: float | None = None) -> list[str]:
-    """The figures behind a chip time, with their sources, what it leaves out, and what is extrapolated."""
+def time_notes(program: Program, chip: Chip, run: Run, step_s: float | None = None) -> list[str]:
+    """Return notes on a chip time: its figures with their sources, its assumptions, and extrapolated figures."""
     if step_s is not None:
         return [f"chip time: a step of {program.resolution:g} ms takes {quantity(step_s, 's')} on the chip, as given"]
     if chip.step_s is not None:
@@ -171,19 +170,19 @@ def told_times(program: Program, chip: Chip, run: Run, step_s: float | None = No
     by_source: dict[str, list[str]] = {}
     for name in names:
         figure = chip.costs[name]
-        told = by_source.setdefault(sourced(figure.source, figure.conditions), [])
-        told.append(f"{name.removesuffix('_time')} {quantity(figure.value, 's')}")
+        texts = by_source.setdefault(sourced(figure.source, figure.conditions), [])
+        texts.append(f"{name.removesuffix('_time')} {quantity(figure.value, 's')}")
     line = "linear in the chips" if large else "linear in the tiles used"
     bound = f"chip time is a lower bound: steps x barrier, {line}, and the busiest core's work"
     return [
         bound,
-        *(f"{CHIP_TIME}{', '.join(told)}: {source}" for source, told in by_source.items()),
+        *(f"{CHIP_TIME}{', '.join(texts)}: {source}" for source, texts in by_source.items()),
         *_extrapolated({name: chip.costs[name] for name in names}, run),
     ]
 
 
 def _extrapolated(figures: dict[str, Figure], run: Run) -> list[str]:
-    """What does not hold for a run, by reason."""
+    """Return notes on the figures that are extrapolated, by reason."""
     by_reason: dict[str, list[str]] = {}
     for name, figure in figures.items():
         if why := why_extrapolated(figure, run):
@@ -192,33 +191,33 @@ def _extrapolated(figures: dict[str, Figure], run: Run) -> list[str]:
 
 
 Run = Mapping[str, float]
-"""Of `neuro.chips.description.CONDITIONS` by name, what a run has; what is not known is left out."""
+"""Conditions of a run, by the names of `neuro.chips.description.CONDITIONS`; unknown ones are left out."""
 
 
 def run_of(program: Program, counts: Counts, placement: Placement | None, chips: int) -> Run:
-    """The conditions of a run.
+    """Return the conditions of a run.
 
     Args:
-        program: what ran.
-        counts: of the run.
-        placement: where its neurons lie, None where nothing is placed.
-        chips: that are on.
+        program: the program that ran.
+        counts: the counts of the run.
+        placement: the placement of its neurons, None where nothing is placed.
+        chips: number of chips that are on.
     """
-    found = {"resolution": program.resolution, "chips": float(chips)}
+    conditions = {"resolution": program.resolution, "chips": float(chips)}
     if placement is not None:
-        found["tiles"] = float(placement.tiles_used)
+        conditions["tiles"] = float(placement.tiles_used)
     if counts.neuron_updates:
         spikes = sum(counts.populations[part.name].spikes for part in program.populations if part.kind == "neuron")
-        found["rate"] = spikes / (counts.neuron_updates * program.resolution * 1e-3)
-    return found
+        conditions["rate"] = spikes / (counts.neuron_updates * program.resolution * 1e-3)
+    return conditions
 
 
 def why_extrapolated(figure: Figure, run: Run) -> str:
-    """Why a figure is not known to hold for a run, "" if it does."""
+    """Return why a figure is not known to hold for a run, "" if it holds."""
     if figure.guess:
         return figure.guess
     reasons = [
-        f"{name} {_told(run[name], name)}, published for {_span(figure.holds[name], name)}"
+        f"{name} {_with_unit(run[name], name)}, published for {_span(figure.holds[name], name)}"
         for name in CONDITIONS
         if name in figure.holds
         and name in run
@@ -228,16 +227,16 @@ def why_extrapolated(figure: Figure, run: Run) -> str:
 
 
 def range_of(figure: Figure, run: Run) -> Range:
-    """Between what a figure may lie in a run."""
+    """Return the range of a figure in a run."""
     return figure.range(bool(why_extrapolated(figure, run)))
 
 
-def _told(value: float, name: str) -> str:
+def _with_unit(value: float, name: str) -> str:
     return f"{value:.4g} {CONDITIONS[name][0]}".rstrip()
 
 
 def _span(ends: Range, name: str) -> str:
-    return _told(ends[0], name) if ends[0] == ends[1] else f"{ends[0]:.4g} to {_told(ends[1], name)}"
+    return _with_unit(ends[0], name) if ends[0] == ends[1] else f"{ends[0]:.4g} to {_with_unit(ends[1], name)}"
 
 
 def price(
@@ -251,22 +250,22 @@ def price(
     duration_s: float | None = None,
     ran_on: str = "",
 ) -> Energy:
-    """The bill of a run.
+    """Return the bill of a run.
 
     Args:
-        program: what ran.
-        counts: of the run, on any backend.
-        placement: where its neurons lie on the chip; None for a target that has no mesh.
+        program: the program that ran.
+        counts: the counts of the run, on any backend.
+        placement: the placement of its neurons on the chip; None for a target without a mesh.
         chip: the target.
-        step_s: how long a step takes on the chip in s, where that is known or demanded, e.g. by real time.
-        chips: that are on, if not those that the placement uses, e.g. all of a board.
-        duration_s: how long the run lasts in real time in s, if not as long as its steps, e.g. the time of recordings
-            whose frames are shown over more steps.
-        ran_on: the backend of the run: the chip that it emulates does not refuse the network.
+        step_s: duration of a step on the chip in s, where it is known or given, e.g. by real time.
+        chips: number of chips that are on, e.g. all of a board; default: those that the placement uses.
+        duration_s: duration of the run in real time in s, e.g. that of recordings whose frames are shown over more
+            steps; default: that of its steps.
+        ran_on: the backend of the run. The chip that it emulates does not refuse the network.
 
     Raises:
-        ModelError: no cost of the chip is published, it needs a placement, the program does not fit on it, or
-            `step_s`, `chips` or `duration_s` cannot be.
+        ModelError: no cost of the chip is published, a placement is missing, the program does not fit, or `step_s`,
+            `chips` or `duration_s` is not allowed.
     """
     check_costs(chip)
     if step_s is not None and not (isinstance(step_s, (int, float)) and 0.0 < step_s < math.inf):
@@ -290,7 +289,7 @@ def price(
 
 
 def check_costs(chip: Chip) -> None:
-    """Refuse a chip of which nothing can be priced."""
+    """Refuse a chip without published costs."""
     if not chip.costs:
         raise ModelError(
             f"chip '{chip.name}' has no costs: none is published",
@@ -299,7 +298,7 @@ def check_costs(chip: Chip) -> None:
 
 
 def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
-    """Refuse a placement in which something does not fit, or a delay beyond the chip's register; reports all."""
+    """Refuse a placement with parts that do not fit, or delays beyond the chip's register; one error lists all."""
     problems = dict.fromkeys((*placement.problems, *too_late(program, chip)))
     refused = tuple(problem.error() for problem in problems if problem.refused)
     if refused:
@@ -307,7 +306,7 @@ def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
 
 
 def unrunnable(program: Program, chip: Chip, placed: bool) -> str:
-    """Return why a chip cannot run a network, as far as that is known of the chip; "" if it can."""
+    """Return why a chip cannot run a network, as far as the chip is known; "" if it can."""
     if chip.arithmetic in ARITHMETICS:
         problems = refusals(program, chip)
     else:
@@ -317,11 +316,11 @@ def unrunnable(program: Program, chip: Chip, placed: bool) -> str:
 
 
 MOVES = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_south": "north_south", "packet": "chip"}
-"""Costs of the moves of a spike, and what they are in `Hops`."""
+"""Costs of the moves of a spike, and the attribute of `Hops` with their number."""
 
 
 class _Bill:
-    """Collects the items and notes of one run on one chip."""
+    """The items and notes of one run on one chip while they are collected."""
 
     def __init__(
         self,
@@ -338,40 +337,40 @@ class _Bill:
         self.placement, self.chips, self.step_s = placement, chips, step_s
         self.run = run_of(program, counts, placement, chips)
         self.seconds = counts.steps * program.resolution * 1e-3 if duration_s is None else duration_s
-        # What ran on the chip, perhaps with options of a user's, is not refused.
+        # A network that ran on the chip, perhaps with a user's options, is not refused.
         self.refused = "" if "mac" in chip.costs or ran else unrunnable(program, chip, placement is not None)
         self.items: list[BillItem] = []
         self.notes: list[str] = []
 
     def add(self, what: str, kind: str, of: str, count: float) -> None:
-        """Add an item if there is anything to count."""
+        """Add an item if its count is not 0."""
         if count and what not in self.chip.costs:
             self.items.append(BillItem(what, kind, of, count, None, None, "", ""))
         elif count:
             self.items.append(self._item(self.chip, what, kind, of, count, count, count))
 
     def _item(self, of_table: Chip, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
-        """Return a line with a figure of a table, with between `least` and `most` of its unit."""
+        """Return a line with a figure of a table, for between `least` and `most` of its unit."""
         return _line(of_table.costs[what], self.run, what, kind, of, count, least, most)
 
-    def on(self, time: Duration | None) -> list[BillItem]:
-        """Chips that are on: the range is that of their power and that of the time."""
+    def static_items(self, time: Duration | None) -> list[BillItem]:
+        """Return the line of static energy; its range is that of the power and of the time."""
         if STATIC not in self.chip.costs or time is None or not time.best:
             return []
         seconds = (self.chips * each for each in (time.best, time.low, time.high))
         return [self._item(self.chip, STATIC, "chip", self.chip.name, *seconds)]
 
     def dense(self) -> Energy:
-        """Every synapse in every step."""
+        """Return the bill of every synapse in every step."""
         for index in spiking(self.program):
             macs = self.counts.steps * dense_size(self.program, index)
             self.add("mac", "projection", self.program.projections[index].name, macs)
         self.notes.append("the same network as dense layers: every synapse in every step, a grid as a convolution")
         self.notes.append("neuron updates, learning and static power are not in the sums")
-        return self.done(None)
+        return self.finished(None)
 
     def spiking(self, raw: EngineCounts) -> Energy:
-        """Neurons, synapses, ways, learning, then the chip."""
+        """Return the bill of neurons, synapses, moves of spikes, learning, and the chip."""
         placement = self.placement
         senders = {part.source for part in self.program.projections}
         for index, population in enumerate(self.program.populations):
@@ -387,57 +386,55 @@ class _Bill:
             self.add("synaptic_op", "projection", part.name, made.synaptic_ops)
             hops = None if placement is None else placement.hops(index)
             for what, name in MOVES.items() if hops is not None else ():
-                if what in self.chip.costs:  # moves of the kinds that the table prices
+                if what in self.chip.costs:  # the table has only some kinds of moves
                     moves = int(raw.spikes[part.source] @ getattr(hops, name))
                     self.add(what, "projection", part.name, moves)
-            # On SpiNNaker spikes bring a signal to the neurons; its emulator counts these spikes.
-            brought = raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0)
-            if brought and self.chip.arithmetic == "spinnaker":
+            # On SpiNNaker spikes carry a signal to the neurons. The emulator counts them.
+            carried = raw.native.get(f"{SIGNAL_SPIKES} in {part.name}", 0)
+            if carried and self.chip.arithmetic == "spinnaker":
                 for what in ("packet", "synaptic_op"):
-                    self.add(what, "signal", self.program.signals[part.signal].name, brought)
+                    self.add(what, "signal", self.program.signals[part.signal].name, carried)
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
             if part.signal >= 0 and part.synapse.learns:
                 self.add("signal_update", "projection", part.name, part.size * self.counts.steps)
             if by_host and (macs := RULE_MACS * made.learning_updates):
-                note = f"host: {RULE_MACS} multiply-accumulates of a {HOST} a weight, as r_stdp takes"
+                note = f"host: {RULE_MACS} multiply-accumulates of a {HOST} per weight, as for r_stdp"
                 self.notes += [] if note in self.notes else [note]
                 self.items.append(self._item(chip(HOST), "mac", "host", HOST, macs, macs, macs))
         time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
         self.explain(raw, time)
-        return self.done(time)
+        return self.finished(time)
 
     def explain(self, raw: EngineCounts, time: Duration | None) -> None:
-        """Note what is assumed and what is left out."""
+        """Add notes on assumptions and missing costs."""
         placement = self.placement
         if self.refused:
             self.notes.append(f"{self.chip.name} refuses the network, so there is no total: {self.refused}")
         if time is not None:
-            self.notes += told_times(self.program, self.chip, self.run, self.step_s)
+            self.notes += time_notes(self.program, self.chip, self.run, self.step_s)
         if placement is not None and self.chips != placement.chips_used:
             used, on = placement.chips_used, self.chips
             self.notes.append(f"the network uses {used} chip{'s' * (used > 1)}, {on} are on, as given")
         if time is not None and time.best > self.seconds * (1.0 + 1e-9):
-            takes, lasts = quantity(time.best, "s"), quantity(self.seconds, "s")
-            self.notes.append(f"late: real time is not kept, the chip takes {takes} for {lasts}")
+            need, lasts = quantity(time.best, "s"), quantity(self.seconds, "s")
+            self.notes.append(f"late: slower than real time, the chip needs {need} for {lasts}")
         if STATIC not in self.chip.costs:
             self.notes.append("static power is not in the sums: no figure is published")
         elif time is None:
             self.notes.append("static power is in the sums in real time only: no time of a step is published")
         elif placement is None and self.chip.costs[STATIC].value and self.chips == 1:
-            self.notes.append("nothing is placed: one chip is taken")
+            self.notes.append("nothing is placed: one chip is assumed")
         if any(part.kind != "neuron" for part in self.program.populations):
-            self.notes.append("generators are the host's: their spikes are priced, their updates are not")
+            self.notes.append("generators run on the host: their spikes are priced, their updates are not")
         if any(item.what == "weight_write" for item in self.items):
-            self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")
+            self.notes.append("the host applies the rule for trials and writes each weight that changes")
         signals = any(part.signal >= 0 for part in self.program.projections)
         if signals and self.chip.arithmetic == "spinnaker" and SIGNAL_SPIKES not in "".join(raw.native):
-            self.notes.append(
-                "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
-            )
+            self.notes.append("spikes that carry a signal are only counted in a run on the chip: they are not priced")
         if placement is not None and self.chip.arithmetic in ARITHMETICS and self.counts.steps:
             parts = [core.parts for core in placement.cores]
-            self.notes += arithmetic_of(self.chip).told_of_learning(self.program, self.chip, parts, self.visits())
+            self.notes += arithmetic_of(self.chip).learning_notes(self.program, self.chip, parts, self.visits())
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
         bare = sorted({item.what for item in self.items if item.joules_each is None})
@@ -446,27 +443,27 @@ class _Bill:
         events, spikes = (sum(int(part.sum()) for part in parts) for parts in (raw.events, raw.spikes))
         if self.chip.arithmetic in ARITHMETICS and arithmetic_of(self.chip).one_bit and events != spikes:
             self.notes.append(
-                f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
-                "as several, of which the chip would send one"
+                f"{number(spikes)} spikes in {number(events)} events: each of several spikes of a neuron in one step "
+                "is priced, but the chip would send one"
             )
 
     def visits(self) -> dict[int, tuple[float, float]]:
-        """Of a mean step, by projection, the synapses of pre spikes and those of post spikes."""
+        """Return the synapses that pre spikes and that post spikes visit in a mean step, by projection."""
         made = [self.counts.projections[part.name] for part in self.program.projections]
         both = [(each.synaptic_ops, max(0, each.learning_updates - each.synaptic_ops)) for each in made]
         return {k: (pre / self.counts.steps, post / self.counts.steps) for k, (pre, post) in enumerate(both)}
 
-    def done(self, time: Duration | None) -> Energy:
-        """The bill."""
-        real = waited(time, self.seconds)
-        known = time is not None or (STATIC in self.chip.costs and "mac" not in self.chip.costs)
-        waiting = self._timed(real, REAL_TIME) if known and real != time else None
+    def finished(self, time: Duration | None) -> Energy:
+        """Return the bill."""
+        real = time_with_waiting(time, self.seconds)
+        has_time = time is not None or (STATIC in self.chip.costs and "mac" not in self.chip.costs)
+        waiting = self._timed(real, REAL_TIME) if has_time and real != time else None
         return self._timed(time, FASTEST if self.step_s is None else AS_GIVEN, waiting)
 
     def _timed(self, time: Duration | None, clock: str, waiting: Energy | None = None) -> Energy:
         chip, steps = self.chip, self.counts.steps
         best, ends = (None, None) if time is None else (time.best, (time.low, time.high))
-        lines = (*self.items, *self.on(time)), tuple(self.notes)
+        lines = (*self.items, *self.static_items(time)), tuple(self.notes)
         about = chip.name, chip.title, self.chips, best, steps
         return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting, self.refused)
 
@@ -486,14 +483,14 @@ def dense(
     of: str = "run",
     notes: Iterable[str] = (),
 ) -> Energy:
-    """The bill of multiply-accumulates, of which a user's own program says how many there are.
+    """Return the bill of multiply-accumulates that a user's own program counts.
 
     Args:
-        macs: how many, by what they are for, such as layers.
+        macs: number of multiply-accumulates, by the names of their parts, such as layers.
         target: the name of a processor, or a table file with the cost `mac`.
-        steps: how often they are done, for the bill's head.
-        of: what the bill is of.
-        notes: what is assumed of the counts.
+        steps: number of repetitions, for the bill's head.
+        of: name of the run in the bill.
+        notes: assumptions of the counts.
 
     Raises:
         ModelError: there is no such target, or it has no cost `mac`.
@@ -518,22 +515,22 @@ def bill(
     duration_s: float | None = None,
     ran_on: str = "",
 ) -> Energy:
-    """What a run would take on a target.
+    """Return the bill of a run on a target.
 
     Args:
-        program: what ran.
-        counts: what it took, on any backend.
+        program: the program that ran.
+        counts: the counts of the run, on any backend.
         target: the name of a chip or processor, or a table file.
-        step_s: how long a step takes on the chip in s, if not as its table says.
-        chips: that are on, if not those that the network needs.
-        duration_s: how long the run lasts in real time in s, if not as long as its steps.
-        ran_on: the backend of the run, as of `price`.
+        step_s: duration of a step on the chip in s; default: that of its table.
+        chips: number of chips that are on; default: those that the network needs.
+        duration_s: duration of the run in real time in s; default: that of its steps.
+        ran_on: the backend of the run, see `price`.
 
     Raises:
         ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`,
-            `chips` or `duration_s` cannot be.
+            `chips` or `duration_s` is not allowed.
     """
     priced = chip(target)
-    placed = priced.mesh is not None or priced.arithmetic in ARITHMETICS
-    placement = place(program, priced) if placed else None
+    is_placed = priced.mesh is not None or priced.arithmetic in ARITHMETICS
+    placement = place(program, priced) if is_placed else None
     return price(program, counts, placement, priced, step_s=step_s, chips=chips, duration_s=duration_s, ran_on=ran_on)

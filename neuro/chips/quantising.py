@@ -1,7 +1,8 @@
-"""From a float program to a chip's integers, with a report of what that changes.
+"""The conversion of a float program to a chip's integers, with a report of the differences.
 
-Nothing is changed in silence: what the chip cannot do is refused, what it does otherwise is approximated, and a
-rounding is reported where it exceeds a limit below. All problems of a program are found at once.
+Every difference is reported: features that the chip lacks are refused, features that it computes differently are
+approximated, and a rounding is reported where it exceeds one of the limits below. All problems of a program are found
+at once.
 """
 
 from __future__ import annotations
@@ -31,47 +32,47 @@ from neuro.program.program import Floats, Population, Program
 __all__ = ["LIMITS", "quantise", "requantise"]
 
 RECEPTORS = 2
-"""Receptors that a neuron on a chip has."""
+"""Number of receptors of a neuron on a chip."""
 
 _Parts = tuple[tuple[FixedPopulation, ...], tuple[FixedProjection | None, ...], tuple[Problem, ...], tuple[str, ...]]
-_KEPT: WeakKeyDictionary[Program, dict[tuple[str, bool], _Parts]] = WeakKeyDictionary()
-"""What was made of programs, by the chip's whole table with the options, since a table can be edited while the program
-exists, and by whether there are words.
+_CACHE: WeakKeyDictionary[Program, dict[tuple[str, bool], _Parts]] = WeakKeyDictionary()
+"""Results by program, and by the chip's table with the options and whether the results include words.
 
-The parts hold no reference to the program, which would then live as long as they do.
+The key has the whole table, because a user can edit a table while the program exists. The results hold no reference to
+the program; a reference would keep the weak key alive.
 """
 
 
 def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
-    """Bring a program into a chip's integers.
+    """Convert a program to a chip's integers.
 
     Args:
-        program: what was compiled.
-        chip: one with an arithmetic.
-        options: scales and such that a user sets, by part; `neuro.chips.arithmetic.Option` lists them.
+        program: a compiled program.
+        chip: a chip with an emulated arithmetic.
+        options: scales and other options of the user, by part; `neuro.chips.arithmetic.Option` describes them.
 
     Returns:
-        registers, words and delays; `problems` tells what is refused or approximated, all at once.
+        registers, words and delays; `problems` lists all refusals and approximations.
 
     Raises:
-        ModelError: the chip has no arithmetic here, or an option names nothing.
+        ModelError: the chip has no emulated arithmetic, or an option names no part.
     """
     return FixedProgram(chip, program, *_parts(program, chip, options, words=True))
 
 
 def refusals(program: Program, chip: Chip) -> tuple[Problem, ...]:
-    """Return what `quantise` refuses of a program, without its words: there may be one for each of many synapses."""
+    """Return all refusals of `quantise`, without making the words of synapses that do not learn."""
     return tuple(problem for problem in _parts(program, chip, {}, words=False)[2] if problem.refused)
 
 
 def _parts(described: Program, chip: Chip, options: Mapping[str, Any], words: bool) -> _Parts:
-    """Quantise a program once; without words only its problems are kept."""
+    """Quantise a program, or return the cached result; without `words` only the problems are stored."""
     arithmetic, program = arithmetic_of(chip), as_built_in(described)
     chosen = options_of(program, chip, arithmetic, options)
-    kept, key = _KEPT.setdefault(described, {}), repr((chip, sorted(options.items())))
+    cache, key = _CACHE.setdefault(described, {}), repr((chip, sorted(options.items())))
     for has_words in (True, words):
-        if (key, has_words) in kept:
-            return kept[key, has_words]
+        if (key, has_words) in cache:
+            return cache[key, has_words]
     populations: list[FixedPopulation] = []
     projections: dict[int, FixedProjection] = {}
     problems: list[Problem] = []
@@ -79,11 +80,11 @@ def _parts(described: Program, chip: Chip, options: Mapping[str, Any], words: bo
         if part.kind != "neuron":
             populations.append(FixedPopulation(part.name, "current" if part.kind == "current" else "source"))
             continue
-        fixed, found, more = _population(Inputs(program, index, check_only=not words), chip, arithmetic, chosen)
+        fixed, onto, more = _population(Inputs(program, index, check_only=not words), chip, arithmetic, chosen)
         populations.append(fixed)
-        projections |= found
+        projections |= onto
         problems += more
-    problems += [*own_generators(program), *_untaught(program)]
+    problems += [*own_generators(program), *_trial_problems(program)]
     problems += [] if arithmetic.graded else [p for p in ungraded(program) if p.what not in {q.what for q in problems}]
     problems += arithmetic.give_rules(program, chip, populations, projections, chosen)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
@@ -92,61 +93,64 @@ def _parts(described: Program, chip: Chip, options: Mapping[str, Any], words: bo
     if words and not any(p.refused for p in problems):
         problems += [*merged(program, arithmetic), *losses(program, arithmetic, populations, wires)]
         notes = tuple(_notes(program, chip, arithmetic, wires))
-    kept[key, words] = (tuple(populations), wires, tuple(problems), notes) if words else ((), (), tuple(problems), ())
-    return kept[key, words]
+    cache[key, words] = (tuple(populations), wires, tuple(problems), notes) if words else ((), (), tuple(problems), ())
+    return cache[key, words]
 
 
 def _population(
     inputs: Inputs, chip: Chip, arithmetic: Arithmetic, options: Options
 ) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
-    """One population of neurons and the projections onto it."""
+    """Quantise one population of neurons and the projections onto it."""
     part = inputs.part
     if part.model.chip == arithmetic.name:
-        found, problems = {}, []
+        wires, problems = {}, []
         for index in inputs.spikes:
-            found[index], more = arithmetic.native_projection(inputs, index)
+            wires[index], more = arithmetic.native_projection(inputs, index)
             problems += more
         why = "neurons described in registers take no current in pA"
         sources = [inputs.program.projections[index] for index in inputs.currents]
         problems += [refused(each, "a current", why, "set a bias or offset register") for each in sources]
-        problems += _no_register(part, arithmetic.state_limit)
-        return arithmetic.native(part), found, problems
+        problems += _initial_state_problems(part, arithmetic.state_limit)
+        return arithmetic.native(part), wires, problems
     if isinstance(part.model, parrot_neuron):
         relays = {index: arithmetic.relay_projection(inputs, index) for index in inputs.spikes}
         return FixedPopulation(part.name, "relay"), relays, []
     if not isinstance(part.model, arithmetic.models):
-        known = ", ".join(model.__name__ for model in arithmetic.models)
-        why = f"{chip.name} has no such neuron: it has {known} and parrot_neuron"
+        names = ", ".join(model.__name__ for model in arithmetic.models)
+        why = f"{chip.name} has no such neuron: it has {names} and parrot_neuron"
         way = f"backend '{part.model.chip}' runs it" if part.model.chip else "use iaf_psc_exp, or run on event"
         if part.model.graded:
             way = TAKE_PAYLOADS
         if isinstance(part.model, iaf_psc_exp_adaptive_threshold):
             way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
         if isinstance(error := twin(part.model), ModelError):
-            why = f"{chip.name} takes equations of {known} only, and {error.message}"
-            way = error.hint or f"use {known}, or run on event"
+            why = f"{chip.name} takes equations of {names} only, and {error.message}"
+            way = error.hint or f"use {names}, or run on event"
         return FixedPopulation(part.name, "none"), {}, [refused(part, part.model.name, why, way)]
     if isinstance(part.model, Neuron) and part.model.receptors > RECEPTORS:
         what = f"{part.model.name} with {part.model.receptors} receptors"
         why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
         return FixedPopulation(part.name, "none"), {}, [refused(part, what, why, "run on event")]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        fixed, found, problems = arithmetic.population(inputs, options)
+        fixed, wires, problems = arithmetic.population(inputs, options)
         if inputs.currents:
-            # What the bias register makes of the currents of generators, as they are described.
-            wanted = Currents(inputs.program).full(inputs.index)
+            # Rounding of the generators' currents in the bias register, at their described amplitudes.
+            described = Currents(inputs.program).full(inputs.index)
             unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
-            got = np.rint(wanted / unit) * unit
-            rounding = worst_rounding("dc", "pA", wanted, got, float(np.abs(wanted).max()))
+            got = np.rint(described / unit) * unit
+            rounding = worst_rounding("dc", "pA", described, got, float(np.abs(described).max()))
             fixed = replace(fixed, rounding=(*fixed.rounding, rounding))
-    return fixed, found, problems
+    return fixed, wires, problems
 
 
-def _untaught(program: Program) -> Iterator[Problem]:
-    """Rules for trials that may move a weight anywhere, as the words of a projection have one scale; later spikes."""
+def _trial_problems(program: Program) -> Iterator[Problem]:
+    """Yield problems of learning in trials: later spikes, dopamine, and weights without bounds.
+
+    The words of a projection have one scale, which follows from the bounds of its weights.
+    """
     if program.trials is not None and program.trials.spikes == "each":
         why = "the host notes the first spike of each neuron in a trial"
-        yield Problem(True, "trials: spikes: each", why, "say spikes: first, or run on event", program.trials.origin)
+        yield Problem(True, "trials: spikes: each", why, "set spikes: first, or run on event", program.trials.origin)
     if program.trials is not None and program.trials.anew:
         why = "the chip's learning engine keeps its traces from trial to trial"
         yield Problem(True, "trials: synapses that learn by dopamine", why, "run it on event", program.trials.origin)
@@ -162,8 +166,8 @@ def _untaught(program: Program) -> Iterator[Problem]:
             )
 
 
-def _no_register(part: Population, limit: int) -> Iterator[Problem]:
-    """Initial states that no state register holds."""
+def _initial_state_problems(part: Population, limit: int) -> Iterator[Problem]:
+    """Yield the initial states that no state register can hold."""
     for name, values in part.initial.items():
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > limit))
         if bad.size:
@@ -193,7 +197,7 @@ def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, .
 def _notes(
     program: Program, chip: Chip, arithmetic: Arithmetic, wires: tuple[FixedProjection | None, ...]
 ) -> Iterator[str]:
-    """What the host does for the chip."""
+    """Yield the tasks of the host, and other notes on the run."""
     if any(p.kind in ("poisson", "listed") for p in program.populations):
         yield "the host sends the spikes of generators"
     if any(p.kind == "current" for p in program.populations):
@@ -221,13 +225,13 @@ def _notes(
 def requantise(
     fixed: FixedProgram, population: int, parameters: Mapping[str, Floats], weights: Mapping[int, Floats]
 ) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
-    """A population with other parameters, at the scale, exponents and shifts that it has.
+    """Quantise a population with new parameters, at its present scale, exponents and shifts.
 
     Args:
         fixed: the quantised program.
-        population: which.
+        population: the index of the population.
         parameters: all of its parameters.
-        weights: the present weights, by projection, of those that differ from the program's.
+        weights: the present weights of the projections whose weights differ from the program's.
     """
     program, cells = fixed.program, fixed.populations[population]
     projections = tuple(
@@ -238,7 +242,7 @@ def requantise(
     changed = as_built_in(replace(program, populations=others, projections=projections))
     modes = {w.name: w.sign_mode for w in fixed.projections if w is not None and w.sign_mode}
     arithmetic = arithmetic_of(fixed.chip)
-    options = arithmetic.kept_options(cells, tuple(w for w in fixed.projections if w is not None))
+    options = arithmetic.scale_options(cells, tuple(w for w in fixed.projections if w is not None))
     return _population(Inputs(changed, population, modes), fixed.chip, arithmetic, options)
 
 
@@ -246,7 +250,7 @@ _TWINS: dict[type[Model], Twin | ModelError] = {}
 
 
 def twin(model: Model) -> Twin | ModelError | None:
-    """Return the built-in model with the equations of a model, or why there is none; None if it has no equations."""
+    """Return the built-in model with the same equations, or the error why there is none; None for other models."""
     kind = type(model)
     if not isinstance(model, EquationNeuron):
         return None
@@ -259,21 +263,21 @@ def twin(model: Model) -> Twin | ModelError | None:
 
 
 def as_built_in(program: Program) -> Program:
-    """The program with built-in models in place of equations, where these are one's; elsewhere it is as it was."""
+    """Return a program in which populations with the equations of a built-in model have that model."""
     if not any(isinstance(part.model, EquationNeuron) for part in program.populations):
         return program
     populations = []
     for part in program.populations:
-        found = twin(part.model)
-        if isinstance(found, Twin):
-            model = found.model()
-            parameters = found.parameters({word: part.parameters[word] for word in part.model.quantities()})
-            for word in found.words:
+        match = twin(part.model)
+        if isinstance(match, Twin):
+            model = match.model()
+            parameters = match.parameters({word: part.parameters[word] for word in part.model.quantities()})
+            for word in match.words:
                 values = parameters[word]
                 value = values if values.size > 1 else float(values[0])
                 check(model.quantities()[word], value, f"population '{part.name}': {word} of its equations")
             initial = {state.name: np.zeros(1) for state in model.states}
-            for own, names in found.states.items():
+            for own, names in match.states.items():
                 initial |= zip(names, shares(part.initial[own], names), strict=True)
             part = replace(part, model=model, parameters=parameters, initial=initial)
         populations.append(part)
@@ -281,26 +285,26 @@ def as_built_in(program: Program) -> Program:
 
 
 def names_of(part: Population) -> dict[str, tuple[str, ...]]:
-    """The states of the chip's model that each state of a population is, or the sum of which it is."""
-    found = twin(part.model)
-    if isinstance(found, Twin):
-        return dict(found.states)
+    """Return, for each state of a population, the states of the chip's model whose sum it is."""
+    match = twin(part.model)
+    if isinstance(match, Twin):
+        return dict(match.states)
     return {state.name: (state.name,) for state in part.model.states}
 
 
 def shares(values: Floats, names: tuple[str, ...]) -> list[Floats]:
-    """A state as those of which it is the sum: of two, what is above 0 and what is below."""
+    """Split a state into the states whose sum it is: for two, the part above 0 and the part below."""
     return [values] if len(names) == 1 else [np.maximum(values, 0.0), np.minimum(values, 0.0)]
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Above which share an error is reported.
+    """The share above which a rounding error is reported.
 
     Attributes:
         share: the largest error without a warning.
-        text: what the error is of.
-        way_out: what makes it smaller.
+        text: description of the error, for the message.
+        way_out: hint that makes the error smaller.
     """
 
     share: float
@@ -313,7 +317,7 @@ _DECAY = "use a coarser resolution: a decay register has few steps where little 
 _SCALE = "choose a larger scale; the largest V_th - E_L, current, V_m and weight of its population bound it"
 
 HOPELESS = 10.0
-"""Error of the threshold, relative to V_th - E_L, above which a network is refused."""
+"""Error of the threshold, relative to V_th - E_L, above which a network is refused instead of approximated."""
 
 LIMITS = {
     "zeroed": Limit(0.01, "of the weights other than 0 become 0", _WEIGHTS),
@@ -341,7 +345,7 @@ def losses(
     populations: Sequence[FixedPopulation],
     wires: Sequence[FixedProjection | None],
 ) -> Iterator[Problem]:
-    """Roundings beyond the limits."""
+    """Yield the roundings beyond the limits."""
     for part, cells in zip(program.populations, populations, strict=True):
         for r in cells.rounding:
             limit = LIMITS.get(r.quantity)
@@ -363,7 +367,7 @@ def losses(
 
 
 def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
-    """Poisson generators whose multiple spikes in a step become one where a spike is one bit."""
+    """Yield the Poisson generators of which too many spikes share a step and merge, where a spike is one bit."""
     if not arithmetic.one_bit:
         return
     limit = LIMITS["merged"]

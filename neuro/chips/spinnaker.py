@@ -1,6 +1,6 @@
-"""SpiNNaker 1 as a family of chips; any table with `arithmetic: spinnaker` computes so.
+"""SpiNNaker 1: s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slots.
 
-Its integers are s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slots.
+Any table with `arithmetic: spinnaker` uses it.
 
 | described | on the chip |
 | --- | --- |
@@ -11,10 +11,10 @@ Its integers are s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slo
 | t_ref of R steps | t_refract = R |
 | delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, see `neuro.chips.inputs` |
 
-The constant factor is that between the chip's integration, which holds the current for a tick, and the exact one: V_m
-is then the same at every tick. `iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors
-would write it: the same s16.15 products, slots added to v. Source: sPyNNaker's neuron core (Rhodes et al., Front.
-Neurosci. 12:816, 2018).
+The constant factor compensates for the chip's integration, which holds the current constant during a tick. With it V_m
+equals that of the exact integration at every tick. No released SpiNNaker binary has `iaf_psc_delta`; its emulation uses
+the same s16.15 products and adds slots to v. Source: sPyNNaker's neuron core (Rhodes et al., Front. Neurosci. 12:816,
+2018).
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ from neuro.chips.inputs import (
     approximated,
     constants_of,
     converging,
-    fall_register,
-    has_lowest,
-    of_falls,
-    of_lowest,
+    has_lowest_potential,
+    lowest_potential_problems,
     one_kernel,
     refused,
     register,
+    soft_reset_problems,
+    soft_reset_register,
     too_long,
     too_short,
 )
@@ -61,17 +61,17 @@ from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Program
 
 LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
-"""The steps that neurons take, see `FixedPopulation.kind`."""
+"""The integer steps of neurons, see `FixedPopulation.kind`."""
 
 REGISTER_OF_ONE = 1
-"""What the delay register holds of a spike that acts in the tick after its emission."""
+"""Content of the delay register for a spike that acts in the tick after its emission."""
 
 FINE = 256
-"""Steps that the largest weight keeps although a slot might then saturate."""
+"""Least number of steps of the largest weight, even if a slot can then saturate."""
 
 
 def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
-    """Registers of `iaf_psc_exp`, nA in a slot per pA of weight by receptor, i_offset per pA, and what is rounded."""
+    """Return registers of `iaf_psc_exp`, nA in a slot per pA of weight by receptor, i_offset per pA, and roundings."""
     from neuro.model.neurons.currents import P11_EX, P11_IN, P32_EX, P32_IN, P33
 
     part, h = inputs.part, inputs.program.resolution
@@ -82,13 +82,13 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
     registers["i_offset"] = np.rint(p["I_e"] / 1000.0 * ONE).astype(np.int64)
     errors = _rounded_potentials(inputs, registers, c[:, P33])
     gains = []
-    for word, tau, kept, exact in (("exc", "tau_syn_ex", P11_EX, P32_EX), ("inh", "tau_syn_in", P11_IN, P32_IN)):
+    for word, tau, decay, response in (("exc", "tau_syn_ex", P11_EX, P32_EX), ("inh", "tau_syn_in", P11_IN, P32_IN)):
         share = p[tau] / h * -np.expm1(-h / p[tau])
-        registers[f"{word}_decay"] = np.floor(FRACTION * c[:, kept]).astype(np.int64)
+        registers[f"{word}_decay"] = np.floor(FRACTION * c[:, decay]).astype(np.int64)
         registers[f"{word}_init"] = np.minimum(np.floor(FRACTION * share), FRACTION - 1).astype(np.int64)
         with np.errstate(divide="ignore", invalid="ignore"):
-            own = c[:, exact] / (r_m * -np.expm1(-h / p["tau_m"]) * share)
-        gains.append(np.where(np.isfinite(own), own, 0.001))
+            factor = c[:, response] / (r_m * -np.expm1(-h / p["tau_m"]) * share)
+        gains.append(np.where(np.isfinite(factor), factor, 0.001))
     if np.isfinite(p["tau_m"]).all():
         got = p["tau_m"] / np.maximum(registers["r_m"] / ONE, 1e-300) * 1000.0
         errors.append(worst_rounding("C_m", "pF", p["C_m"], got, p["C_m"]))
@@ -99,13 +99,13 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
 
 
 def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
-    """Registers of `iaf_psc_delta`, mV in a slot per mV of weight, units per pA of current, and what is rounded."""
+    """Return registers of `iaf_psc_delta`, mV in a slot per mV of weight, units per pA of current, and roundings."""
     from neuro.model.neurons.potentials import P30, P33
 
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
     registers = _potentials(inputs, c[:, P33])
     registers["i_offset"] = np.rint(c[:, P30] * p["I_e"] * ONE).astype(np.int64)
-    if has_lowest(inputs.part):
+    if has_lowest_potential(inputs.part):
         registers["v_min"] = np.rint(p["V_min"].min(keepdims=True) * ONE).astype(np.int64)
     errors = _rounded_potentials(inputs, registers, c[:, P33])
     if p["I_e"].any():
@@ -120,7 +120,7 @@ def _potentials(inputs: Inputs, leak: Floats) -> dict[str, Ints]:
     registers = {name: np.rint(p[word] * ONE).astype(np.int64) for name, word in names.items()}
     registers["exp_tc"] = np.rint(leak * ONE).astype(np.int64)
     registers["t_refract"] = np.rint(p["t_ref"] / h).astype(np.int64)
-    return registers | fall_register(inputs.part, ONE)
+    return registers | soft_reset_register(inputs.part, ONE)
 
 
 def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats) -> list[Rounding]:
@@ -137,12 +137,12 @@ def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats
 
 
 def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
-    """Shifts of the two receptors: one spike of every synapse saturates no slot, unless weights lose their grain.
+    """Return the shifts of both receptors, with which one spike of every synapse saturates no slot if possible.
 
-    A slot that could hold all synapses of a neuron at once is too coarse for a weight where many converge; then the
-    largest weight keeps `FINE` steps and saturation, should it happen, is counted.
+    If many synapses converge, a slot that can hold all of them is too coarse for a single weight. The largest weight
+    then keeps `FINE` steps, and saturations are counted.
     """
-    found = []
+    shifts = []
     for sign, own in zip((1.0, -1.0), gain, strict=True):
         largest, total = 0.0, np.zeros(inputs.part.size)
         for index in inputs.spikes:
@@ -150,16 +150,17 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
             largest = max(largest, high if sign > 0.0 else -low)
             total += converging(inputs, index, sign)
         scale = ONE * float(own.max())
-        safe = _fitting(float(total.max(initial=0.0)) * scale)
+        safe = _smallest_shift(float(total.max(initial=0.0)) * scale)
         fine = int(np.floor(np.log2(max(largest * scale / FINE, 1.0))))
-        found.append(int(np.clip(max(_fitting(largest * scale), min(safe, fine)), 0, LARGEST_SHIFT)))
-    return found[0], found[1]
+        shifts.append(int(np.clip(max(_smallest_shift(largest * scale), min(safe, fine)), 0, LARGEST_SHIFT)))
+    return shifts[0], shifts[1]
 
 
 def _host_shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
-    """Shifts of the two receptors by the rule of sPyNNaker's host, which sets the units of learning.
+    """Return the shifts of both receptors by the rule of sPyNNaker's host, which determines the units of learning.
 
-    A slot holds one spike of every source with the largest weight of the projection; random delays count as fixed.
+    A slot holds one spike of every source with the largest weight of the projection. Random delays are treated as
+    fixed.
     """
     shifts = []
     for sign, own in zip((1.0, -1.0), gain, strict=True):
@@ -175,8 +176,8 @@ def _host_shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]
     return shifts[0], shifts[1]
 
 
-def _fitting(value: float) -> int:
-    """The smallest shift with which a value fits into a slot."""
+def _smallest_shift(value: float) -> int:
+    """Return the smallest shift with which a value fits into a slot."""
     return max(0, int(np.ceil(np.log2(value / SLOT)))) if value > SLOT else 0
 
 
@@ -189,8 +190,8 @@ FRACTION = 2.0**32
 LARGEST_SHIFT = 15
 
 
-def lacking(inputs: Inputs) -> Iterator[Problem]:
-    """All that the chip's programs lack of a population."""
+def missing_features(inputs: Inputs) -> Iterator[Problem]:
+    """Yield the features of a population that the chip's programs lack."""
     part, p, h = inputs.part, inputs.part.parameters, inputs.program.resolution
     delta = isinstance(inputs.part.model, iaf_psc_delta)
     for name in ("tau_m", "tau_syn_ex", "tau_syn_in"):
@@ -204,27 +205,29 @@ def lacking(inputs: Inputs) -> Iterator[Problem]:
     if ticks > LARGEST:
         why = f"{ticks:g} ticks, and t_refract holds at most {LARGEST}"
         yield refused(part, f"t_ref = {p['t_ref'].max():g} ms", why, f"use at most {LARGEST * h:g} ms")
-    yield from of_lowest(part)
+    yield from lowest_potential_problems(part)
     if p.get("refractory_input", np.zeros(1)).any():
         why = "the chip's programs lose input while a neuron is refractory"
         yield refused(part, "refractory_input", why, "leave it out")
-    yield from of_falls(part, "no released SpiNNaker binary has it: it is one subtraction in the same arithmetic")
+    yield from soft_reset_problems(
+        part, "no released SpiNNaker binary has it: it is one subtraction in the same arithmetic"
+    )
 
 
 def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:
-    """Why a projection cannot name its receptor: it is not the one that the signs of its weights choose."""
+    """Yield a problem if a projection names the receptor that the signs of its weights do not select."""
     part = inputs.program.projections[index]
     if part.receptor is not None and not part.as_by_sign(part.weight):
         yield refused(
             part,
             f"receptor '{part.receptor.name}' by name",
-            "slots have no sign: what is excitatory is added, what is inhibitory subtracted",
+            "slots have no sign: excitatory input is added and inhibitory input subtracted",
             "use weights of at least 0 onto 'ex' and of at most 0 onto 'in', or run it on event",
         )
 
 
 def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> Iterator[Problem]:
-    """Numbers that s16.15 does not hold.
+    """Yield values that s16.15 cannot hold.
 
     Args:
         inputs: the population.
@@ -233,19 +236,19 @@ def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> I
     """
     part, p = inputs.part, inputs.part.parameters
     current = np.abs(p["I_e"]) + inputs.current
-    held = [(f"{name} = {_largest(p[name]):g} mV", p[name] * ONE) for name in ("E_L", "V_reset", "V_th")]
-    held.append((f"V_m = {_largest(part.initial['V_m']):g} mV at step 0", initial["v"]))
+    checks = [(f"{name} = {_largest(p[name]):g} mV", p[name] * ONE) for name in ("E_L", "V_reset", "V_th")]
+    checks.append((f"V_m = {_largest(part.initial['V_m']):g} mV at step 0", initial["v"]))
     if "tau_syn_ex" in p and np.isfinite(p["tau_m"]).all():
         resistance = p["tau_m"] / p["C_m"] * 1000.0
-        held.append((f"tau_m / C_m = {_largest(resistance):g} MOhm", resistance * ONE))
-    held.append((f"a constant current of {_largest(current):g} pA", current * drive))
+        checks.append((f"tau_m / C_m = {_largest(resistance):g} MOhm", resistance * ONE))
+    checks.append((f"a constant current of {_largest(current):g} pA", current * drive))
     for name, state in (("I_syn_ex", "g_exc"), ("I_syn_in", "g_inh")):
         if state in initial:
-            held.append((f"{name} = {_largest(part.initial[name]):g} pA at step 0", initial[state]))
-    for what, values in held:
+            checks.append((f"{name} = {_largest(part.initial[name]):g} pA at step 0", initial[state]))
+    for what, values in checks:
         if np.abs(values).max(initial=0.0) > LARGEST:
             units = float(np.abs(values).max()) / ONE
-            why = f"it takes {units:.6g} in s16.15, which holds numbers below 65536"
+            why = f"it is {units:.6g} in s16.15, which holds numbers below 65536"
             yield refused(part, what, why, "scale the model down")
 
 
@@ -254,7 +257,7 @@ def _largest(values: Floats) -> float:
 
 
 class SpiNNaker(Arithmetic):
-    """The integers of SpiNNaker 1."""
+    """The integer arithmetic of SpiNNaker 1."""
 
     name = "spinnaker"
     title = "SpiNNaker"
@@ -286,13 +289,13 @@ class SpiNNaker(Arithmetic):
     states: Mapping[str, tuple[str, ...]] = {LIF: ("v", "g_exc", "g_inh"), DELTA: ("v",)}
 
     def words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """Return the mantissas: they are the words."""
+        """Return the mantissas, which are the words."""
         return mantissas
 
     def _wires(
         self, inputs: Inputs, index: int, words: Words, step: Floats, below: Floats, rounding: WeightRounding
     ) -> FixedProjection:
-        """Return a projection by its words, the weight of one, and that of a negative one."""
+        """Return a projection from its words, and the weights of a positive and of a negative unit."""
         part, lag = inputs.program.projections[index], inputs.lag(index)
         receptor = None if part.receptor is None else part.receptor.index
         return FixedProjection(
@@ -313,7 +316,7 @@ class SpiNNaker(Arithmetic):
         )
 
     def native_projection(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-        """A projection onto a `spinnaker_lif`: its weights are words, negative ones for the inhibitory receptor."""
+        """Return a projection onto a `spinnaker_lif`, whose weights are words; negative words inhibit."""
         part = inputs.program.projections[index]
         problems = [*other_receptor(inputs, index)]
         bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
@@ -321,16 +324,16 @@ class SpiNNaker(Arithmetic):
             why = f"a word is a whole number from -{SLOT} to {SLOT}"
             problems.append(refused(part, f"weight = {part.weight[bad[0]]:g}", why, "change exc_shift or inh_shift"))
         words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
-        found = judge_weights(words.astype(float), words, 1.0, -SLOT, SLOT)
-        return self._wires(inputs, index, words, np.ones(1), np.ones(1), found), problems
+        rounding = judge_weights(words.astype(float), words, 1.0, -SLOT, SLOT)
+        return self._wires(inputs, index, words, np.ones(1), np.ones(1), rounding), problems
 
     def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
-        """Return a projection onto parrots, which the host relays: every spike counts, whatever its weight."""
+        """Return a projection onto parrots. The host relays every spike, whatever the weight."""
         step = inputs.program.projections[index].weight.copy()
         return self._wires(inputs, index, np.ones(1, dtype=np.int32), step, step, WeightRounding(0.0, 0.0, 0.0, 0.0))
 
     def population(self, inputs: Inputs, options: Options) -> tuple[FixedPopulation, Projections, list[Problem]]:
-        """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
+        """Quantise a population of `iaf_psc_delta` or `iaf_psc_exp` and the projections onto it."""
         delta = isinstance(inputs.part.model, iaf_psc_delta)
         registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
         learns = any(inputs.program.projections[index].synapse.learns in ("pairs", "chip") for index in inputs.spikes)
@@ -349,7 +352,7 @@ class SpiNNaker(Arithmetic):
                 part.initial["I_syn_ex"] * ampere[0],
                 -part.initial["I_syn_in"] * ampere[1],
             )
-        problems = [*lacking(inputs), *overflows(inputs, initial, drive)]
+        problems = [*missing_features(inputs), *overflows(inputs, initial, drive)]
         states = {
             name: np.clip(np.rint(values), -LARGEST, LARGEST).astype(np.int64) for name, values in initial.items()
         }
@@ -357,19 +360,19 @@ class SpiNNaker(Arithmetic):
         fixed = FixedPopulation(
             part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(errors)
         )
-        found = {}
+        wires = {}
         for index in inputs.spikes:
-            found[index], more = self._weights(inputs, index, gain, shifts)
+            wires[index], more = self._weights(inputs, index, gain, shifts)
             problems += more
         if delta:
             why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
             problems.append(approximated(part, "iaf_psc_delta", why))
-        return fixed, found, problems
+        return fixed, wires, problems
 
     def _weights(
         self, inputs: Inputs, index: int, gain: tuple[Floats, Floats], shifts: tuple[int, int]
     ) -> tuple[FixedProjection, list[Problem]]:
-        """The weights of a projection as words."""
+        """Convert the weights of a projection to words."""
         part = inputs.program.projections[index]
         problems = [*one_kernel(inputs, index, gain[0].size), *other_receptor(inputs, index)]
         steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
@@ -377,8 +380,8 @@ class SpiNNaker(Arithmetic):
             steps = [step[inputs.targets(index)] for step in steps]
         else:
             steps = [step[:1] for step in steps]
-        words, found = round_weights(part.weight, steps[0], steps[1], -SLOT, SLOT, 1, inputs.keeps(index))
-        if found.saturated > 0.0:
+        words, rounding = round_weights(part.weight, steps[0], steps[1], -SLOT, SLOT, 1, inputs.keeps(index))
+        if rounding.saturated > 0.0:
             step = np.where(part.weight < 0.0, steps[1], steps[0])
             beyond = farthest_weight(part.weight, step, -SLOT, SLOT)
             word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
@@ -387,17 +390,17 @@ class SpiNNaker(Arithmetic):
                     part,
                     f"weight = {beyond.weight:g}",
                     f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
-                    "use a larger shift, or leave it to be chosen"
+                    "use a larger shift, or leave out the option 'shifts'"
                     if shift < LARGEST_SHIFT
                     else "scale the weights down",
                 )
             )
-        return self._wires(inputs, index, words, steps[0], steps[1], found), problems
+        return self._wires(inputs, index, words, steps[0], steps[1], rounding), problems
 
     def give_rules(
         self, program: Program, chip: Chip, cells: list[FixedPopulation], wires: Projections, options: Options
     ) -> Iterator[Problem]:
-        """Give rules to the projections that learn on the machine; yield what is refused and what is approximated."""
+        """Set the rules of the projections that learn on the machine; yield refusals and approximations."""
         if all(type(part.synapse) is static for part in program.projections):
             return iter(())
         from neuro.chips.spinnaker_learning import give_rules
@@ -405,28 +408,28 @@ class SpiNNaker(Arithmetic):
         return give_rules(program, chip, cells, wires, options)
 
     def core_bytes(self, program: Program, chip: Chip, population: int, neurons: int) -> int:
-        """Return the bytes of a core's own memory that learning onto some neurons takes."""
+        """Return the bytes of a core's own memory for learning onto some neurons."""
         if all(type(part.synapse) is static for part in program.projections):
             return 0
         from neuro.chips.spinnaker_core import bytes_of
 
         return bytes_of(program, chip, population, neurons)
 
-    def told_of_learning(
+    def learning_notes(
         self,
         program: Program,
         chip: Chip,
         cores: Sequence[Sequence[tuple[int, int, int]]],
         visits: Mapping[int, tuple[float, float]] | None = None,
     ) -> Iterator[str]:
-        """Yield what learning takes of the memory and of the cycles of the cores."""
+        """Yield notes on the memory and the cycles that learning needs."""
         if any(type(part.synapse) is not static for part in program.projections):
-            from neuro.chips.spinnaker_core import told
+            from neuro.chips.spinnaker_core import learning_notes
 
-            yield from told(program, chip, cores, visits)
+            yield from learning_notes(program, chip, cores, visits)
 
-    def kept_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
-        """Return the shifts that a population has."""
+    def scale_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:
+        """Return the present shifts of a population."""
         shifts = self._shifts_of(cells)
         return Options({} if shifts is None else {"shifts": {cells.name: shifts}})
 
@@ -434,18 +437,18 @@ class SpiNNaker(Arithmetic):
         r = cells.registers
         return (int(r["exc_shift"][0]), int(r["inh_shift"][0])) if "exc_shift" in r else None
 
-    def told_scale(self, cells: FixedPopulation, wires: FixedProjection) -> str:
-        """Return the shifts of the target, for a report."""
+    def scale_text(self, cells: FixedPopulation, wires: FixedProjection) -> str:
+        """Return the shifts of the target for the report."""
         shifts = self._shifts_of(cells)
         return "-" if shifts is None else "shifts {}, {}".format(*shifts)
 
     def notes(self, program: Program) -> Iterator[str]:
-        """Yield how long a tick is where it is not as long as a step."""
+        """Yield the length of a tick if it differs from that of a step."""
         if program.resolution != 1.0:
-            yield f"a step of {program.resolution:g} ms takes a tick of 1 ms on the machine"
+            yield f"a step of {program.resolution:g} ms is a tick of 1 ms on the machine"
 
     def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
-        """Return a synaptic current in pA; the inhibitory register holds what is taken away."""
+        """Return a synaptic current in pA. The inhibitory register holds its negative."""
         return states["g_exc"] / cells.ampere[0] if name == "I_syn_ex" else -states["g_inh"] / cells.ampere[1]
 
     def units(self, cells: FixedPopulation, name: str, values: Floats) -> Floats:
@@ -453,7 +456,7 @@ class SpiNNaker(Arithmetic):
         return values * cells.ampere[0] if name == "I_syn_ex" else -values * cells.ampere[1]
 
     def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
-        """Return the offset register with a current in pA beside the constant one."""
+        """Return the offset register: the constant current plus an extra current in pA."""
         offset = cells.registers["i_offset"] + np.rint(current * cells.drive).astype(np.int64)
         if np.abs(offset).max() > LARGEST:
             raise ModelError(
@@ -463,11 +466,11 @@ class SpiNNaker(Arithmetic):
         return offset.astype(np.int32)
 
     def way_out(self, cells: FixedPopulation) -> str:
-        """Return the shifts that leave four times the room."""
+        """Return the option with shifts that make the slots four times as large."""
         if (shifts := self._shifts_of(cells)) is None:
             return ""
-        wider = tuple(min(LARGEST_SHIFT, shift + 2) for shift in shifts)
-        return f"shifts={{'{cells.name}': {wider}}} leaves 4 times the room"
+        larger = tuple(min(LARGEST_SHIFT, shift + 2) for shift in shifts)
+        return f"shifts={{'{cells.name}': {larger}}} makes the slots 4 times as large"
 
 
 SPINNAKER = SpiNNaker()

@@ -1,20 +1,20 @@
-"""What learning takes of a core of SpiNNaker: bytes of its own memory, and cycles of its ticks.
+"""The resources of a core of SpiNNaker that learning needs: bytes of its own memory, and cycles of its ticks.
 
 | of the 64 KiB | bytes |
 | --- | --- |
 | history of a neuron | 4 + 16 (4 + traces), traces 2 (nearest 0, triplet 8); with dopamine 8 + 16 (6 + traces) |
 | slots | 2 for each delay, receptor and neuron, each a power of two |
-| tables | 2 an entry, and 4 |
+| tables | 2 per entry, and 4 |
 | two buffers of rows | the longest row onto the core |
 | neuron | 15 words: the registers and states of `iaf_psc_exp` |
 
-A program may allocate 59,756 bytes; stack, recordings and the table of sources take a part that is not counted here. So
-what is refused does not fit, and what is near the limit may not fit either.
+A program may allocate 59,756 bytes. Stack, recordings and the table of sources need further memory that is not counted
+here. A refused network therefore does not fit, and a network near the limit may not fit either.
 
-Cycles are those of the machine code of two released programs, `synapses_stdp_mad_pair_additive` and
+The cycles are those of the machine code of two released programs, `synapses_stdp_mad_pair_additive` and
 `synapses_stdp_izhikevich_neuromodulation_pair_additive`, executed in an emulator with the timings of the ARM9E-S and
-memory without wait states. Packets, transfers of rows, neurons and static synapses are not in them: they are a lower
-bound. The other programs have not been counted and are taken for these. Source: sPyNNaker 7.4.1; its issue 620.
+memory without wait states. They are a lower bound, because packets, transfers of rows, neurons and static synapses are
+not counted. The other programs are assumed to need as many cycles. Source: sPyNNaker 7.4.1; its issue 620.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from neuro.model.synapses import Synapse, spinnaker_learning, vogels_sprekeler
 from neuro.program.program import Program
 
 SLOT_BITS = 14
-"""Of the index of a slot: its delay, the receptor and the neuron of a core."""
+"""Bits of the index of a slot, which consists of a delay, a receptor and a neuron of the core."""
 REGISTER_OF_ONE = 1
 Parts = Sequence[tuple[int, int, int]]
-"""Of a core: populations and their neurons first <= i < last."""
+"""Runs of neurons on a core: population, and its neurons first <= i < last."""
 Visits = Mapping[int, tuple[float, float]]
-"""Of a tick, by projection: synapses that packets visit, and post spikes times synapses that they are applied to."""
+"""Work of a tick, by projection: synapses that packets visit, and post spikes x synapses to which they are applied."""
 ENTRIES = 16
 NEURON_BYTES = 60
 CLOCK_HZ = 200e6
 
 
 PAIR, TAUGHT = (170, 44), (379, 123)
-"""Cycles of a synapse that a packet visits, and of a post spike of its history, of both programs."""
+"""Cycles per synapse that a packet visits, and per post spike of its history, without and with dopamine."""
 
 
 def neuron_bits(neurons: int) -> int:
-    """Return the bits that tell the neurons of a core apart."""
+    """Return the bits that number the neurons of a core."""
     return max(1, (neurons - 1).bit_length())
 
 
 def slots_of(program: Program, chip: Chip, target: int) -> int:
-    """Return the slots that the host reserves for the delays onto a population; the rest of a delay is held back."""
+    """Return the number of slots that the host reserves for delays onto a population; longer delays are held back."""
     size = program.populations[target].size
     most = int(2 ** (SLOT_BITS - neuron_bits(min(size, chip.limit("neurons_per_core") or size)) - 1))
     lags = (longest_lag(program, k) for k in spiking(program) if program.projections[k].target == target)
@@ -62,23 +62,23 @@ def slots_of(program: Program, chip: Chip, target: int) -> int:
 
 
 def learning_onto(program: Program, target: int) -> list[int]:
-    """Return the projections onto a population that learn on the machine."""
+    """Return the indices of the projections onto a population that learn on the machine."""
     parts = program.projections
     onto = (k for k in spiking(program) if parts[k].target == target and parts[k].grid is None)
     return [k for k in onto if isinstance(parts[k].synapse, KNOWN)]
 
 
 def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
-    """Return the bytes of a core's own memory that some neurons of a population take onto which synapses learn.
+    """Return the bytes of a core's own memory for some neurons of a population onto which synapses learn.
 
     Args:
         program: has the population.
         chip: has the limit of neurons.
-        target: the population.
-        neurons: how many are on the core.
+        target: the index of the population.
+        neurons: number of its neurons on the core.
 
     Returns:
-        0 where nothing learns.
+        the bytes, 0 if no synapse onto the population learns.
     """
     plastic = learning_onto(program, target)
     if not plastic:
@@ -101,7 +101,7 @@ def _history_bytes(synapse: Synapse) -> int:
 def _tables(synapse: Synapse, tau_minus: float) -> list[tuple[float, int]]:
     """Return the time constants of a rule's tables in ms, and the shifts of their indices."""
     numbers, (timing, taught) = synapse.parameters(), program_of(synapse)
-    if timing == "recurrent":  # both windows have tables as of the pair rule
+    if timing == "recurrent":  # both windows have tables like those of the pair rule
         return [(numbers["mean_pre_window"], 0), (numbers["mean_post_window"], 0)]
     taus: dict[int, Any] = {PLUS: numbers["tau" if isinstance(synapse, vogels_sprekeler) else "tau_plus"]}
     if isinstance(synapse, spinnaker_learning):
@@ -114,12 +114,12 @@ def _tables(synapse: Synapse, tau_minus: float) -> list[tuple[float, int]]:
 
 
 def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
-    """Return the cycles that learning takes at least on the core that has most.
+    """Return a lower bound of the cycles of learning per tick on the busiest core.
 
     Args:
         program: has the projections.
-        cores: the parts of each.
-        visits: what learning does; a core has its share of the target's neurons.
+        cores: the parts of each core.
+        visits: work of learning; a core does its share of the target's neurons.
     """
     most = 0.0
     for parts in cores:
@@ -133,19 +133,19 @@ def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
     return most
 
 
-def told(program: Program, chip: Chip, cores: Sequence[Parts], visits: Visits | None) -> Iterator[str]:
-    """Yield what learning takes of the cores; arguments are those of `Arithmetic.told_of_learning`."""
+def learning_notes(program: Program, chip: Chip, cores: Sequence[Parts], visits: Visits | None) -> Iterator[str]:
+    """Yield notes on memory and time of learning; arguments are those of `Arithmetic.learning_notes`."""
     if not any(learning_onto(program, k) for k in range(len(program.populations))):
         return
     when = "if all sources and targets spike once in a tick"
     if visits is None:
         limit = chip.limit("memory_bytes_per_core")
         need = max((sum(bytes_of(program, chip, p, b - a) for p, a, b in parts) for parts in cores), default=0)
-        of = "" if limit is None else f", of {limit:,}"
-        yield f"learning takes up to {need:,} bytes of a core's own memory{of}"
+        of = "" if limit is None else f" of the {limit:,}"
+        yield f"learning needs up to {need:,}{of} bytes of a core's own memory"
         visits = {k: (part.size, part.size) for k, part in enumerate(program.projections)}
     else:
         when = "on average"
     cycles, tick = busiest(program, cores, visits), CLOCK_HZ * (1e-3 if chip.step_s is None else chip.step_s.value)
-    late = ": real time is not kept" if cycles > tick else ""
-    yield f"learning takes > {cycles:,.0f} of the {tick:,.0f} cycles of a tick on the busiest core {when}{late}"
+    slower = ": slower than real time" if cycles > tick else ""
+    yield f"learning needs > {cycles:,.0f} of the {tick:,.0f} cycles of a tick on the busiest core {when}{slower}"

@@ -1,4 +1,4 @@
-"""A learning rule in the form of SpiNNaker's programs: constants in s16.15 and tables in s4.11.
+"""A learning rule in the form of SpiNNaker's released programs: constants in s16.15 and tables in s4.11.
 
 Source: sPyNNaker 7.4.1, its plastic synapses.
 """
@@ -43,7 +43,7 @@ PROGRAMS = {
     ("pair", MULTIPLICATIVE, True): "izhikevich_neuromodulation_pair_multiplicative",
     ("vogels", ADDITIVE, True): "izhikevich_neuromodulation_vogels_2011_additive",
 }
-"""The released programs, by timing, weight dependence and whether dopamine teaches."""
+"""The released programs, by timing, weight dependence and whether dopamine modulates learning."""
 
 TIMING_OF: dict[type[Synapse], str] = {
     stdp: "pair",
@@ -55,7 +55,7 @@ TIMING_OF: dict[type[Synapse], str] = {
 }
 """The timing of the program of each rule; `spinnaker_learning` names its own."""
 KNOWN = (*TIMING_OF, spinnaker_learning)
-"""The rules that have programs."""
+"""The synapse models that a program can run."""
 
 
 def program_of(synapse: Synapse) -> tuple[str, bool]:
@@ -67,7 +67,7 @@ def program_of(synapse: Synapse) -> tuple[str, bool]:
 
 
 SIGNAL_SPIKES = "spikes of sources for signals"
-"""What the spikes are called, in counts, that bring a signal to the machine."""
+"""Name, in counts, of the spikes that carry a signal to the machine."""
 
 ONE = 2048
 """1.0 in s4.11."""
@@ -93,15 +93,16 @@ LONGEST_TABLE = 65534
     TAUGHT_HIGH,
     CONSTANTS,
 ) = range(16)
-"""Constants: the place in `TIMINGS`; whether the dependence is multiplicative and dopamine teaches; bounds and steps of
-the rule, in s16.15; Vogels' alpha in s4.11; ends of the accumulator; K and the bounds of the weight with dopamine."""
+"""Columns of constants: index in `TIMINGS`; whether the dependence is multiplicative; whether dopamine modulates it;
+bounds and steps of the rule in s16.15; Vogels' alpha in s4.11; ends of the accumulator; with dopamine K and weight
+bounds."""
 
 PLUS, MINUS, X, Y, C, D, TABLES = range(7)
-"""Tables: decay of a row's trace and of a post neuron's, the slow ones of triplets, eligibility and dopamine. The
-recurrent rule has the lengths of windows of rows and of post spikes in the first two."""
+"""Tables: decay of the traces of rows and of post neurons, of the slow traces of triplets, of eligibility and dopamine.
+The recurrent rule has the lengths of windows of rows and of post spikes in the first two."""
 
 INDEX_SHIFTS = (0, 0, 2, 2, 4, 2)
-"""By how many bits a time difference is shifted to the index of each table."""
+"""Bits by which a time difference is shifted down to the index of each table."""
 
 WINDOWS = 2048
 """Entries of a table of windows."""
@@ -117,14 +118,14 @@ class SpinnakerRule:
     Attributes:
         program: name of the released program.
         constants: int64, columns as above.
-        table: all tables, one behind the other, int64.
-        places: where each begins in `table`, its length and its index shift, shape (TABLES, 3).
-        shift: of the slots of its receptor: a unit of a word is 2^(shift - 15).
-        slots: of a neuron for the ticks to come; a delay as long is stored as 0 and never delivered.
+        table: all tables concatenated, int64.
+        places: begin of each table in `table`, its length and its index shift, shape (TABLES, 3).
+        shift: shift of the slots of its receptor; a unit of a word is 2^(shift - 15).
+        slots: slots of a neuron for future ticks. A delay of that many ticks is stored as 0 and never delivered.
         inhibits: whether its words, which are magnitudes, are subtracted.
-        concentrations: of the sources of dopamine in s4.11: of the spikes that release it, or of the sources that bring
-            a signal, each of which there is for reward and for punishment and for each neuron.
-        eligibility: eligibility in the unit of the language of one unit of its word.
+        concentrations: dopamine per spike of each source in s4.11. The source is a dopamine population; or the sources
+            carry a signal, each of which exists for reward and for punishment and for each neuron.
+        eligibility: eligibility in the unit of the language per unit of its word.
     """
 
     program: str
@@ -138,29 +139,29 @@ class SpinnakerRule:
     eligibility: float = 1.0
 
     def is_as(self, other: SpinnakerRule) -> bool:
-        """Return whether another rule has the same program, constants and tables, which histories follow."""
+        """Return whether another rule could use the same histories: its program, constants and tables are equal."""
         return self.concentrations == other.concentrations and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in _MECHANISM
         )
 
 
 def fixed_point(value: float) -> int:
-    """Return a number in s16.15: nearest of its shortest decimal form, ties to even."""
+    """Return a number in s16.15, rounded from its shortest decimal form, ties to even."""
     return int((Decimal(repr(float(value))) * PARTS).to_integral_value(ROUND_HALF_EVEN))
 
 
 def table_length(tau: float, dt: float, shift: int) -> int:
-    """Return the entries of the table of a time constant, see `table_of`."""
+    """Return the number of entries in the table of a time constant, see `table_of`."""
     return int(2 * math.ceil(math.log(ONE) / (dt / tau) / 2**shift / 2))
 
 
 def table_of(tau: float, dt: float, shift: int) -> Ints:
-    """Return what is left after 0, 1, ... blocks of 2^shift ticks, in s4.11; 0 beyond the end.
+    """Return the share that remains after 0, 1, ... blocks of 2^shift ticks, in s4.11; 0 beyond the end.
 
     Args:
         tau: time constant in ms.
         dt: length of a tick in ms.
-        shift: ticks are counted in blocks of 2^shift.
+        shift: log2 of the ticks in a block.
 
     Raises:
         ModelError: the table has more than 65534 entries.
@@ -174,7 +175,7 @@ def table_of(tau: float, dt: float, shift: int) -> Ints:
 
 
 def windows_of(mean: float) -> Ints:
-    """Return the lengths of windows in ticks, of which each is as likely: exponential with a mean in ticks."""
+    """Return equally likely lengths of windows in ticks, exponentially distributed with a mean in ticks."""
     lengths: Ints = np.floor(-mean * np.log(1.0 - np.arange(WINDOWS) / WINDOWS)).astype(np.int64)
     return lengths
 
@@ -193,21 +194,21 @@ def rule_of(
         timing: one of `TIMINGS`.
         dependence: "additive" or "multiplicative".
         numbers: the parameters by PyNN's names, weights in the unit of the machine (nA or mV): w_min, w_max, A_plus,
-            A_minus; tau_plus and tau_minus; of triplets tau_x, tau_y, A3_plus and A3_minus; of Vogels tau and alpha; of
-            the recurrent rule accumulator_depression and accumulator_potentiation, mean_pre_window and
+            A_minus; tau_plus and tau_minus; for triplets tau_x, tau_y, A3_plus and A3_minus; for Vogels tau and alpha;
+            for the recurrent rule accumulator_depression and accumulator_potentiation, mean_pre_window and
             mean_post_window in ms.
         dt: length of a tick in ms.
-        neuromodulation: tau_c, tau_d, w_min and w_max, where dopamine teaches.
+        neuromodulation: tau_c, tau_d, w_min and w_max, if dopamine modulates learning.
 
     Raises:
-        ModelError: no program was released for these, or a table would be too long.
+        ModelError: no such program was released, or a table would be too long.
     """
     program = PROGRAMS.get((timing, dependence, neuromodulation is not None))
     if program is None:
         taught = " with neuromodulation" if neuromodulation is not None else ""
         raise ModelError(
-            f"{timing}, {dependence}{taught}: no SpiNNaker program was released for it",
-            hint=f"there are {', '.join(PROGRAMS.values())}",
+            f"{timing}, {dependence}{taught}: no such SpiNNaker program was released",
+            hint=f"released programs: {', '.join(PROGRAMS.values())}",
         )
     scale = float(numbers["w_max"]) if timing == "triplet" else 1.0
     c: Ints = np.zeros(CONSTANTS, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Which neurons share a core: populations cut into pieces that a core's limits allow."""
+"""The division of populations into pieces that the limits of a core allow."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
@@ -19,7 +19,7 @@ from neuro.chips.incoming import (
     block_bits,
     index_bits,
     memory_limit,
-    reached,
+    projections_by_source,
     row_words,
     weigh,
 )
@@ -33,26 +33,26 @@ Part = tuple[int, int, int]
 _NO_LIMIT = 1 << 62
 
 NEURONS, AXONS, MEMORY, EDGES, LINES, KERNELS = range(6)
-"""Counts of a core while it fills: neurons, axons in, bits, axons out, lines; bits of kernels."""
+"""Columns of the load of a core: neurons, axons in, bits of synapses, axons out, lines, and bits of kernels."""
 
 bits_of_block, bits_of_index, words_of_row = subkernel(block_bits), subkernel(index_bits), subkernel(row_words)
 
 
 @kernel
 def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
-    """Add the neurons queue[begin:end] to a core until one does not fit; returns its position, or end.
+    """Add the neurons queue[begin:end] to a core until one does not fit; return its position, or end.
 
     Args:
-        queue: neurons in the order in which they are taken.
-        begin: position of the first.
-        end: the position after the last.
-        core: a number that no other core has had: marks of other cores are void.
-        rows: whether synapses lie in rows, not in blocks.
-        graph: ends, line, first, source, projection, bits, forms and sources of `Incoming`; where ends are all 0,
-            synapses are not looked at.
+        queue: neurons in the order in which cores are filled.
+        begin: position of the first neuron.
+        end: the position after the last neuron.
+        core: a number that no other core has had; marks of other cores are void.
+        rows: whether synapses are stored in rows, not in blocks.
+        graph: ends, line, first, source, projection, bits, forms and sources of `Incoming`. Where `ends` is all 0,
+            synapses are ignored.
         sends: axons out of each neuron, as far as known.
-        limits: most of NEURONS, AXONS, MEMORY and EDGES.
-        load: the same of this core so far, and LINES and KERNELS.
+        limits: limits of NEURONS, AXONS, MEMORY and EDGES.
+        load: present load of this core, by the columns above.
         marks: core and count (core << 32 | count) of each line, core of each source, longest row and its core of each
             projection, and the lines that reach this core.
     """
@@ -70,7 +70,7 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         before = bits_of_index(load[NEURONS])
         load[NEURONS] += 1
         width = bits_of_index(load[NEURONS])
-        if width != before and not rows:  # one bit more for all synapses of the core
+        if width != before and not rows:  # the index of each synapse on the core needs one more bit
             memory = load[KERNELS]
             for k in range(n_lines):
                 own_bits = all_bits[projection_of[lines[k]]]
@@ -78,7 +78,7 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         past, to_source, bits, one, projection, shared = 0, 0, 0, 0, 0, False
         for e in range(ends[t], ends[t + 1]):
             own = line[e]
-            if own >= past:  # lines of a neuron lie by projection
+            if own >= past:  # lines of a neuron are sorted by projection
                 projection = projection_of[own]
                 past = first[projection + 1]
                 to_source = source_of[own] - own
@@ -124,14 +124,16 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Cores without a place yet, and what reaches them.
+    """Cores without positions, and their loads.
 
     Attributes:
-        cores: what each core holds, as runs of neighbouring ids.
-        core_of: the core of every neuron, numbered through as in `Incoming`; -1 for generators.
-        sends: destination cores of every neuron.
-        neurons, memory, own, axons_in, axons_out: of every core; memory in bytes, `own` those of the core's own memory
-            that learning takes.
+        cores: neurons of each core, as runs of consecutive ids.
+        core_of: the core of every neuron, numbered over all populations as in `Incoming`; -1 for generators.
+        sends: number of destination cores of every neuron.
+        neurons: number of neurons of each core.
+        memory: bytes of synapses of each core.
+        own: bytes of each core's own memory that learning needs.
+        axons_in, axons_out: axons of each core.
     """
 
     cores: tuple[tuple[Part, ...], ...]
@@ -143,8 +145,8 @@ class Split:
     axons_in: Ints
     axons_out: Ints
 
-    def taken(self, order: Ints) -> Split:
-        """The same cores numbered anew: core i is what core order[i] was."""
+    def reordered(self, order: Ints) -> Split:
+        """Return the cores renumbered: core i is the former core order[i]."""
         rank = np.argsort(order)
         return replace(
             self,
@@ -168,45 +170,45 @@ def split(
 ) -> Split:
     """Fill cores one after the other.
 
-    A core takes neurons of a population until one more would exceed a limit. How many axons leave a core depends on
-    how the targets are split: where too many do, all is filled again with those counts. A neuron that fits on no
-    core has one of its own.
+    A core gets neurons of a population until one more would exceed a limit. The number of axons that leave a core
+    depends on the split of the targets. Where a core has too many, all cores are filled again with the known numbers. A
+    neuron that fits on no core has a core of its own.
 
-    What a core's neurons receive only grows with them. So cores are filled by the other limits first, and where these
-    keep all within the limits of memory and axons in, synapses need not be looked at neuron by neuron.
+    The input of a core only grows with its neurons. Cores are therefore filled by the other limits first. If memory and
+    input axons are then within their limits, the synapses of single neurons need not be read.
 
     Args:
         program: has the populations.
         chip: has the limits.
         into: all synapses.
-        order: of the populations.
-        neurons_per_core: at most so many, beside the chip's own limit.
-        by_place: whether neurons at one place of a grid are taken together, since they share their sources; otherwise
-            all are taken in order of id.
+        order: order of the populations.
+        neurons_per_core: largest number of neurons on a core, in addition to the chip's own limit.
+        by_place: whether neurons at one position of a grid are placed together, because they share their sources;
+            otherwise neurons are placed in the order of ids.
     """
     queue = _queue(program, into, by_place)
     sends = np.zeros(into.start[-1], dtype=np.int64)
     limit = chip.limit("axons_out_per_core")
-    each = False
+    reads_synapses = False
     while True:
-        room = _Room(chip, into, neurons_per_core, sends, queue, each)
-        found = _weighed(program, _fill(program, chip, room, order), chip, into, queue)
-        if not each and not _within(found, room.limits):
-            each = True
+        filler = _CoreFiller(chip, into, neurons_per_core, sends, queue, reads_synapses)
+        cores = _with_loads(program, _fill(program, chip, filler, order), chip, into, queue)
+        if not reads_synapses and not _input_fits(cores, filler.limits):
+            reads_synapses = True
             continue
-        over = (found.neurons > 1) & (found.axons_out > (_NO_LIMIT if limit is None else limit))
-        if not over.any():
-            return found
-        sends = np.maximum(sends, found.sends)
+        has_too_many = (cores.neurons > 1) & (cores.axons_out > (_NO_LIMIT if limit is None else limit))
+        if not has_too_many.any():
+            return cores
+        sends = np.maximum(sends, cores.sends)
 
 
-def _within(cores: Split, limits: Ints) -> bool:
-    """Return whether all cores keep the limits of what their neurons receive."""
+def _input_fits(cores: Split, limits: Ints) -> bool:
+    """Return whether all cores are within the limits of memory and of input axons."""
     return bool(np.all(cores.memory <= limits[MEMORY] // 8) and np.all(cores.axons_in <= limits[AXONS]))
 
 
 def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
-    """All neurons in the order in which they are taken, population by population."""
+    """Return all neurons in the order in which cores are filled, population by population."""
     queue = np.arange(into.start[-1])
     for part in program.projections if by_place else ():
         if part.grid is not None:
@@ -219,8 +221,8 @@ def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
     return queue
 
 
-class _Room:
-    """A core that is being filled."""
+class _CoreFiller:
+    """The core that is being filled, with the limits."""
 
     def __init__(
         self, chip: Chip, into: Incoming, neurons_per_core: int | None, sends: Ints, queue: Ints, each: bool
@@ -247,34 +249,37 @@ class _Room:
         self.open(-1)
 
     def open(self, population: int) -> None:
-        """Begin a new core for a population; -1: for none yet."""
+        """Begin a new core for a population, or for none yet (-1)."""
         self.core += 1
         self.load = np.zeros(6, dtype=np.int64)
         if population >= 0:
             self.load[[MEMORY, KERNELS]] = self.kernels[population]
 
     def fill(self, population: int, first: int, last: int) -> int:
-        """Add neurons first <= i < last of a population's queue; returns the first that does not fit, or last."""
+        """Add neurons first <= i < last of a population's queue; return the first that does not fit, or last."""
         base = int(self.start[population])
         rest = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
         return int(fill_core(self.queue, base + first, base + last, *rest)) - base
 
 
-def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> list[list[Part]]:
-    """A population joins the core before it where it fits there whole, else it begins a core."""
+def _fill(program: Program, chip: Chip, filler: _CoreFiller, order: Sequence[int]) -> list[list[Part]]:
+    """Fill cores in an order of populations.
+
+    A population joins the core of the previous one if it fits there completely, otherwise it begins a core.
+    """
     cores: list[list[Part]] = []
     most = chip.limit("populations_per_core")
     for population in order:
         part = program.populations[population]
         first = 0
-        slab = room.columns.get(population, 0) * math.prod(part.shape[:-1])
-        room.limits[NEURONS] = min(room.most, slab or room.most, most_by_memory(program, chip, population))
-        if cores and (most is None or len(cores[-1]) < most) and room.fill(population, 0, part.size) == part.size:
+        slab = filler.columns.get(population, 0) * math.prod(part.shape[:-1])
+        filler.limits[NEURONS] = min(filler.most, slab or filler.most, most_by_memory(program, chip, population))
+        if cores and (most is None or len(cores[-1]) < most) and filler.fill(population, 0, part.size) == part.size:
             cores[-1].append((population, 0, part.size))
             continue
         while first < part.size:
-            room.open(population)
-            last = max(room.fill(population, first, part.size), first + 1)
+            filler.open(population)
+            last = max(filler.fill(population, first, part.size), first + 1)
             cores.append([(population, first, last)])
             first = last
     return cores
@@ -290,15 +295,15 @@ def most_by_memory(program: Program, chip: Chip, population: int) -> int:
     return max(1, bisect_right(sizes, limit, key=need))
 
 
-def _weighed(program: Program, cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
-    """Count what reaches each core."""
+def _with_loads(program: Program, cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
+    """Return the cores with their memory and axons."""
     count, total = len(cores), int(into.start[-1])
     core_of = np.full(total, -1, dtype=np.int64)
     kernels = np.zeros(count, dtype=np.int64)
     runs: list[tuple[Part, ...]] = []
-    for number, held in enumerate(cores):
-        of_core: list[Part] = []
-        for population, first, last in held:
+    for number, parts in enumerate(cores):
+        own_runs: list[Part] = []
+        for population, first, last in parts:
             base = into.start[population]
             neurons = queue[base + first : base + last]
             core_of[neurons] = number
@@ -306,14 +311,14 @@ def _weighed(program: Program, cores: list[list[Part]], chip: Chip, into: Incomi
             ids = np.sort(neurons) - base
             gaps = np.flatnonzero(np.diff(ids) != 1)
             firsts, lasts = ids[np.append(0, gaps + 1)], ids[np.append(gaps, ids.size - 1)] + 1
-            of_core += [(population, int(a), int(b)) for a, b in zip(firsts, lasts, strict=True)]
-        runs.append(tuple(of_core))
+            own_runs += [(population, int(a), int(b)) for a, b in zip(firsts, lasts, strict=True)]
+        runs.append(tuple(own_runs))
     on_core = core_of >= 0
     sizes = np.bincount(core_of[on_core], minlength=count)
     rows = placed_as(chip).in_rows
     index = np.array([] if rows else [index_bits(int(n)) for n in sizes], dtype=np.int64)
     sends, axons_in, blocks, in_rows, longest = (np.zeros(size, dtype=np.int64) for size in (total, *[count] * 4))
-    for projection, ways in reached(into, core_of, count):
+    for projection, ways in projections_by_source(into, core_of, count):
         own = sends[into.start[into.begins_at[projection]] :]
         longest[:] = 0
         weigh(*ways, into.bits[projection], index, own, axons_in, blocks, longest)
@@ -326,14 +331,14 @@ def _weighed(program: Program, cores: list[list[Part]], chip: Chip, into: Incomi
         sends=sends,
         neurons=sizes,
         memory=(in_rows if rows else blocks + kernels) // 8,
-        own=np.array([sum(own_bytes(p, last - first) for p, first, last in held) for held in cores], dtype=np.int64),
+        own=np.array([sum(own_bytes(p, last - first) for p, first, last in parts) for parts in cores], dtype=np.int64),
         axons_in=axons_in,
         axons_out=np.bincount(core_of[on_core], weights=sends[on_core], minlength=count).astype(np.int64),
     )
 
 
 def fewest_cores(program: Program, chip: Chip, into: Incoming) -> int:
-    """Cores that a program needs at least, by its neurons and by the bits of its synapses."""
+    """Return a lower bound of the cores that a program needs, by its neurons and by the bits of its synapses."""
     most, memory = chip.limit("neurons_per_core"), chip.limit("synapse_bytes_per_core")
     neurons = sum(program.populations[index].size for index in neurons_of(program))
     bits = int(into.synapses @ np.maximum(into.bits, 0))
@@ -341,5 +346,5 @@ def fewest_cores(program: Program, chip: Chip, into: Incoming) -> int:
 
 
 def neurons_of(program: Program) -> list[int]:
-    """Indices of the populations that take cores; generators are the host's."""
+    """Return the indices of the populations that need cores; generators run on the host."""
     return [index for index, part in enumerate(program.populations) if part.kind == "neuron" and part.size]

@@ -14,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 import loihi_twin
 import neuro
 from loihi_twin import Engine
-from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, fading, nearest_fit, rule_of
+from neuro.chips.loihi_learning import COARSE_UPDATE, SMALLEST_UPDATE, nearest_fit, rule_of, tag_decay
 from neuro.chips.loihi_registers import bounds, grain_of
 from neuro.extend import Modulated, State, Synapse, quantity
 from neuro.model.synapses import stdp, stdp_dopa
@@ -103,7 +103,7 @@ def test_amplitudes_are_within_two_percent(change):
 
 @given(st.floats(8.0, 3000.0))
 def test_the_tag_fades_with_its_time_constant(tau):
-    terms, *_ = fading(tau)
+    terms, *_ = tag_decay(tau)
     share = -sum(term.mantissa * 2.0**term.exponent for term in terms)
     assert -(2 ** terms[0].every) / np.log1p(-share) == pytest.approx(tau, rel=0.03)
 

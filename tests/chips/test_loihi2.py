@@ -13,7 +13,7 @@ import random_loihi2
 from golden_traces import sent
 from graded import STEPS, network, twin
 from neuro.chips import chip, quantise
-from neuro.chips.loihi2 import dropped
+from neuro.chips.loihi2 import stored_mantissas
 from neuro.cli.commands import app
 from neuro.compare import loihi_rules
 from neuro.core.errors import Where
@@ -154,7 +154,7 @@ def test_bits_that_the_memory_does_not_keep():
         ("excitatory", 5, [-3, 7, 9, 999], [0, 0, 8, 248]),
         ("inhibitory", 5, [3, -7, -9, -999], [0, 0, -8, -248]),
     ):
-        assert dropped(np.array(given, dtype=np.int32), bits, mode).tolist() == kept
+        assert stored_mantissas(np.array(given, dtype=np.int32), bits, mode).tolist() == kept
 
 
 def test_states_wrap_and_clip():

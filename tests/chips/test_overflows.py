@@ -52,7 +52,7 @@ def test_an_overflow_is_told_once_with_a_way_out():
         sim.run(400.0)
     texts = [str(warning.message) for warning in told if "current wraps" in str(warning.message)]
     assert len(texts) == 1
-    assert texts[0].endswith("\n  hint: scales={'out': 2.5e+04} leaves 4 times the room")
+    assert texts[0].endswith("\n  hint: scales={'out': 2.5e+04} makes all registers a quarter as full")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         sim.run(1.0)

@@ -97,7 +97,7 @@ def test_targets_that_are_not_placed(run):
     assert north.dynamic_j == pytest.approx(24 * 2.3e-12, rel=1e-12)
     assert north.static_j == pytest.approx(10e-3 * 64.4e-3, rel=1e-12)
     assert north.chip_time_s == pytest.approx(10e-3)
-    assert "nothing is placed: one chip is taken" in north.notes
+    assert "nothing is placed: one chip is assumed" in north.notes
 
 
 def test_dense_by_hand(run):
@@ -270,7 +270,7 @@ def test_a_run_may_last_as_long_as_its_recordings_and_not_as_its_steps(run):
     assert fast.real_time.static_j == pytest.approx(4e-3 * 0.104)
     late = price(*run, None, chip("truenorth"), duration_s=4e-3)
     assert (late.late, late.real_time.chip_time_s) == (True, 10e-3)
-    assert "late: real time is not kept, the chip takes 10 ms for 4 ms" in late.notes
+    assert "late: slower than real time, the chip needs 10 ms for 4 ms" in late.notes
     assert late.cells()[3] == "10 ms of 4 ms"
     with pytest.raises(ModelError, match=r"^duration_s = -1: expected a number >= 0 in s$"):
         price(*run, None, chip("truenorth"), duration_s=-1)
@@ -296,7 +296,7 @@ def test_a_table_of_a_user(run, tmp_path):
     table.write_text("like: truenorth\ncosts:\n  static_per_chip: {value: 2.0, source: me}\n")
     energy = price(*run, None, chip(table))
     assert energy.static_j == pytest.approx(2.0 * 10e-3)
-    assert "nothing is placed: one chip is taken" in energy.notes
+    assert "nothing is placed: one chip is assumed" in energy.notes
     table.write_text("name: mine\ncosts:\n  weight_write: {value: 2.0, source: me}\n")
     energy = price(*run, None, chip(table))
     assert (energy.total_j, energy.chip_time_s) == (0.0, None)
@@ -441,7 +441,7 @@ def test_a_late_chip_does_not_wait_and_says_so(run, tmp_path):
     assert bill.late
     assert bill.real_time.chip_time_range_s == pytest.approx((REAL, 3 * REAL))
     assert bill.real_time.static_j == bill.static_j == pytest.approx(2 * REAL * 0.0644)
-    assert "late: real time is not kept, the chip takes 20 ms for 10 ms" in bill.notes
+    assert "late: slower than real time, the chip needs 20 ms for 10 ms" in bill.notes
     assert bill.cells()[2].endswith(" late")
 
 

@@ -610,7 +610,9 @@ def test_a_population_is_split_where_its_histories_fill_a_core():
         assert 128 < cores[0].neurons < 256
         assert max(core.own_bytes for core in cores) <= 59756
         assert spinnaker_core.bytes_of(program, machine, 2, max(core.neurons for core in cores) + 1) > 59756
-        assert f"learning takes up to {cores[0].own_bytes:,} bytes of a core's own memory, of 59,756" in str(placement)
+        assert f"learning needs up to {cores[0].own_bytes:,} of the 59,756 bytes of a core's own memory" in str(
+            placement
+        )
     assert place(neuro.compile(layer(static(), 300), "event").program, machine).cores[0].own_bytes == 0
 
 
@@ -631,9 +633,9 @@ def test_cycles_of_learning(started):
     spikes = [sim.spikes(name)[0].size for name in "ab"]
     cycles = (spikes[0] * 4 * 170 + spikes[1] * 12 * 44) / 400
     (note,) = (note for note in sim.energy("spinnaker").notes if "cycles of a tick" in note)
-    assert note == f"learning takes > {cycles:,.0f} of the 200,000 cycles of a tick on the busiest core on average"
+    assert note == f"learning needs > {cycles:,.0f} of the 200,000 cycles of a tick on the busiest core on average"
     (note,) = place(neuro.compile(layer(stdp(Wmax=900.0), 100), "event").program, chip("spinnaker")).notes[1:]
-    assert note.endswith("if all sources and targets spike once in a tick: real time is not kept")
+    assert note.endswith("if all sources and targets spike once in a tick: slower than real time")
     assert f"> {20 * 100 * (170 + 44):,} of the 200,000" in note
 
 
@@ -675,7 +677,7 @@ def test_a_program_takes_the_memory_and_the_cycles_of_its_rule(rule, program):
             sim = neuro.compile(net, "spinnaker")
         placement = place(sim.program, chip("spinnaker"))
         parts = [core.parts for core in placement.cores]
-        told = [*spinnaker_core.told(sim.program, chip("spinnaker"), parts, None)]
+        told = [*spinnaker_core.learning_notes(sim.program, chip("spinnaker"), parts, None)]
         return parts, told, sum(core.synapse_bytes for core in placement.cores)
 
     assert cores(program)[0] == cores(rule)[0]
