@@ -1,4 +1,4 @@
-"""Loihi 2's neurons in the engine: where their registers lie, and their steps in integers, without branches."""
+"""Loihi 2's neurons in the engine: the arrays of their registers, and their integer steps without branches."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from neuro.kernels.jit import subkernel
 from neuro.program.program import Ints
 from neuro_chip import tables as t
-from neuro_chip.loihi_step import EIGHT, ONE, SIX, V_LIMIT, ZERO, i32, kept
+from neuro_chip.loihi_step import EIGHT, ONE, SIX, V_LIMIT, ZERO, i32, multiplied
 from neuro_chip.tables import Arrays
 
 TURN = i32(2**23)
@@ -19,7 +19,7 @@ TURN = i32(2**23)
 
 @subkernel
 def arrivals(net, row, step):
-    """Add what lies in the planes of a population to its common ring; where its slot of this step begins."""
+    """Add the planes of a population to its common ring; return the beginning of the slot of this step."""
     n = row[t.END] - row[t.BEGIN]
     slot = (step & (row[t.SLOTS] - 1)) * n
     begin = row[t.RING] + slot
@@ -29,7 +29,7 @@ def arrivals(net, row, step):
 
 @subkernel
 def second_arrivals(net, row, step):
-    """The same of the second receptor, in the first plane."""
+    """Add the planes of the second receptor to its own plane, the first one; return the beginning of its slot."""
     n = row[t.END] - row[t.BEGIN]
     slot = (step & (row[t.SLOTS] - 1)) * n
     begin = net.planes[row[t.PLANES], t.PLANE_RING] + slot
@@ -39,7 +39,7 @@ def second_arrivals(net, row, step):
 
 @subkernel
 def add_planes(net, first, last, slot, n, receptor, begin):
-    """Add what the planes of a receptor hold to the n slots from `begin` on."""
+    """Add the planes of a receptor to the n slots from `begin` on."""
     for p in range(first, last):
         if net.planes[p, t.PLANE_RECEPTOR] == receptor:
             place = net.planes[p, t.PLANE_RING] + slot
@@ -53,7 +53,7 @@ def add_planes(net, first, last, slot, n, receptor, begin):
 
 @subkernel
 def add_plane(into, sums, shift, lost):
-    """Add sums that are shifted down, of which the `lost` upper bits are lost; clear them."""
+    """Add sums after dropping their `lost` upper bits and shifting them down; clear the sums."""
     for k in range(into.size):
         into[k] = i32(into[k] + i32(i32(i32(sums[k] << lost) >> lost) >> shift))
         sums[k] = ZERO
@@ -61,7 +61,7 @@ def add_plane(into, sums, shift, lost):
 
 @subkernel
 def integrate(net, pop, row, step):
-    """The current and the voltage of a population."""
+    """Update the current and the voltage of a population."""
     lo, hi = row[t.BEGIN], row[t.END]
     begin = arrivals(net, row, step)
     if row[t.INTERVAL] > 0 and (step - row[t.OFFSET]) % row[t.INTERVAL] == 0:
@@ -81,15 +81,15 @@ def integrate(net, pop, row, step):
 
 @subkernel
 def step_loihi2(x, v, u, keep_u, keep_v, bias):
-    """Currents and voltages; return how many currents wrapped and voltages were clipped."""
+    """Update currents and voltages; return the numbers of wrapped currents and of clipped voltages."""
     wraps = ZERO
     clips = ZERO
     for i in range(v.size):
-        full = i32(kept(u[i], keep_u[i]) + i32(x[i] << SIX))
+        full = i32(multiplied(u[i], keep_u[i]) + i32(x[i] << SIX))
         now = i32(i32(full << EIGHT) >> EIGHT)
-        # lava wraps to (-2^23, 2^23], where a two's complement has -2^23 in place of 2^23.
+        # lava wraps to (-2^23, 2^23]; a two's complement has -2^23 instead of 2^23.
         now = TURN if now == i32(-TURN) else now
-        w = i32(i32(kept(v[i], keep_v[i]) + now) + bias[i])
+        w = i32(i32(multiplied(v[i], keep_v[i]) + now) + bias[i])
         clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
         wraps = i32(wraps + i32(now != full))
         clips = i32(clips + i32(clipped != w))
@@ -101,7 +101,7 @@ def step_loihi2(x, v, u, keep_u, keep_v, bias):
 
 @subkernel
 def lif(net, pop, row, step):
-    """Step a population; `fired` says which are above threshold."""
+    """Step a population; `fired` marks the neurons above threshold."""
     integrate(net, pop, row, step)
     for i in range(row[t.BEGIN], row[t.END]):
         net.fired[i] = np.uint8(net.v[i] > net.threshold[i])
@@ -109,7 +109,7 @@ def lif(net, pop, row, step):
 
 @subkernel
 def ternary_lif(net, pop, row, step):
-    """Step a population; those above the upper or below the lower threshold send their sign and are reset."""
+    """Step a population; neurons above the upper or below the lower threshold send their sign and are reset."""
     integrate(net, pop, row, step)
     for i in range(row[t.BEGIN], row[t.END]):
         sign = i32(i32(net.v[i] > net.threshold[i]) - i32(net.v[i] < net.v_rest[i]))
@@ -120,7 +120,7 @@ def ternary_lif(net, pop, row, step):
 
 @subkernel
 def encode(net, row, i, y):
-    """Send the change of a value to y, if it is large enough."""
+    """Send the change of a value to y, if the change is large enough."""
     # `u` is the old value, `g_inh` the residue, `hold` the sum of changes.
     delta = i32(i32(y - net.u[i]) + net.g_inh[i])
     error = i32(net.hold[i] + delta) if row[t.CUMULATIVE] else delta
@@ -134,14 +134,14 @@ def encode(net, row, i, y):
 
 @subkernel
 def send(net, i, payload):
-    """Let a neuron send a payload, unless that is 0."""
+    """Let a neuron send a payload, unless it is 0."""
     net.payload[i] = payload
     net.fired[i] = np.uint8(payload != ZERO)
 
 
 @subkernel
 def sigma_delta(net, pop, row, step):
-    """Sums of messages, their activations, and the changes of these."""
+    """Sum the messages, apply the activation function, and send its changes."""
     begin, lo = arrivals(net, row, step), row[t.BEGIN]
     for i in range(lo, row[t.END]):
         net.v[i] = i32(net.v[i] + net.ring[begin + i - lo])
@@ -152,7 +152,7 @@ def sigma_delta(net, pop, row, step):
 
 @subkernel
 def delta_encoder(net, pop, row, step):
-    """Changes of what arrives."""
+    """Send the changes of the input."""
     begin, lo = arrivals(net, row, step), row[t.BEGIN]
     for i in range(lo, row[t.END]):
         y = i32(net.ring[begin + i - lo] << i32(row[t.INPUT_EXP]))
@@ -162,7 +162,7 @@ def delta_encoder(net, pop, row, step):
 
 @subkernel
 def sigma_decoder(net, pop, row, step):
-    """Sums of messages, sent as they are."""
+    """Sum the messages, and send the sum."""
     begin, lo = arrivals(net, row, step), row[t.BEGIN]
     for i in range(lo, row[t.END]):
         net.v[i] = i32(net.v[i] + net.ring[begin + i - lo])
@@ -172,7 +172,7 @@ def sigma_decoder(net, pop, row, step):
 
 @subkernel
 def graded_vector(net, pop, row, step):
-    """What arrives, where it is large enough."""
+    """Send the input where it exceeds the threshold."""
     begin, lo = arrivals(net, row, step), row[t.BEGIN]
     for i in range(lo, row[t.END]):
         a = net.ring[begin + i - lo]
@@ -182,14 +182,14 @@ def graded_vector(net, pop, row, step):
 
 @subkernel
 def share(value, factor):
-    """Value x factor / 4096, truncated towards 0, of factors of either sign."""
-    part = kept(value, i32(abs(factor)))
+    """Return value x factor / 4096, truncated towards 0, for factors of either sign."""
+    part = multiplied(value, i32(abs(factor)))
     return part if factor >= ZERO else i32(-part)
 
 
 @subkernel
 def product(net, pop, row, step):
-    """The product of what arrives at both receptors, shifted down, where it is large enough."""
+    """Send the product of the inputs of both receptors, shifted down, where it exceeds the threshold."""
     first, second, lo = arrivals(net, row, step), second_arrivals(net, row, step), row[t.BEGIN]
     for i in range(lo, row[t.END]):
         k = i - lo
@@ -201,16 +201,16 @@ def product(net, pop, row, step):
 
 @subkernel
 def resonate(net, pop, row, step):
-    """Turn the states of resonators: `v` is real, `u` imaginary; `hold` keeps the old imaginary part."""
+    """Rotate the states of resonators: `v` is real, `u` imaginary, and `hold` gets the old imaginary part."""
     first, second, lo = arrivals(net, row, step), second_arrivals(net, row, step), row[t.BEGIN]
     exponent = i32(row[t.STATE_EXP])
     clips = ZERO
     for i in range(lo, row[t.END]):
         re, im, k = net.v[i], net.u[i], i - lo
-        turned = i32(share(re, net.keep_u[i]) - share(im, net.keep_v[i]))
-        x = np.int64(turned) + np.int64(i32(net.ring[first + k] << exponent))
-        turned = i32(share(re, net.keep_v[i]) + share(im, net.keep_u[i]))
-        y = np.int64(turned) + np.int64(i32(net.ring[second + k] << exponent))
+        rotated = i32(share(re, net.keep_u[i]) - share(im, net.keep_v[i]))
+        x = np.int64(rotated) + np.int64(i32(net.ring[first + k] << exponent))
+        rotated = i32(share(re, net.keep_v[i]) + share(im, net.keep_u[i]))
+        y = np.int64(rotated) + np.int64(i32(net.ring[second + k] << exponent))
         net.ring[first + k] = ZERO
         net.ring[second + k] = ZERO
         net.hold[i] = im
@@ -222,7 +222,7 @@ def resonate(net, pop, row, step):
 
 @subkernel
 def rf(net, pop, row, step):
-    """Resonators that fire when their phase passes 0."""
+    """Step resonators that fire when their phase passes 0."""
     resonate(net, pop, row, step)
     for i in range(row[t.BEGIN], row[t.END]):
         send(net, i, i32(net.v[i] >= net.threshold[i]) & i32(net.u[i] >= ZERO) & i32(net.hold[i] < ZERO))
@@ -230,7 +230,7 @@ def rf(net, pop, row, step):
 
 @subkernel
 def rf_iz(net, pop, row, step):
-    """Resonators that fire at a threshold of their imaginary part, and are reset."""
+    """Step resonators that fire at a threshold of their imaginary part, and are reset."""
     resonate(net, pop, row, step)
     for i in range(row[t.BEGIN], row[t.END]):
         send(net, i, i32(net.u[i] >= net.threshold[i]))
@@ -246,11 +246,11 @@ _COLUMNS = {
     "relu": t.RELU,
     "cum_error": t.CUMULATIVE,
 }
-"""Registers that all neurons of a population share, and their columns in the table of populations."""
+"""Registers that all neurons of a population share, with their columns in the table of populations."""
 
 
 def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
-    """Put the registers of a population, rows `here` of the arrays, where its step reads them."""
+    """Write the registers of a population to rows `here` of the arrays that its step reads."""
     for name, column in _COLUMNS.items():
         row[column] = int(r[name][0]) if name in r else 0
     row[t.INPUT_EXP] = sum(int(r[name][0]) for name in ("spike_exp", "state_exp", "exp") if name in r)

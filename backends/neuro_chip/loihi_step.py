@@ -1,6 +1,6 @@
-"""Loihi 1's compartments in the engine: where their registers lie, and their step in integers.
+"""Loihi 1's compartments in the engine: the arrays of their registers, and their step in integers.
 
-The loop of a step has no branches, so that it runs many at a time.
+The loop of a step has no branches, so that it is vectorised.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -25,7 +25,7 @@ LOW, SIGN = i32(4095), i32(31)
 
 @subkernel
 def lif(net, pop, row, step):
-    """Step a population; `fired` says which are above threshold."""
+    """Step a population; `fired` marks the neurons above threshold."""
     lo, hi = row[t.BEGIN], row[t.END]
     begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * (hi - lo)
     inputs, currents, drives, clips = step_loihi(
@@ -47,10 +47,11 @@ def lif(net, pop, row, step):
 
 
 @subkernel
-def kept(value, share):
-    """Value x share / 4096, truncated towards 0; numba widens each operation, so each is cut back to 32 bits.
+def multiplied(value, share):
+    """Return value x share / 4096, truncated towards 0.
 
-    |a| f / 4096 is (|a| >> 12) f + ((|a| & 4095) f >> 12): no product leaves 32 bits.
+    numba widens each operation, so each is narrowed to 32 bits. |a| f / 4096 is (|a| >> 12) f + ((|a| & 4095) f >> 12),
+    where no product exceeds 32 bits.
     """
     # Two's complement without a branch: a = (v ^ s) - s with s all ones where v is negative.
     sign = i32(value >> SIGN)
@@ -62,30 +63,30 @@ def kept(value, share):
 
 @subkernel
 def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired, lowest):
-    """Loihi 1's compartments; return how many inputs, currents and drives wrapped and voltages were clipped.
+    """Update compartments; return the numbers of wrapped inputs, currents and drives, and of clipped voltages.
 
-    The input of a step is kept in units of 64, so that its 22 bits are 16 of x; u and u + bias have 24.
+    The input of a step is stored in units of 64, so that its 22 bits are 16 of x; u and u + bias have 24 bits.
     """
     inputs = ZERO
     currents = ZERO
     drives = ZERO
     clips = ZERO
     for i in range(v.size):
-        # Shifted up and back: the upper bits are lost and the sign is that of the highest bit kept, as a register of
-        # that width has it.
+        # Shifting up and back drops the upper bits. The sign is that of the highest remaining bit, as in a register of
+        # that width.
         arrived = i32(i32(x[i] << SIXTEEN) >> SIXTEEN)
-        full = i32(kept(u[i], keep_u[i]) + i32(arrived << SIX))
+        full = i32(multiplied(u[i], keep_u[i]) + i32(arrived << SIX))
         now = i32(i32(full << EIGHT) >> EIGHT)
         driven = i32(now + bias[i])
         drive = i32(i32(driven << EIGHT) >> EIGHT)
-        w = i32(kept(v[i], keep_v[i]) + drive)
+        w = i32(multiplied(v[i], keep_v[i]) + drive)
         clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
         free = i32(hold[i] == ZERO)
         inputs = i32(inputs + i32(arrived != x[i]))
         currents = i32(currents + i32(now != full))
         drives = i32(drives + i32(drive != driven))
         clips = i32(clips + i32(free & i32(clipped != w)))
-        # While refractory the voltage is held at 0, Loihi's reset, but the current goes on.
+        # During refractoriness the voltage is held at 0, Loihi's reset, but the current continues.
         clipped = i32(max(clipped, lowest) * free)
         x[i] = ZERO
         u[i] = now
@@ -96,7 +97,7 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired, lowest):
 
 
 def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
-    """Put the registers of a population, rows `here` of the arrays, where its step reads them."""
+    """Write the registers of a population to rows `here` of the arrays that its step reads."""
     a["keep_u"][here] = 4095 - r["du"]
     a["keep_v"][here] = 4096 - r["dv"]
     row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**23) + 1
@@ -107,4 +108,4 @@ def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints])
 
 
 STEPS = {KIND: lif}
-"""The step of each kind of population."""
+"""The integer step of each kind of population."""

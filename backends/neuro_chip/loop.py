@@ -1,6 +1,6 @@
-"""The one compiled loop over steps, and the groups in which one neuron, or one of some rivals, fires.
+"""The compiled loop over steps, and the competition in groups of neurons.
 
-The chip has no groups: its host decides them after each step.
+The chip has no groups, so its host decides on winners after each step.
 """
 
 # mypy: ignore-errors
@@ -24,17 +24,17 @@ def fire(net, i):
 
 
 @subkernel
-def choose(net, row, first, last, apart, step):
-    """The candidate of first:last:apart that may win of the largest margin; of equal ones the larger draw; or -1."""
+def choose(net, row, first, last, stride, step):
+    """Return the candidate of first:last:stride with the largest margin above threshold, or -1; draws break ties."""
     best = -1
     best_margin, best_draw = np.int64(0), -1.0
-    # The chip has no winner-take-all: its host compares voltages after each step, with the keyed draws of the float
-    # backends, so that ties fall alike.
+    # The chip has no winner-take-all, so its host compares voltages after each step. Ties are broken by the keyed draws
+    # of the float backends.
     base = step_word(net.group_keys[row[t.GROUP]], step)
-    for i in range(first, last, apart):
+    for i in range(first, last, stride):
         if not net.fired[i] or net.muted[i]:
             continue
-        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])  # of two numbers of 32 bits: it may take 33
+        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])  # the difference of 32-bit numbers can have 33 bits
         draw = uniform(base, i - row[t.BEGIN])
         if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
             best, best_margin, best_draw = i, margin, draw
@@ -43,7 +43,7 @@ def choose(net, row, first, last, apart, step):
 
 @subkernel
 def settle_one(net, row, step):
-    """Of the candidates of a group the best fires."""
+    """Let the best candidate of a group fire."""
     group, lo, hi = row[t.GROUP], row[t.BEGIN], row[t.END]
     best = choose(net, row, lo, hi, 1, step)
     if best < 0:
@@ -52,7 +52,7 @@ def settle_one(net, row, step):
         net.groups[group, t.WINNER] = best - lo
         net.groups[group, t.DECIDED] = step
         for i in range(lo, hi):
-            # Kept before losers are reset: rules for trials read the potentials at the decision.
+            # Stored before losers are reset, because rules for trials read the potentials at the decision.
             net.potential[i] = net.v[i]
     for i in range(lo, hi):
         if net.fired[i] and i != best:
@@ -65,17 +65,17 @@ def settle_one(net, row, step):
 
 @subkernel
 def settle_rivals(net, row, step):
-    """Of neurons that are rivals the best fires and all others are reset."""
+    """Let the best neuron of each set of rivals fire, and reset the others."""
     group, lo = row[t.GROUP], row[t.BEGIN]
-    rivals, apart = net.groups[group, t.RIVALS], net.groups[group, t.APART]
+    rivals, stride = net.groups[group, t.RIVALS], net.groups[group, t.APART]
     for first in range(lo, row[t.END]):
-        last = first + rivals * apart
-        # Each set of rivals once, from its first neuron.
-        if (first - lo) // apart % rivals != 0:
+        last = first + rivals * stride
+        # Visit each set of rivals once, at its first neuron.
+        if (first - lo) // stride % rivals != 0:
             continue
-        best = choose(net, row, first, last, apart, step)
+        best = choose(net, row, first, last, stride, step)
         if best >= 0:
-            for i in range(first, last, apart):
+            for i in range(first, last, stride):
                 if i != best:
                     net.fired[i] = 0
                     fire(net, i)
@@ -83,12 +83,12 @@ def settle_rivals(net, row, step):
 
 @subkernel
 def settle_locally(net, row, step):
-    """Of the candidates of a group leave those that win, the best first."""
+    """Let the winners of a group with several winners fire, the best first."""
     group, lo, hi = row[t.GROUP], row[t.BEGIN], row[t.END]
     best = choose(net, row, lo, hi, 1, step)
     while best >= 0:
         win(net, row, best, step)
-        # A winner silences others, so the best of the rest is looked for anew.
+        # A winner silences others, so the next best is searched again.
         best = choose(net, row, lo, hi, 1, step)
     for i in range(lo, hi):
         if net.fired[i] and not net.muted[i] & t.WON:
@@ -98,7 +98,7 @@ def settle_locally(net, row, step):
 
 @subkernel
 def win(net, row, i, step):
-    """Neuron i wins: enter it, keep the voltages of its map if it is the first of it, and silence what is near."""
+    """Enter neuron i as a winner, store the voltages at the first win of its map, and silence its neighbourhood."""
     group, lo = row[t.GROUP], row[t.BEGIN]
     local = net.local[group]
     maps, rows, columns, radius = local[t.LOCAL_MAPS], local[t.LOCAL_ROWS], local[t.LOCAL_COLUMNS], local[t.RADIUS]
@@ -126,7 +126,7 @@ def win(net, row, i, step):
 
 @subkernel
 def silence(net, group, begin, end, step):
-    """Silence the neurons begin:end:step that are not yet."""
+    """Silence the neurons begin:end:step, and count those that were not silenced before."""
     for i in range(begin, end, step):
         net.standing[group, t.OPEN] -= net.muted[i] == 0
         net.muted[i] |= t.BLOCKED
@@ -134,7 +134,7 @@ def silence(net, group, begin, end, step):
 
 @subkernel
 def count_open(net):
-    """Count how many of each group with several winners may still win."""
+    """Count the neurons of each group with several winners that may still win."""
     for k in range(net.groups.shape[0]):
         if net.local[k, t.RADIUS] >= 0:
             row = net.pops[net.groups[k, t.POPULATION]]
@@ -146,11 +146,11 @@ def count_open(net):
 
 @subkernel
 def open_groups(net):
-    """No group has decided, and whoever was silenced by a winner may fire."""
+    """Clear all decisions, so that neurons silenced by winners may fire again."""
     net.groups[:, t.CLOSED] = 0
     net.groups[:, t.WINNER] = t.NONE
     for i in range(net.muted.size):
-        # What a winner silenced is over; whom the trial left out stays so until it ends.
+        # Silence by a winner ends here; silence for a trial lasts until the end of the trial.
         net.muted[i] &= t.SILENCED
     net.map_wins[:] = 0
     net.standing[:, t.WINS] = 0
@@ -159,14 +159,14 @@ def open_groups(net):
 
 @kernel
 def open_all(view, words):
-    """Open the groups; `view` and `words` are as in `net`."""
+    """Open the groups; `view` and `words` are those of `net`."""
     open_groups(net_of(view, words))
 
 
 @subkernel
 def emit(net, pop, row, i, times, step):
-    """Neuron i, counted through all populations, emits."""
-    if row[t.BINARY] and times > 1:  # before it is counted, recorded or sent
+    """Count, record and queue a spike of neuron i, numbered over all populations."""
+    if row[t.BINARY] and times > 1:  # merged before counting, recording and sending
         net.native[pop, t.MERGED] += times - 1
         times = 1
     at = net.clock[t.EMITTED]
@@ -175,7 +175,7 @@ def emit(net, pop, row, i, times, step):
     net.clock[t.EMITTED] = at + 1
     net.events[i] += 1
     net.spikes[i] += times
-    # The host's rules for trials ask for first spikes only; to look for them in the record would need a record.
+    # The host's rules for trials need only first spikes. Without this array they would need a record.
     if net.first[i] > step:
         net.first[i] = step
     if row[t.RECORD]:
@@ -190,19 +190,19 @@ def emit(net, pop, row, i, times, step):
 def send_all(net, step):
     """Send the spikes of the last step, sorted by population.
 
-    They are sent when the next step begins, not when they are emitted: what learning changes in a step is sent from the
-    next on. What generators have emitted is sent before the host writes weights in between (`send_ahead`).
+    Spikes are sent at the beginning of the next step. Weights that learning changes in a step are therefore used from
+    the next step on. Spikes of generators are sent before the host writes weights between steps (`send_ahead`).
     """
     total = net.clock[t.EMITTED]
     first = 0
     for pop in range(net.pops.shape[0]):
         last, begin, end = first, net.pops[pop, t.BEGIN], net.pops[pop, t.END]
-        # Emitted ids ascend, since populations are stepped in order: one pass cuts them by population.
+        # Emitted ids ascend, because populations are stepped in order, so one pass separates them by population.
         while last < total and net.emitted[last] < end:
             last += 1
         if first < last:
             for k in range(net.out_ends[pop], net.out_ends[pop + 1]):
-                # `send_ahead` has sent these already, with the words of before the host wrote.
+                # `send_ahead` has already sent these spikes with the old words.
                 if net.set_out[net.out[k]] < step:
                     send_along(net, net.out[k], begin, first, last, step)
         first = last
@@ -211,10 +211,10 @@ def send_all(net, step):
 
 @subkernel
 def send_along(net, q, begin, first, last, step):
-    """The spikes first:last of those emitted in a step, of the population that begins at a neuron, are sent along q."""
+    """Send the emitted spikes first:last of a source population, whose neurons begin at `begin`, along projection q."""
     row = net.projections[q]
     if may_gather(net, row, net.pops[row[t.TARGET], t.RECEPTORS] == 2):
-        # All spikes of the step together: they meet in the same places.
+        # All spikes of the step together, because they reach the same places.
         send_grids(net, row, begin, first, last, step)
     else:
         for at in range(first, last):
@@ -225,7 +225,7 @@ def send_along(net, q, begin, first, last, step):
 
 @kernel
 def send_ahead(view, words, pop, q):
-    """Send what a population emitted in the last step along a projection, with the words of now."""
+    """Send the spikes that a population emitted in the last step along a projection, with the present words."""
     net = net_of(view, words)
     total, step, begin, end = net.clock[t.EMITTED], net.clock[t.STEP], net.pops[pop, t.BEGIN], net.pops[pop, t.END]
     first = 0
@@ -241,14 +241,14 @@ def send_ahead(view, words, pop, q):
 
 @subkernel
 def count_active(net, pop, row, step):
-    """Neurons that a spike reached or fired; what arrives now may be seen by the next update only."""
+    """Count the neurons that fired or that a spike reached. A spike that arrives now may act in the next update."""
     lo, hi = row[t.BEGIN], row[t.END]
     n = hi - lo
-    # Where input acts a step late (`LATE`), the arrivals of this update lie one slot ahead.
+    # If input acts a step later (`LATE`), the arrivals of this update are in the next slot.
     slot = (step + row[t.LATE]) & (row[t.SLOTS] - 1)
     begin = row[t.RING] + slot * n
     arrived, fired = net.arrived[begin : begin + n], net.fired[lo:hi]
-    if net.arrived_all[row[t.ARRIVED] + slot]:  # a dense row marks all its targets by one flag instead of n
+    if net.arrived_all[row[t.ARRIVED] + slot]:  # a dense row marks all its targets by one flag
         net.arrived_all[row[t.ARRIVED] + slot] = 0
         arrived[:] = 0
         net.active[pop] += n
@@ -262,18 +262,18 @@ def count_active(net, pop, row, step):
 
 @subkernel
 def admit(fired, muted):
-    """Leave those above threshold that may fire; return whether there are any."""
+    """Keep the neurons above threshold that may fire; return whether there are any."""
     some = np.uint8(0)
     for k in range(fired.size):
         fired[k] &= np.uint8(muted[k] == 0)
-        # No early end: a loop without branches looks at many neurons at a time.
+        # No early end: a loop without branches is vectorised.
         some |= fired[k]
     return some != 0
 
 
 @subkernel
 def decide(net, row, step):
-    """Of the candidates of a group leave those that fire; reset those that lose by it."""
+    """Keep the candidates of a group that win and reset the losers."""
     group = row[t.GROUP]
     fired = net.fired[row[t.BEGIN] : row[t.END]]
     some = admit(fired, net.muted[row[t.BEGIN] : row[t.END]])
@@ -292,7 +292,7 @@ def decide(net, row, step):
 
 @subkernel
 def any_fired(fired):
-    """Whether any of some neurons is above threshold."""
+    """Return whether any neuron is above threshold."""
     some = np.uint8(0)
     for k in range(fired.size):
         some |= fired[k]
@@ -301,24 +301,24 @@ def any_fired(fired):
 
 @subkernel
 def advance_neurons(net, pop, row, step):
-    """A population of neurons: update, decide, emit, count; one at rest only counts what is on its way."""
+    """Update the neurons of a population, decide, emit and count. A population at rest only counts arrivals."""
     slot = row[t.ARRIVED] + (step & (row[t.SLOTS] - 1))
-    # A population at rest: nothing came, no neuron reached threshold, and the last step changed no bit of any state. So
-    # the next would not either, and the step is left out until input comes or the host writes.
+    # A population is at rest if no input came, no neuron reached threshold, and the last step changed no bit of any
+    # state. The next step would change nothing either, so steps are skipped until input comes or the host writes.
     came, net.came[slot] = net.came[slot], 0
     if row[t.KIND] == t.RELAY:
         relay(net, pop, row, step)
     elif came or not net.resting[pop]:
         before = 0 if came else keep_states(net, pop, row)
         reached = update_and_fire(net, pop, row, step)
-        # what resets its states at certain steps is never at rest
+        # A population with periodic resets is never at rest.
         net.resting[pop] = not came and not reached and row[t.INTERVAL] == 0 and stayed(net, pop, row, before)
     count_active(net, pop, row, step)
 
 
 @subkernel
 def update_and_fire(net, pop, row, step):
-    """Update the neurons of a population, and let those fire that do; return whether any was above threshold."""
+    """Update the neurons of a population, and emit their spikes; return whether any was above threshold."""
     update(net, pop, row, step)
     group, fired = row[t.GROUP], net.fired[row[t.BEGIN] : row[t.END]]
     reached = some = any_fired(fired)
@@ -328,11 +328,11 @@ def update_and_fire(net, pop, row, step):
     if some:
         for i in range(row[t.BEGIN], row[t.END]):
             if net.fired[i]:
-                # Silenced for a trial: no spike and no reset; it may go on rising.
+                # A neuron silenced for a trial neither spikes nor is reset; its voltage may continue to rise.
                 if net.muted[i] & t.SILENCED:
                     net.fired[i] = 0
                     continue
-                if row[t.GRADED]:  # its step has reset it
+                if row[t.GRADED]:  # already reset by the integer step
                     emit(net, pop, row, i, np.int64(net.payload[i]), step)
                 else:
                     fire(net, i)
@@ -342,11 +342,11 @@ def update_and_fire(net, pop, row, step):
 
 @subkernel
 def relay(net, pop, row, step):
-    """Parrots: as many spikes as arrived."""
+    """Emit as many spikes of each parrot as arrived."""
     n = row[t.END] - row[t.BEGIN]
     begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
     for k in range(n):
-        # A parrot's slot counts spikes, not weights: `relay_projection` gives every synapse the word 1.
+        # A parrot's slot counts spikes, because `relay_projection` gives every synapse the word 1.
         times = net.ring[begin + k]
         net.ring[begin + k] = 0
         i = row[t.BEGIN] + k
@@ -357,12 +357,12 @@ def relay(net, pop, row, step):
 
 @subkernel
 def draw(net, pop, row, step):
-    """One step of a poisson_generator."""
+    """Draw and emit the spikes of a poisson_generator in a step."""
     if step <= row[t.START] or step > row[t.STOP]:
         return
     base = step_word(net.keys[pop], step)
     for i in range(row[t.BEGIN], row[t.END]):
-        # Most draws are 0, and one comparison shows it: the sum over the distribution is only for the others.
+        # Most draws are 0, which one comparison shows. Only the others need the sum over the distribution.
         if uniform(base, i - row[t.BEGIN]) >= net.nothing[i]:
             times = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
             if times > 0:
@@ -371,7 +371,7 @@ def draw(net, pop, row, step):
 
 @subkernel
 def list_spikes(net, pop, row, step):
-    """The listed spikes of a spike_generator in this step."""
+    """Emit the listed spikes of a spike_generator in a step."""
     at, end = net.cursor[0, pop], net.cursor[1, pop]
     while at < end and net.list_steps[at] <= step:
         if net.list_steps[at] == step:
@@ -382,18 +382,19 @@ def list_spikes(net, pop, row, step):
 
 @kernel
 def advance(view, words, end):
-    """Run to a step; stop earlier where the record is full or the group that is waited for has decided.
+    """Run to a step, or until the record is full or the group in STOP_GROUP has decided.
 
-    A spike reaches no neuron in the step in which it is emitted, so the order of the populations matters only to the
-    record, which is sorted by them, and to `send_all`, which relies on that. `view` and `words` are as in `net`.
+    A spike reaches no neuron in the step of its emission. The order of the populations therefore only affects the
+    record, which is sorted by population, and `send_all`, which relies on this order. `view` and `words` are those of
+    `net`.
     """
     net = net_of(view, words)
     net.resting[:] = 0  # the host may have written anything
-    total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
+    total = net.v.size  # largest number of events in a step; without room the caller empties the record
     while net.stop[0] == 0 and net.clock[t.STEP] < end and net.clock[t.RECORDED] + total <= net.rec_steps.size:
         step = net.clock[t.STEP] + 1
-        # At the beginning of a step, so that the host may write weights between steps, and what was emitted before is
-        # sent with what learning has written.
+        # Spikes are sent at the beginning of the next step, so that the host can write weights between steps and
+        # spikes are sent with the weights that learning has written.
         send_all(net, step - 1)
         for pop in range(net.pops.shape[0]):
             if net.stop[0] == t.AT_ONCE:
@@ -413,9 +414,9 @@ def advance(view, words, end):
 
 @subkernel
 def keep_states(net, pop, row):
-    """Keep the states of a population for `stayed`; return what has been counted of it."""
+    """Store the states of a population for `stayed`; return its counts."""
     lo, hi = row[t.BEGIN], row[t.END]
-    # Only when nothing came: a step with input is never one at rest, and pays nothing here.
+    # Called only without input: a step with input is never at rest, so it need not pay for this.
     copy(net.still[0, lo:hi], net.v[lo:hi])
     copy(net.still[1, lo:hi], net.u[lo:hi])
     copy(net.still[2, lo:hi], net.g_inh[lo:hi])
@@ -425,7 +426,7 @@ def keep_states(net, pop, row):
 
 @subkernel
 def stayed(net, pop, row, before):
-    """Whether a step has changed neither the states that were kept nor what was counted."""
+    """Return whether a step has changed neither the stored states nor the counts."""
     lo, hi = row[t.BEGIN], row[t.END]
     return (
         equal(net.still[0, lo:hi], net.v[lo:hi])
@@ -445,7 +446,7 @@ def copy(into, values):
 
 @subkernel
 def equal(one, other):
-    """Whether two arrays are."""
+    """Return whether two arrays are equal."""
     changed = np.int32(0)
     for k in range(one.size):
         changed |= np.int32(one[k] ^ other[k])
@@ -454,7 +455,7 @@ def equal(one, other):
 
 @subkernel
 def counted(net, pop):
-    """Overflows and what else is counted of a population."""
+    """Return the sum of the overflows and other counts of a population."""
     total = 0
     for column in range(net.native.shape[1]):
         total += net.native[pop, column]

@@ -1,4 +1,4 @@
-"""The state of one projection that learns, on Loihi 1 and Loihi 2, and what a step does to it."""
+"""The state of a projection that learns on Loihi 1 or Loihi 2, and its update in a step."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ GATES = {"x0": kernels.X0, "y0": kernels.Y0, "u": kernels.U}
 
 
 class Learner:
-    """The synapses of one projection that learns, and their rule; a family says what a step does.
+    """The synapses of a projection that learns, and their rule; subclasses define the step of a family.
 
     Args:
         rule: the rule.
-        row_ends, targets: the connections, as a program's of layout csr.
-        n_targets: neurons of the target.
+        row_ends, targets: the connections, like those of a program in layout csr.
+        n_targets: number of target neurons.
         weights: mantissas of the synapses.
-        ends: the smallest and the largest weight, and the same of a tag.
+        ends: the smallest and the largest weight, then the smallest and the largest tag.
         precision: the step between two weights.
 
     Attributes:
-        weights, tags: int16, one for each synapse.
+        weights, tags: int16, one per synapse.
         xs, ys, tx, ty: see `neuro_chip.learning.Traces`.
-        counts: int64, see `neuro_chip.learning`; `saturated` counts traces of both sides.
+        counts: int64, see `neuro_chip.learning`; `saturated` counts saturations of the traces of both sides.
     """
 
     saved: ClassVar[tuple[str, ...]] = ("weights", "tags", "xs", "ys", "tx", "ty", "counts", "saturated")
@@ -84,7 +84,7 @@ class Learner:
             )
             for n, factor in enumerate(term.factors):
                 row[kernels.FIRST + 2 * n : kernels.FIRST + 2 * n + 2] = FACTORS.index(factor.name), factor.add
-        # A product with u_k is 0 where the tag is, if it has the bare tag as a factor.
+        # A product with u_k is 0 for a tag of 0, if the bare tag is a factor.
         needs_tag = all(
             any(factor.name == "t" and factor.add == 0 for factor in term.factors)
             for term in products
@@ -110,27 +110,27 @@ class Learner:
 
     @property
     def mantissas(self) -> NDArray[np.int32]:
-        """The weights that were learnt."""
+        """The present weights."""
         return self.weights.astype(np.int32)
 
     def native(self) -> dict[str, int]:
-        """Counts of the chip alone, by name."""
+        """Return the counts that exist only on the chip, by name."""
         counts = {what: int(self.counts[column]) for column, what in _COUNTED.items() if self.counts[column]}
         return counts | ({"trace saturations": int(self.saturated[0])} if self.saturated[0] else {})
 
     @property
     def nbytes(self) -> int:
-        """Bytes held."""
+        """Bytes of all arrays."""
         return sum(array.nbytes for array in (self.xs, self.ys, *self.synapses))
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
-        """Take one step of learning.
+        """Learn from the spikes of a step.
 
         Args:
-            step: its number, from 1; an epoch ends where it is a multiple of `epoch`.
+            step: the number of the step, from 1; an epoch ends at multiples of `epoch`.
             pre: ids of the sources that fired, each once.
             post: ids of the targets that fired, each once.
-            payloads: of the sources that fired.
+            payloads: payloads of the sources that fired.
         """
         raise NotImplementedError
 
@@ -139,7 +139,7 @@ class Learner:
         raise NotImplementedError
 
     def modulatory(self, step: int) -> NDArray[np.uint8]:
-        """Return what holds the positive and the negative part of n of all targets after a step."""
+        """Return the positive and the negative part of n of all targets after a step, as an array to write to."""
         raise NotImplementedError
 
     def modulate(self, step: int, values: Floats, scale: float) -> None:
@@ -148,7 +148,7 @@ class Learner:
         Args:
             step: the last finished step (0 before the first).
             values: n of every target in 1/ms.
-            scale: n of one unit of the traces.
+            scale: n of one unit of the traces, in 1/ms.
         """
         units: Ints = np.rint(np.asarray(values) / scale).astype(np.int64)
         self.saturated += np.count_nonzero(abs(units) > TRACE_MAX)
@@ -159,7 +159,7 @@ class Plastic(Learner):
     """A projection that learns on Loihi 1.
 
     Args:
-        name, seed: of the projection and of the program: they key the draws.
+        name, seed: of the projection and of the program, which determine the draws.
         rule, row_ends, targets, n_targets, weights: see `Learner`.
         bits, sign_mode: of the weights.
     """
@@ -187,9 +187,9 @@ class Plastic(Learner):
         self._impulses: list[Ints] = []
         self._keys: list[NDArray[np.uint64]] = []
         for names, _ in sides:
-            used = [rule.traces.get(trace) for trace in names]  # a trace that is not read stays 0
+            used = [rule.traces.get(trace) for trace in names]  # a trace that the rule does not read stays 0
             self._keep.append(np.array([(tr.numerator, tr.denominator) if tr else (0, 1) for tr in used]))
-            # Dopamine comes by `release`: post spikes do not add to its traces.
+            # Post spikes do not add to the traces of dopamine; `release` does.
             self._impulses.append(np.array([0 if tr is None else tr.impulse for tr in used]))
             self._keys.append(np.array([key(seed, trace, name) for trace in names], dtype=np.uint64))
         self._released = int(self._impulses[1][len(POST)])
@@ -197,8 +197,8 @@ class Plastic(Learner):
         self._draws = np.array([key(seed, purpose, name) for purpose in ("w", "t")], dtype=np.uint64)
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints | None = None) -> None:
-        """Take one step of learning; payloads are not looked at."""
-        slot = (step - 1) % self.epoch  # decay, then impulses, then the rule: it reads the impulses of its own step
+        """Learn from the spikes of a step; payloads are ignored."""
+        slot = (step - 1) % self.epoch  # decay, then impulses, then the rule, which reads the impulses of this step
         for k, (history, ids, times) in enumerate(((self.xs, pre, self.tx), (self.ys, post, self.ty))):
             kernels.decay(history, slot, self._keep[k], self._keys[k], step)
             self.saturated += kernels.spike(history, slot, self._impulses[k], ids, times)
@@ -212,12 +212,12 @@ class Plastic(Learner):
         return trace
 
     def release(self, step: int, ids: Ints) -> None:
-        """Dopamine spikes reach the targets `ids` after a step: r1 grows by its impulse, once for each."""
+        """Add the impulse to r1 of the targets `ids`, once for each dopamine spike that reaches them after a step."""
         slot = (step - 1) % self.epoch
         r1 = self.ys[slot, len(POST)]
-        grown: Ints = r1 + np.bincount(ids, minlength=r1.size) * self._released
-        self.saturated += np.count_nonzero(grown > 127)
-        r1[:] = np.minimum(grown, 127)
+        raised: Ints = r1 + np.bincount(ids, minlength=r1.size) * self._released
+        self.saturated += np.count_nonzero(raised > 127)
+        r1[:] = np.minimum(raised, 127)
 
     def modulatory(self, step: int) -> NDArray[np.uint8]:
         """Return r1 and r2 of all targets after a step."""
@@ -226,21 +226,23 @@ class Plastic(Learner):
 
 
 class TwoFactors(Learner):
-    """A projection that learns on Loihi 2 with two factors, as lava computes it.
+    """A projection that learns on Loihi 2 by a rule of two factors, as in lava.
 
-    What a step does, in this order: pre spikes, post spikes, and at the end of an epoch the rule.
+    The order in a step is: pre spikes, post spikes, and at the end of an epoch the rule.
 
-    * Of several spikes of a neuron in an epoch all but the last raise its traces at once, as if at the epoch's
-      beginning; the last one at its own step, when the epoch is worked out. Payloads raise x1 at once.
-    * An epoch is worked out at its end: from the traces at its beginning each step keeps exp(-1/tau), rounded up where
-      the random number of the population is below the fraction.
+    * Of several spikes of a neuron in an epoch, all except the last raise its traces at once, as if they came at the
+      beginning of the epoch. The last spike acts at its own step when the epoch is evaluated. Payloads raise x1 at
+      once.
+    * An epoch is evaluated at its end: starting from the traces at its beginning, each step multiplies by exp(-1/tau)
+      and rounds up if the random number of the population is below the fraction.
 
-    Random numbers are lava's where the rule has a seed: draws of numpy's default generator, two a step for traces and
-    one an epoch for weights. Source: lava 0.10, `src/lava/magma/core`, `model/py/connection.py` and `learning`.
+    Random numbers are those of lava if the rule has a seed: draws of numpy's default generator, two per step for traces
+    and one per epoch for weights. Source: lava 0.10, `src/lava/magma/core`, `model/py/connection.py` and `learning`.
 
     Args:
         name, seed: of the projection and of the program, for the random numbers.
-        numbers: of `loihi2_learning`: impulses and time constants of the traces, `sign_mode`, `graded`, `rng_seed`.
+        numbers: parameters of `loihi2_learning`: impulses and time constants of the traces, `sign_mode`, `graded`,
+            `rng_seed`.
         rule, row_ends, targets, n_targets, weights: see `Learner`.
     """
 
@@ -264,16 +266,16 @@ class TwoFactors(Learner):
         self.xs, self.ys = (np.zeros((k, n), dtype=np.int64) for k, n in ((2, n_sources), (3, n_targets)))
         self.tx, self.ty = np.zeros(n_sources, dtype=np.int64), np.zeros(n_targets, dtype=np.int64)
         own = numbers["rng_seed"]
-        # lava's number for weights is 2, whatever the seed of a rule.
+        # lava's seed for weights is 2, whatever the seed of a rule.
         self._seeds = [key(seed, purpose, name) for purpose in ("x", "y", "w")] if own < 0 else [own, own + 2, 2]
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
-        """Take one step of learning."""
+        """Learn from the spikes of a step."""
         now = (step - 1) % self.epoch + 1
-        again = self.tx[pre] > 0
-        counted = self._raise_x1(pre, payloads, again)
-        self._add(self.xs[1:], self._impulses[0][1:], pre[again & counted])
-        self.tx[pre[counted]] = now
+        fired_before = self.tx[pre] > 0
+        is_spike = self._raise_x1(pre, payloads, fired_before)
+        self._add(self.xs[1:], self._impulses[0][1:], pre[fired_before & is_spike])
+        self.tx[pre[is_spike]] = now
         self._add(self.ys, self._impulses[1], post[self.ty[post] > 0])
         self.ty[post] = now
         if now == self.epoch:
@@ -290,11 +292,11 @@ class TwoFactors(Learner):
                 self.terms, self.settings, traces, self.synapses, np.full(2, draws[2]), step, self.counts
             )
 
-    def _raise_x1(self, pre: Ints, payloads: Ints, again: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """What spikes do to x1 at once; which of them count as such."""
+    def _raise_x1(self, pre: Ints, payloads: Ints, fired_before: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Raise x1 by payloads, or by earlier spikes of the epoch; return which pre events count as spikes."""
         every = np.ones(pre.size, dtype=np.bool_)
         if self.graded == "impulse":
-            self._add(self.xs[:1], self._impulses[0][:1], pre[again])
+            self._add(self.xs[:1], self._impulses[0][:1], pre[fired_before])
             return every
         halves = np.rint(payloads / 2).astype(np.int64) & 255
         if self.graded == "overwrite":
@@ -308,8 +310,8 @@ class TwoFactors(Learner):
             self.xs[0] = np.minimum(sums, TRACE_MAX)
             return every
         self.xs[0] = np.where(over, sums - TRACE_MAX, sums)
-        counted: NDArray[np.bool_] = over[pre]
-        return counted
+        wrapped: NDArray[np.bool_] = over[pre]
+        return wrapped
 
     def _add(self, traces: Ints, impulses: Ints, ids: Ints) -> None:
         """Add impulses to the traces of some neurons, up to 127."""
@@ -323,8 +325,8 @@ class TwoFactors(Learner):
         history: Ints = np.empty((self.epoch, *traces.shape), dtype=np.int64)
         before = traces
         for step, now in enumerate(history, 1):
-            left = keep * before
-            now[:] = np.floor(left) + (draw < left % 1)
+            decayed = keep * before
+            now[:] = np.floor(decayed) + (draw < decayed % 1)
             self._add(now, impulses, np.flatnonzero(times == step))
             before = now
         return history
@@ -336,22 +338,23 @@ class TwoFactors(Learner):
 
 
 class ThreeFactors(TwoFactors):
-    """A projection that learns on Loihi 2 with three factors: each target sends y1, y2 and y3 in each step.
+    """A projection that learns on Loihi 2 by a rule of three factors: each target sends y1, y2 and y3 in each step.
 
-    The engine is lava's (Loihi3FLearningRule): it reads what was sent in the last step of an epoch. lava leaves to the
-    program of a neuron what that is. Here y1 is a trace of its spikes before this step; y2 and y3 are made of n, which
-    a signal sets by a graded spike, see `Outgoing`. A neuron keeps y1 and both parts of n in 7 bits; all decay,
-    rounded by a draw for each neuron.
+    The engine is that of lava (Loihi3FLearningRule), which reads the values sent in the last step of an epoch. In lava
+    the program of a neuron determines the values. Here y1 is a trace of the neuron's spikes before this step, and y2
+    and y3 follow from n, which a signal sets by a graded spike, see `Outgoing`. A neuron stores y1 and both parts of n
+    in 7 bits. All three decay and are rounded by a draw for each neuron.
 
     Args:
-        name, seed, rule, numbers, synapses: see `TwoFactors`, whose last four arguments `synapses` are.
+        name, seed, rule, numbers: see `TwoFactors`.
+        synapses: the last four arguments of `TwoFactors`.
 
     Attributes:
         ys: uint8 (3, targets), y1 and the positive and the negative part of n of each target.
     """
 
     def __init__(self, name: str, seed: int, rule: LearningRule, numbers: Mapping[str, Any], *synapses: Any) -> None:
-        # In lava the engine adds nothing to what is sent, and lets it decay by 2^16 - 1 steps.
+        # In lava the engine adds no impulse to the sent values, and they decay with 2^16 - 1 steps.
         engine = {f"{trace}_{word}": value for trace in POST for word, value in (("impulse", 0), ("tau", 65535))}
         super().__init__(name, seed, rule, {**numbers, **engine}, *synapses)
         self.ys = np.zeros((len(POST), self.ty.size), dtype=np.uint8)
@@ -362,7 +365,7 @@ class ThreeFactors(TwoFactors):
         self._neurons = np.array([key(seed, trace, name) for trace in POST], dtype=np.uint64)
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
-        """Take one step of learning."""
+        """Learn from the spikes of a step."""
         kernels.decay(self.ys[np.newaxis], 0, self._keep, self._neurons, step)
         own = self.ys.copy()
         self.ys[1:] = self.outgoing(step)
@@ -388,7 +391,7 @@ class ThreeFactors(TwoFactors):
 
 
 def numbers_of(rule: LearningRule, sign_mode: str) -> dict[str, Any]:
-    """Return the numbers of lava's engine for a rule of three factors: x1 and x2 rise by spikes."""
+    """Return the parameters of lava's engine for a rule of three factors, in which spikes raise x1 and x2."""
     traces = {name: rule.traces.get(name, Trace(0, 0, 1)) for name in PRE}
     numbers: dict[str, Any] = {f"{name}_impulse": trace.impulse for name, trace in traces.items()}
     numbers |= {f"{name}_tau": trace.tau for name, trace in traces.items()}

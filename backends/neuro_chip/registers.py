@@ -1,4 +1,4 @@
-"""The populations of a quantised program while it runs: their registers and parameters, read and set."""
+"""The populations of a running program: reading and setting their registers and parameters."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from neuro.model.equations import EquationNeuron
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints
 
-_KEPT = "a running chip keeps its scale: describe the network with these values, or lower them"
+_FIXED_SCALE = "a running chip keeps its scale: describe the network with these values, or lower them"
 
 
 class ChipRegisters:
-    """The populations of a quantised program while it runs.
+    """The populations of a running quantised program.
 
     Attributes:
         fixed: each population's present registers.
-        parameters: each population's present parameters, as described.
+        parameters: each population's present parameters, in units of the language.
     """
 
     def __init__(self, fixed: FixedProgram) -> None:
@@ -37,18 +37,18 @@ class ChipRegisters:
         self._good = [dict(parameters) for parameters in self.parameters]
 
     def names(self, population: int, name: str) -> tuple[str, ...]:
-        """The states of the chip's model that a state is, or the sum of which it is."""
+        """Return the states of the chip's model whose sum a state is."""
         return self._names[population].get(name, (name,))
 
-    def counted_from(self, population: int, parameters: Container[str]) -> list[str]:
-        """The potential, if its register counts from a rest that may follow from one of some parameters."""
+    def relative_to_rest(self, population: int, parameters: Container[str]) -> list[str]:
+        """Return the name of the potential if one of some parameters can shift the rest of its register."""
         model = self._program.program.populations[population].model
         if "E_L" not in parameters and not isinstance(model, EquationNeuron):
             return []
         return [name for name, names in self._names[population].items() if names == ("V_m",)]
 
     def state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
-        """A state in the unit of its model, from the state registers."""
+        """Return a state in the unit of its model, from the state registers."""
         first, *more = (self._state(population, each, arrays) for each in self.names(population, name))
         return sum(more, start=first)
 
@@ -62,16 +62,16 @@ class ChipRegisters:
         return self._arithmetic.current(part, name, arrays)
 
     def units(self, population: int, name: str, values: Floats) -> dict[str, NDArray[np.int32]]:
-        """The state registers of a state, and values in their units.
+        """Return the state registers that hold a state, with values in their units.
 
         Raises:
             ModelError: a value does not fit.
         """
-        names, found = self.names(population, name), dict[str, NDArray[np.int32]]()
+        names, registers = self.names(population, name), dict[str, NDArray[np.int32]]()
         for each, share in zip(names, shares(values, names), strict=True):
             register, units = self._units(population, each, share)
-            found[register] = found[register] + units if register in found else units
-        return found
+            registers[register] = registers[register] + units if register in registers else units
+        return registers
 
     def _units(self, population: int, name: str, values: Floats) -> tuple[str, NDArray[np.int32]]:
         part = self.fixed[population]
@@ -81,8 +81,10 @@ class ChipRegisters:
             exact = (values - part.rest) * part.volt
         elif name in ("I_syn_ex", "I_syn_in"):
             exact = self._arithmetic.units(part, name, values)
-        elif (broken := values[values != np.rint(values)]).size:
-            raise ModelError(f"population '{part.name}': {name} = {broken[0]:g}: register '{name}' holds whole numbers")
+        elif (fractional := values[values != np.rint(values)]).size:
+            raise ModelError(
+                f"population '{part.name}': {name} = {fractional[0]:g}: register '{name}' holds whole numbers"
+            )
         limit = self._arithmetic.state_limit
         bad = np.flatnonzero(np.abs(exact) > limit)
         if bad.size:
@@ -93,61 +95,61 @@ class ChipRegisters:
         return register, np.rint(exact).astype(np.int32)
 
     def bias(self, population: int, current: Floats) -> NDArray[np.int32]:
-        """What is added in each step, with a current in pA beside the constant one."""
+        """Return the bias of each step: the constant one plus that of an extra current in pA."""
         return self._arithmetic.bias(self.fixed[population], current)
 
     def register_of(self, population: int, name: str) -> str:
-        """The register of that name, or the one that holds a state or parameter of that name.
+        """Return the register of a name, or the register that holds a state or parameter of that name.
 
         Raises:
             ModelError: the population has no such register.
         """
         part, name = self.fixed[population], self.names(population, name)[0]
         own = [*self._arithmetic.states.get(part.kind, ()), *part.registers]
-        stands = self._arithmetic.stands_for
-        if stands.get(name) in own:
-            return stands[name]
+        holders = self._arithmetic.stands_for
+        if holders.get(name) in own:
+            return holders[name]
         if name not in own:
             raise unknown("register", name, own).at(None, f"population '{part.name}'")
         return name
 
-    def again(
+    def requantised(
         self, population: int, weights: Mapping[int, Floats], learning: Container[int]
     ) -> tuple[FixedPopulation, dict[int, FixedProjection]]:
-        """Registers of a population for its present parameters, at the scale that it has.
+        """Return new registers of a population for its present parameters, at its present scale.
 
         Args:
-            population: which.
-            weights: the weights that all projections should have.
-            learning: projections that learn on the chip; their rules hold for one scale.
+            population: the index of the population.
+            weights: the weights of all projections before rounding.
+            learning: projections that learn on the chip; their rules hold for one scale only.
 
         Returns:
             the population, and the projections onto it.
 
         Raises:
-            ModelError: a register would overflow, or a rule would not hold any more; nothing is changed.
+            ModelError: a register would overflow, or a rule would no longer hold; nothing is changed.
         """
         part = self._program.program.populations[population]
         if part.kind != "neuron":
             return self.fixed[population], {}
-        found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
-        refused = [replace(problem, way_out=_KEPT) for problem in problems if problem.refused]
+        cells, wires, problems = requantise(self._program, population, self.parameters[population], weights)
+        refused = [replace(problem, way_out=_FIXED_SCALE) for problem in problems if problem.refused]
         for k, new in wires.items():
             before = self._program.projections[k]
             if k in learning and (before is None or not np.array_equal(before.step, new.step)):
                 name = self._program.program.projections[k].name
-                why = "the change gives its weights another scale, and the rule in the chip's microcode holds for one"
+                why = "the change gives its weights another scale, but the chip's microcode is for one scale"
                 way_out = "change the network and compile again"
                 refused.append(Problem(True, f"projection '{name}' learns", why, way_out))
         if refused:
             self.parameters[population] = dict(self._good[population])
             raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
-        self.fixed[population] = found
+        self.fixed[population] = cells
         self._good[population] = dict(self.parameters[population])
-        return found, wires
+        return cells, wires
 
     def snapshot(self) -> dict[str, Ints | Floats]:
-        """The parameters by population."""
+        """Return the parameters by population."""
         return {
             f"parameter.{k}.{name}": values.copy()
             for k, parameters in enumerate(self.parameters)
@@ -155,14 +157,14 @@ class ChipRegisters:
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> dict[int, FixedProjection]:
-        """Take over a snapshot; return the projections onto all populations at the scales that they have then."""
-        found: dict[int, FixedProjection] = {}
+        """Restore a snapshot; return the projections onto all populations at their restored scales."""
+        projections: dict[int, FixedProjection] = {}
         for k, parameters in enumerate(self.parameters):
             for name in parameters:
                 parameters[name] = arrays[f"parameter.{k}.{name}"].copy()
             part = self._program.program.populations[k]
             if part.kind == "neuron":
                 self.fixed[k], wires, _ = requantise(self._program, k, parameters, {})
-                found |= wires
+                projections |= wires
             self._good[k] = dict(parameters)
-        return found
+        return projections

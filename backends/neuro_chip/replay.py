@@ -24,7 +24,8 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
         events: kind (0: packet of a row, 1: spike of a post neuron), row or neuron, tick and lateness, (events, 4).
 
     Returns:
-        weights, eligibility, pre, post, marks and counters by event, and what each event has added to slots: `ring`.
+        weights, eligibility, pre, post, marks and counters by event, and `ring`: the amounts that each event has added
+        to slots.
     """
     params, rows, n, slots = case["params"], case["rows"], int(case["n_post"]), 1 << int(case["delay_bits"])
     numbers = {name: value for name, value in params.items() if name not in _NOT_NUMBERS}
@@ -71,7 +72,7 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
 
 
 def _newest(part: Deferred) -> Ints:
-    """Return the entries of each history, and the time and the traces of the newest."""
+    """Return the number of entries of each history, and the time and the traces of the newest entry."""
     history = part.history
     every, newest = np.arange(history.counts.size), history.counts - 1
     return np.column_stack((history.counts, history.times[every, newest], history.traces[every, newest]))

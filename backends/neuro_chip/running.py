@@ -1,4 +1,4 @@
-"""The running machine: a program's arrays, the compiled loop over them, and what the host writes between its steps."""
+"""The running machine: a program's arrays, the compiled loop over them, and the host's writes between steps."""
 
 from __future__ import annotations
 
@@ -36,10 +36,11 @@ class RunningMachine:
         strict: whether an overflow during a run is an error instead of a warning.
 
     Attributes:
-        fixed, program: what it runs.
-        arrays: what the loop reads and writes, by the names of `net`; call `bind` after one is replaced.
-        bound: these arrays as kernels take them.
-        record: spikes that are kept.
+        fixed: registers and words.
+        program: the program that runs.
+        arrays: arrays of the loop, by the names of `net`; call `bind` after one is replaced.
+        bound: the same arrays as arguments of kernels.
+        record: recorded spikes.
     """
 
     def __init__(self, fixed: FixedProgram, strict: bool) -> None:
@@ -62,7 +63,7 @@ class RunningMachine:
 
     @cached_property
     def cells(self) -> ChipRegisters:
-        """Present registers of the populations. It, and what follows, is made when it is read or set, or changes."""
+        """Present registers of the populations. This and the following objects are made on first use."""
         from neuro_chip.registers import ChipRegisters
 
         return ChipRegisters(self.fixed)
@@ -90,20 +91,20 @@ class RunningMachine:
 
     @cached_property
     def currents(self) -> Currents:
-        """What generators of currents are set to."""
+        """The present currents of generators."""
         from neuro.program.currents import Currents
 
         return Currents(self.program)
 
     @cached_property
     def rates(self) -> Rates:
-        """The rates that are listed."""
+        """The listed rates."""
         from neuro.program.currents import Rates
 
         return Rates(self.program)
 
     def _list_spikes(self) -> None:
-        """Let the loop have the spikes that are described."""
+        """Give the described spikes to the loop."""
         self._lists: ListedSpikes | None = None
         if any(part.kind == "listed" for part in self.program.populations):
             from neuro.program.listed import ListedSpikes
@@ -119,7 +120,7 @@ class RunningMachine:
         return self._lists
 
     def bind(self) -> None:
-        """Hand the arrays that there are now to the loop."""
+        """Give the present arrays to the loop."""
         self.bound.take(self.arrays)
 
     @property
@@ -128,7 +129,7 @@ class RunningMachine:
         return int(self.arrays["clock"][t.STEP])
 
     def slice(self, population: int) -> slice:
-        """Where a population lies among all neurons."""
+        """Return the range of a population's neurons among all neurons."""
         row = self.arrays["pops"][population]
         return slice(int(row[t.BEGIN]), int(row[t.END]))
 
@@ -152,7 +153,7 @@ class RunningMachine:
             before = int(clock[t.STEP])
             steady = end if self._steady else min(end, self._prepare(before))
             stop = before + 1 if by_step else steady
-            self._torn = by_step  # what a step teaches is part of it
+            self._torn = by_step  # learning is part of a step
             advance(self.bound.view, self.bound.words, stop)
             end_if_stopped(self.arrays["stop"])
             if by_step and clock[t.STEP] > before:
@@ -168,8 +169,8 @@ class RunningMachine:
                 break
 
     def _prepare(self, step: int) -> int:
-        """Write what generators are to send after a step; return the last step for which it is so."""
-        for target in self.currents.targets:  # the host writes the bias that holds from the next step on
+        """Set currents and rates for the steps after `step`; return the last step for which they hold."""
+        for target in self.currents.targets:  # the host writes the bias for the next steps
             current = self.currents.into(target, step + 1)
             self.arrays["bias"][self.slice(target)] = self.cells.bias(target, current)
         for k, rate in self.rates.new(step):
@@ -177,7 +178,7 @@ class RunningMachine:
         return min(self.currents.next_change(step), self.rates.next_change(step))
 
     def send_ahead(self, projection: int) -> None:
-        """What a generator emitted in the last step is sent with the words of now, before these change."""
+        """Send a generator's spikes of the last step with the present words, before these change."""
         part = self.program.projections[projection]
         if self.program.sends_at_once(part):
             send_ahead(self.bound.view, self.bound.words, part.source, projection)
@@ -189,7 +190,7 @@ class RunningMachine:
         self.arrays["nothing"][here] = np.exp(-self.arrays["mean"][here])
 
     def native(self, columns: int) -> dict[str, int]:
-        """Return what only chips count, by name, of the first columns."""
+        """Return the counts in the first columns that exist only on chips, by name."""
         counts = self.arrays["native"][:, :columns]
         return {
             f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(counts[k, column])
@@ -197,13 +198,13 @@ class RunningMachine:
         }
 
     def check_overflows(self) -> None:
-        """Tell of each kind of overflow once, or refuse to go on."""
-        found = self.native(t.MERGED) | (self.learners.overflows() if self._learns else {})
+        """Warn once about each kind of overflow, or raise an error if `strict`."""
+        overflows = self.native(t.MERGED) | (self.learners.overflows() if self._learns else {})
         arithmetic = arithmetic_of(self.fixed.chip)
-        for what in [what for what in found if what not in self._warned]:
+        for what in [what for what in overflows if what not in self._warned]:
             self._warned.add(what)
-            text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
-            # What would keep the register from overflowing.
+            text = f"backend '{self.fixed.chip.name}': {overflows[what]} {what} up to step {self.step}"
+            # The hint tells how to keep the register from overflowing.
             hint = "lower its weights or its input"
             for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
                 if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:

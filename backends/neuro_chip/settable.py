@@ -1,4 +1,4 @@
-"""What the engine of a chip reads and sets between steps: it translates registers for its callers."""
+"""Reading and setting of values between steps, translated between physical units and the registers of a chip."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from neuro_chip.machine import Machine
 
 
 class Settable:
-    """A machine whose values are read and set by the numbers of its program's parts.
+    """A machine whose values are read and set by the indices of its program's parts.
 
     Attributes:
         fixed: registers and words.
-        program: what it runs.
+        program: the program that runs.
     """
 
     fixed: FixedProgram
@@ -28,11 +28,11 @@ class Settable:
     _machine: Machine
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine of every synapse that listens."""
+        """Set the dopamine of every synapse with this signal."""
         self._machine.learners.signal(signal, values, self._machine.step)
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """A state in physical units, or a parameter as described, of every neuron or of some."""
+        """Return a state in physical units, or a parameter, of all neurons or of some."""
         part, here = self.program.populations[population], self._machine.slice(population)
         if name in [state.name for state in part.model.states]:
             arrays = {register: self._machine.arrays[array][here] for register, array in STATES.items()}
@@ -44,16 +44,16 @@ class Settable:
         return every if ids is None else every[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
-        """Change states and parameters: all, or none where a register would overflow."""
+        """Change states and parameters: all of them, or none if a register would overflow."""
         part = self.program.populations[population]
         names = [state.name for state in part.model.states]
         states = {name: each for name, each in values.items() if name in names}
         parameters = {name: each.copy() for name, each in values.items() if name not in names}
-        for name in self._machine.cells.counted_from(population, parameters):
+        for name in self._machine.cells.relative_to_rest(population, parameters):
             states.setdefault(name, self.get(population, name))
         if part.kind == "current":
             machine, amplitude = self._machine, {population: parameters["amplitude"]}
-            for target in machine.currents.targets:  # refused here, not when it is on its way
+            for target in machine.currents.targets:  # an overflow is refused now, not in a later step
                 machine.cells.bias(target, machine.currents.full(target, amplitude))
         before = dict(self._machine.cells.parameters[population])
         self._machine.cells.parameters[population].update(parameters)
@@ -64,26 +64,27 @@ class Settable:
         elif parameters and part.kind != "listed":
             self._requantise(population)
         try:
-            written = [self._machine.cells.units(population, name, each).items() for name, each in states.items()]
+            all_units = [self._machine.cells.units(population, name, each).items() for name, each in states.items()]
         except ModelError:
             self._machine.cells.parameters[population] = before
             self._requantise(population)
             raise
-        found: dict[str, NDArray[np.int32]] = {}
-        for register, units in chain.from_iterable(written):  # of one current that is both, the sum
-            found[register] = found[register] + units if register in found else units
-        for register, units in found.items():
+        sums: dict[str, NDArray[np.int32]] = {}
+        for register, units in chain.from_iterable(all_units):  # several states can share a register
+            sums[register] = sums[register] + units if register in sums else units
+        for register, units in sums.items():
             self._machine.arrays[STATES[register]][self._machine.slice(population)] = units
 
     def _requantise(self, population: int) -> None:
-        """New registers of a population under its scale, and the words of what it receives where its gain changed."""
-        found, wires = self._machine.cells.again(population, self._machine.weights.wanted(), self._machine.learners)
-        write_registers(self._machine.arrays, self.fixed, population, found)
+        """Write new registers of a population at its scale, and new words of its input where its gain changed."""
+        weights = self._machine.weights.before_rounding()
+        cells, wires = self._machine.cells.requantised(population, weights, self._machine.learners)
+        write_registers(self._machine.arrays, self.fixed, population, cells)
         self._machine.weights.take(wires)
         self._machine.bind()
 
     def registers(self, population: int, name: str) -> Ints:
-        """A register, by its own name or that of what it stands for."""
+        """Return a register, by its own name or by the name of a state or parameter that it holds."""
         here = self._machine.slice(population)
         register = self._machine.cells.register_of(population, name)
         if register in STATES:
@@ -92,14 +93,14 @@ class Settable:
         return np.broadcast_to(values, here.stop - here.start).copy()
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
-        """The mantissa ("weight", "mantissa") or the tag ("t", "c") of every synapse, or its delay where that learns.
+        """Return the mantissa ("weight", "mantissa") or the tag ("t", "c") of every synapse, or a learnt delay.
 
         Raises:
             ModelError: there is no such register.
         """
-        for kept in (self._machine.learners, self._machine.delays):
-            if projection in kept and (found := kept.raw(projection, name)) is not None:
-                return found
+        for memory in (self._machine.learners, self._machine.delays):
+            if projection in memory and (values := memory.raw(projection, name)) is not None:
+                return values
         if name not in ("weight", "mantissa"):
             delay = ("delay",) if projection in self._machine.delays else ()
             raise unknown("register of synapses", name, ("weight", "t", *delay))
@@ -108,16 +109,16 @@ class Settable:
         return self._machine.weights.raw(projection)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """A state of every synapse in physical units."""
-        machine, learnt = self._machine, projection in self._machine.learners
+        """Return a state of every synapse in physical units."""
+        machine, learns = self._machine, projection in self._machine.learners
         if projection in machine.delays and name == "delay":
             return machine.delays.read(projection)
-        if learnt and name != "weight":
+        if learns and name != "weight":
             return machine.learners.read(projection, name)
-        return machine.weights.read(projection, machine.learners.mantissas(projection) if learnt else None)
+        return machine.weights.read(projection, machine.learners.mantissas(projection) if learns else None)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Change the numbers of a synapse model."""
+        """Change the parameters of a synapse model."""
         if self.program.projections[projection].synapse.learns != "trials":
             name = self.program.projections[projection].name
             raise ModelError(
@@ -127,7 +128,7 @@ class Settable:
         self._machine.weights.rules[projection] = parameters.copy()
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights, or those that are chosen: the host writes them, rounded to mantissas."""
+        """Replace all weights, or the chosen ones; the host writes them, rounded to mantissas."""
         self._machine.send_ahead(projection)
         self._machine.weights.set(projection, weights, chosen)
         if projection in self._machine.learners:

@@ -1,14 +1,14 @@
-"""SpiNNaker's plastic synapses: histories of post neurons, and rows that packets of their sources bring up to date.
+"""SpiNNaker's plastic synapses: histories of post neurons, and rows of synapses that packets of their sources update.
 
-Learning is deferred: post spikes and dopamine are only appended to a history of the neuron. A packet works through
+Learning is deferred: post spikes and dopamine are only appended to the history of the neuron. A packet then processes
 the entries since the last packet, each d ticks after the entry's time, where d is the delay of the synapse.
 
-Weights are words of 16 bits, word << shift in s16.15 while they are updated; traces and tables are s4.11. Every product
-is floored by itself, sums wrap, and nothing is clipped but what a rule clips.
+Weights are words of 16 bits, and word << shift in s16.15 during an update. Traces and tables are s4.11. Every product
+is rounded down, sums wrap, and only the bounds of a rule are clipped.
 
-Where dopamine teaches, the rule moves the eligibility, and the weight moves by K c D (E - 1). The order of the products
-is the order of the released programs; the source has another one. The programs read marks of dopamine n entries late,
-where n is the number of entries after the window of a packet. So do the kernels.
+With dopamine the rule changes the eligibility c, and the weight changes by K c D (E - 1). The order of the products is
+that of the released programs; their source code has another order. The programs read the marks of dopamine n entries
+too late, where n is the number of entries after the window of a packet, and the kernels reproduce this.
 
 Source: sPyNNaker 7.4.1 (released machine code).
 """
@@ -52,19 +52,19 @@ NEAREST, TRIPLET, VOGELS, RECURRENT = (TIMINGS.index(name) for name in TIMINGS[1
 ENTRIES = 16
 """Entries of a history: a placeholder at tick 0, and 15 events."""
 FAST, SLOW, SPIKE, DOPAMINE, TRACES = range(5)
-"""Of an entry: o1 (or the window), o2, the spike that is not in o2 yet, and dopamine."""
+"""Columns of an entry: o1 (or the window), o2, the last spike that is not yet in o2, and dopamine."""
 LAST, R1, R2, ROW_COLUMNS = range(4)
-"""Of a row: the tick of its last packet, its trace (or window) and its slow trace."""
+"""Columns of a row: the tick of its last packet, its trace (or window) and its slow trace."""
 EVALUATED, CHANGED, UNDELIVERED, MISSED, WRAPPED, OVERFLOWN, SENT, CUT, COUNTS = range(9)
-"""Counts: synapses that packets updated; words that changed; synapses without delivery; updates that lack entries that
-their history has dropped; words and traces that wrapped; spikes that bring signals, and signals beyond the largest."""
+"""Counts: synapses that packets updated; changed words; synapses without delivery; updates for which the history has
+dropped entries; wrapped words; wrapped traces; spikes that carry signals; signals clipped to the largest one."""
 i64 = np.int64
 _WORD = 65535
 _MASK = np.uint64(0xFFFFFFFF)
 
 
 class Rule(NamedTuple):
-    """A `neuro.chips.spinnaker_rule.SpinnakerRule`, and `draws`: the state of the core's generator, uint64 (4,)."""
+    """The arrays of a `SpinnakerRule`, and `draws`: the state of the core's random generator, uint64 (4,)."""
 
     constants: Any
     table: Any
@@ -76,11 +76,11 @@ class History(NamedTuple):
     """Histories of the post neurons.
 
     Attributes:
-        counts: entries of each, the placeholder included.
-        times: ticks, (neurons, ENTRIES).
+        counts: number of entries of each neuron, the placeholder included.
+        times: ticks of the entries, (neurons, ENTRIES).
         traces: (neurons, ENTRIES, TRACES).
-        marks: bit k says that entry k is a dopamine event.
-        dropped: the tick of the last entry that was dropped, -1 if none was.
+        marks: bit k is set if entry k is a dopamine event.
+        dropped: the tick of the last dropped entry, or -1.
     """
 
     counts: Any
@@ -94,15 +94,16 @@ class Synapses(NamedTuple):
     """The synapses of a projection.
 
     Attributes:
-        weights: words.
+        weights: words of the weights.
         tags: words of the eligibility, or the accumulators.
-        row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
-        targets: post neurons.
-        delays: ticks by which entries act late, one for each synapse.
-        delivered: whether each is delivered: its delay is not the number of slots.
-        shifts: of the receptor of each.
-        stages: how often a core for delays holds the packets of each back, for as many ticks as there are slots.
-        rows: rows of a source, one for each stage.
+        row_ends: source i has the synapses row_ends[i] : row_ends[i + 1].
+        targets: post neuron of each synapse.
+        delays: ticks by which entries act later, one per synapse.
+        delivered: whether each synapse delivers spikes, which needs a delay other than the number of slots.
+        shifts: shift of the receptor of each synapse.
+        stages: how many times a core for delays holds the packets of each synapse back, each time for as many ticks as
+            there are slots.
+        rows: number of rows of a source, one for each stage.
     """
 
     weights: Any
@@ -117,7 +118,7 @@ class Synapses(NamedTuple):
 
 
 def history_of(neurons: int) -> History:
-    """Return empty histories: each has its placeholder."""
+    """Return empty histories, each with its placeholder."""
     return History(
         np.ones(neurons, dtype=np.int64),
         np.zeros((neurons, ENTRIES), dtype=np.int64),
@@ -128,18 +129,18 @@ def history_of(neurons: int) -> History:
 
 
 SEED = np.array([123456789, 234567891, 345678912, 456789123], dtype=np.uint64)
-"""The state in which the generator of every core begins."""
+"""Initial state of the random generator of every core."""
 
 
 @inlined
 def half(x):
-    """Keep the low 16 bits, signed."""
+    """Return the low 16 bits, signed."""
     return i64(np.int16(x))
 
 
 @inlined
 def word(x):
-    """Keep the low 32 bits, signed."""
+    """Return the low 32 bits, signed."""
     return i64(np.int32(x))
 
 
@@ -157,13 +158,13 @@ def product(a, b):
 
 @inlined
 def scaled(a, s):
-    """Return a number in s16.15 times one in s4.11."""
+    """Return the product of a number in s16.15 and one in s4.11."""
     return product(a, s << 4)
 
 
 @inlined
 def decay(rule, k, ticks):
-    """Return what table k leaves after some ticks."""
+    """Return the share that table k leaves after some ticks."""
     at = ticks >> rule.places[k, 2]
     return rule.table[rule.places[k, 0] + at] if 0 <= at < rule.places[k, 1] else i64(0)
 
@@ -214,7 +215,7 @@ def append(rule, history, j, t, concentration, dopamine, counts):
         fast = half(fast)
     counts[OVERFLOWN] += level != half(level)
     if n == ENTRIES:
-        # The placeholder stays, so that a post neuron always has an entry to begin from.
+        # The placeholder stays, so that every post neuron has a first entry.
         history.dropped[j] = history.times[j, 1]
         for k in range(1, ENTRIES - 1):
             history.times[j, k] = history.times[j, k + 1]
@@ -230,16 +231,16 @@ def append(rule, history, j, t, concentration, dopamine, counts):
 
 
 @inlined
-def raised(c, w, x, triplet):
-    """Potentiate; only the upper bound is looked at, and a multiplicative rule has none."""
+def potentiate(c, w, x, triplet):
+    """Return the potentiated weight. Only the upper bound is checked, and not for a multiplicative rule."""
     if c[OF_WEIGHT]:
         return word(w + scaled(product(word(c[HIGH] - w), c[UP]), x))
     return min(word(w + scaled(c[UP], x) + scaled(c[UP_TRIPLET], triplet)), c[HIGH])
 
 
 @inlined
-def lowered(c, w, x, triplet):
-    """Depress; only the lower bound is looked at."""
+def depress(c, w, x, triplet):
+    """Return the depressed weight. Only the lower bound is checked."""
     if c[OF_WEIGHT]:
         return word(w - scaled(product(word(w - c[LOW]), c[DOWN]), x))
     return max(word(w - scaled(c[DOWN], x) - scaled(c[DOWN_TRIPLET], triplet)), c[LOW])
@@ -255,13 +256,13 @@ def post_step(rule, w, tag, r1, history, j, k, gap, since):
                 tag += 1
             else:
                 tag = i64(0)
-                w = raised(c, w, i64(ONE), i64(0))
+                w = potentiate(c, w, i64(ONE), i64(0))
         return w, tag
     x = decay(rule, PLUS, gap)
     if timing == NEAREST:
-        return raised(c, w, x if since >= gap else i64(0), i64(0)), tag
+        return potentiate(c, w, x if since >= gap else i64(0), i64(0)), tag
     x = fine(r1, x)
-    return raised(c, w, x, fine(x, history.traces[j, k, SLOW]) if timing == TRIPLET else i64(0)), tag
+    return potentiate(c, w, x, fine(x, history.traces[j, k, SLOW]) if timing == TRIPLET else i64(0)), tag
 
 
 @inlined
@@ -274,30 +275,30 @@ def pre_step(rule, w, tag, r2, history, j, k, since):
                 tag -= 1
             else:
                 tag = i64(0)
-                w = lowered(c, w, i64(ONE), i64(0))
+                w = depress(c, w, i64(ONE), i64(0))
         return w, tag
     x = decay(rule, MINUS, since)
     if timing == NEAREST:
-        return lowered(c, w, x, i64(0)), tag
+        return depress(c, w, x, i64(0)), tag
     x = fine(history.traces[j, k, FAST], x)
-    if timing == VOGELS:  # a negative step potentiates, too: nothing keeps it above the lower bound
-        return raised(c, w, x - c[ALPHA], i64(0)), tag
-    return lowered(c, w, x, fine(x, r2) if timing == TRIPLET else i64(0)), tag
+    if timing == VOGELS:  # a negative change is also a potentiation, so the lower bound is not checked
+        return potentiate(c, w, x - c[ALPHA], i64(0)), tag
+    return depress(c, w, x, fine(x, r2) if timing == TRIPLET else i64(0)), tag
 
 
 @inlined
 def elapse(rule, w, eligibility, level, ticks):
-    """Return the weight and the eligibility after some ticks that begin with a level of dopamine."""
-    of_c = decay(rule, C, ticks)
+    """Return the weight and the eligibility after some ticks, from the level of dopamine at their beginning."""
+    eligibility_decay = decay(rule, C, ticks)
     if level != 0:
-        lost = half(fine(of_c, decay(rule, D, ticks)) - ONE)
-        w = word(w + scaled(scaled(product(eligibility, rule.constants[GAIN]), level), lost))
-    return w, scaled(eligibility, of_c)
+        loss = half(fine(eligibility_decay, decay(rule, D, ticks)) - ONE)
+        w = word(w + scaled(scaled(product(eligibility, rule.constants[GAIN]), level), loss))
+    return w, scaled(eligibility, eligibility_decay)
 
 
 @subkernel
 def visit(rule, history, synapses, e, t, p, r1, r2, counts):
-    """Bring synapse e up to date at tick t; p and r1 belong to the row's last packet, r2 to the present packet."""
+    """Update synapse e at tick t; p and r1 belong to the row's last packet, r2 to the present packet."""
     c, j, d, shift = rule.constants, synapses.targets[e], synapses.delays[e], synapses.shifts[e]
     taught = c[TAUGHT] != 0
     first, last = max(p - d, 0), max(t - d, 0)
@@ -312,7 +313,7 @@ def visit(rule, history, synapses, e, t, p, r1, r2, counts):
     tag = i64(synapses.tags[e]) << (shift if taught else 0)
     at, level = p, i64(0)
     if taught and before > 0:
-        # Without the delay, though entries act that much later everywhere else: so do the programs.
+        # Without the delay, as in the programs, although entries act later by the delay everywhere else.
         level = fine(history.traces[j, before, DOPAMINE], decay(rule, D, p - history.times[j, before]))
     marks = history.marks[j] >> (n - (newest - before))
     for k in range(before + 1, newest + 1):
@@ -352,16 +353,16 @@ def visit(rule, history, synapses, e, t, p, r1, r2, counts):
 
 @kernel
 def packets(rule, rows, history, synapses, ids, t, counts):
-    """Bring the rows of some sources up to date, whose packets were emitted at tick t.
+    """Update the rows of some sources whose packets were emitted at tick t.
 
     Args:
         rule: see `Rule`.
-        rows: (rows, ROW_COLUMNS), by source and stage, changed.
-        history: of the post neurons.
-        synapses: changed.
-        ids: the rows, one after another.
+        rows: (rows, ROW_COLUMNS), by source and stage; changed.
+        history: histories of the post neurons.
+        synapses: the synapses; weights and tags are changed.
+        ids: the rows, in their order.
         t: the tick.
-        counts: grow.
+        counts: the counts above; increased.
     """
     for i in ids:
         p, r1, r2 = rows[i, LAST], rows[i, R1], rows[i, R2]
@@ -389,9 +390,9 @@ def events(rule, history, ids, concentrations, t, counts):
         rule: see `Rule`.
         history: changed.
         ids: the neurons.
-        concentrations: of dopamine, signed, in s4.11, one for each; none: post spikes.
+        concentrations: signed concentrations of dopamine in s4.11, one per neuron; empty for post spikes.
         t: the tick.
-        counts: grow.
+        counts: the counts above; increased.
     """
     for n in range(ids.size):
         if concentrations.size:

@@ -1,6 +1,6 @@
-"""SpiNNaker 1's neurons in the engine: where their registers lie, and their steps in integers.
+"""SpiNNaker 1's neurons in the engine: the arrays of their registers, and their steps in integers.
 
-States are s16.15, slots have 16 bits, one for each receptor.
+States are s16.15. Slots have 16 bits, and each receptor has its own.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -24,14 +24,14 @@ FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 
 @subkernel
 def product(a, b):
-    """An s16.15 product: floor, not yet wrapped to 32 bits."""
-    # A shift of a negative number rounds down, which is what the machine's arithmetic does.
+    """Return an s16.15 product, rounded down, not yet wrapped to 32 bits."""
+    # A shift of a negative number rounds down, as the machine's arithmetic does.
     return (np.int64(a) * np.int64(b)) >> FIFTEEN
 
 
 @subkernel
-def decayed(x, d):
-    """(x d) >> 32 with d unsigned 0.32."""
+def fraction(x, d):
+    """Return (x d) >> 32 with d unsigned 0.32."""
     return (np.int64(x) * np.int64(d)) >> THIRTY_TWO
 
 
@@ -46,9 +46,9 @@ def receptors(net, row, step):
 
 @subkernel
 def lif(net, pop, row, step):
-    """Step a population of exponential neurons; `fired` says which reach threshold.
+    """Step a population of exponential neurons; `fired` marks those that reach threshold.
 
-    The input of a tick stays in g until the next tick decays it, which is the same as decaying at the end of a tick.
+    The input of a tick remains in g until the next tick decays it, which equals a decay at the end of a tick.
     """
     first, end = row[t.BEGIN], row[t.END]
     exc, inh = receptors(net, row, step)
@@ -60,14 +60,14 @@ def lif(net, pop, row, step):
     for k in range(v.size):
         i = first + k
         saturated += (exc[k] > SLOT) + (inh[k] > SLOT)
-        # The slot holds 16 bits and saturates; the shift of the receptor brings its unit to s16.15.
+        # The slot has 16 bits and saturates; the shift of the receptor converts its unit to s16.15.
         slot_exc = np.int64(min(exc[k], SLOT)) << shift_exc
         slot_inh = np.int64(min(inh[k], SLOT)) << shift_inh
         exc[k] = 0
         inh[k] = 0
-        # Each term is cut by itself before the sum, in this order: the last bit depends on it.
-        full_exc = decayed(g_exc[k], net.exc_decay[i]) + decayed(slot_exc, net.exc_init[i])
-        full_inh = decayed(g_inh[k], net.inh_decay[i]) + decayed(slot_inh, net.inh_init[i])
+        # Each term is rounded down before the sum, in this order, which determines the last bit.
+        full_exc = fraction(g_exc[k], net.exc_decay[i]) + fraction(slot_exc, net.exc_init[i])
+        full_inh = fraction(g_inh[k], net.inh_decay[i]) + fraction(slot_inh, net.inh_init[i])
         ge, gi = i32(full_exc), i32(full_inh)
         wraps += (ge != full_exc) | (gi != full_inh)
         g_exc[k] = ge
@@ -75,7 +75,7 @@ def lif(net, pop, row, step):
         fired[k] = 0
         if hold[k] > 0:
             hold[k] -= 1
-            # A refractory neuron is compared as well, as in the machine's code: V_reset above V_th fires again at once.
+            # As in the machine's code, a refractory neuron is compared, too: with V_reset above V_th it fires at once.
             fired[k] = v[k] >= net.threshold[i]
             continue
         drive = np.int64(ge) - np.int64(gi) + np.int64(net.bias[i])
@@ -91,7 +91,7 @@ def lif(net, pop, row, step):
 
 @subkernel
 def delta(net, pop, row, step):
-    """Step a population with delta input; `fired` says which reach threshold."""
+    """Step a population with delta input; `fired` marks the neurons that reach threshold."""
     first, end = row[t.BEGIN], row[t.END]
     exc, inh = receptors(net, row, step)
     v, hold, fired = net.v[first:end], net.hold[first:end], net.fired[first:end]
@@ -118,7 +118,7 @@ def delta(net, pop, row, step):
 
 
 def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
-    """Put the registers of a population, rows `here` of the arrays, where its step reads them."""
+    """Write the registers of a population to rows `here` of the arrays that its step reads."""
     a["keep_v"][here] = r["exp_tc"]
     row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**31) + 1
     a["fall"][here] = r.get("fall", 0)
@@ -133,4 +133,4 @@ def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints])
 
 
 STEPS = {LIF: lif, DELTA: delta}
-"""The step of each kind of population."""
+"""The integer step of each kind of population."""

@@ -1,4 +1,4 @@
-"""Trials on a chip: the host resets, sends the input, waits for the decision, and teaches between them."""
+"""Trials on a chip: the host resets states, sends the input, waits for the decision, and applies rules after it."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
@@ -28,11 +28,11 @@ _REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_in
 
 
 arrays_of: Any = net_of
-"""An intrinsic takes one argument more for type checkers than for callers."""
+"""`net_of` for type checkers, for which an intrinsic has an additional argument."""
 
 
 class Scale(NamedTuple):
-    """The scale of some weights: weight per mantissa, the ends of mantissas, and the step between two."""
+    """The scale of some weights: weight per mantissa, smallest and largest mantissa, and the step between two."""
 
     step: float
     low: int
@@ -41,7 +41,7 @@ class Scale(NamedTuple):
 
 
 class ChipTrials:
-    """Presents trials and applies rules to their ends.
+    """The presentation of trials, and the rules that learn at their ends.
 
     Args:
         machine: the chip.
@@ -55,16 +55,16 @@ class ChipTrials:
         self._per_map = (self._output.stop - self._output.start) // section.maps
         names = machine.cells.names
         self._states = {each for name in section.reset for each in names(section.output, name)}
-        found = [name for state in self._states for name in _REGISTERS[state] if name in STATES]
-        self._registers = tuple(dict.fromkeys(found))
+        names_of_states = [name for state in self._states for name in _REGISTERS[state] if name in STATES]
+        self._registers = tuple(dict.fromkeys(names_of_states))
         self._began = 0
         self.changes = 0
         self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
-        self._taught: dict[int, tuple[Floats, Floats, ModuleType]] = {}
+        self._rules: dict[int, tuple[Floats, Floats, ModuleType]] = {}
         self._keys = [keyed_random.key(machine.program.seed, "rounding", p.name) for p in machine.program.projections]
 
     def start_anew(self) -> None:
-        """Nothing was taught: the draws of rounding begin again."""
+        """Start the draws of rounding anew."""
         self.changes = 0
 
     def present(self, trial: Trial) -> Outcome:
@@ -97,7 +97,7 @@ class ChipTrials:
         return Outcome(winner, decided, potential, best, machine.step - began, values, when, wins)
 
     def _follow(self) -> tuple[Floats, Ints]:
-        """Run to the decision or the end, and see the largest V_m of each neuron and its tick."""
+        """Run to the decision or the end; return the largest V_m of each neuron and its tick."""
         machine, section = self._machine, self._section
         size = self._output.stop - self._output.start
         peak, when = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
@@ -111,7 +111,7 @@ class ChipTrials:
         return peak, when
 
     def _begin(self, trial: Trial) -> None:
-        """Drop what is under way, start the output's states anew, and list the trial's spikes."""
+        """Drop pending input, reset the states of the output, and list the trial's spikes."""
         machine, output = self._machine, self._section.output
         machine.listed.drop(self._section.input)
         if machine.listed.reserve(self._section.input, trial.ids.size, self._began):
@@ -125,7 +125,7 @@ class ChipTrials:
         list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
-        """Sources of a neuron's synapses, and which weight each has."""
+        """Return the sources of a neuron's synapses, and the index of each synapse's weight."""
         key = (projection, neuron)
         if key not in self._inputs:
             part = self._machine.program.projections[projection]
@@ -134,7 +134,7 @@ class ChipTrials:
                 slots = np.flatnonzero(post == neuron)
                 self._inputs[key] = pre[slots], slots
             else:
-                # Sources under the kernel of one neuron of a grid, and which weight each meets.
+                # Sources under the kernel of one neuron of a grid, and the weight that connects each.
                 g = part.grid
                 m, rest = divmod(neuron, g.rows * g.columns)
                 r, c = divmod(rest, g.columns)
@@ -148,12 +148,12 @@ class ChipTrials:
         return self._inputs[key]
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Apply the rule's `teach` to the inputs of one neuron, rounding stochastically."""
+        """Apply the rule's `teach` to the inputs of one neuron, with stochastic rounding."""
         machine = self._machine
         part, weights = machine.program.projections[projection], machine.weights
         sources, slots = self._inputs_of(projection, neuron)
         first, begin = machine.arrays["first"], machine.slice(part.source).start
-        if projection in machine.delays:  # steps that spikes take along the synapses
+        if projection in machine.delays:  # present delays in steps
             delay: NDArray[Any] = machine.delays.steps(projection)[slots]
         else:
             delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
@@ -161,7 +161,7 @@ class ChipTrials:
         now = tick + self._began + 1
         since = np.empty(len(sources))
         ages(first, begin, sources, delay, now, machine.program.resolution, since)
-        scale, rule, key, arithmetic = self._prepared(projection)
+        scale, rule, key, arithmetic = self._prepare_change(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
             units, unit = machine.delays.units[projection], machine.program.resolution / FRACTIONS
@@ -178,10 +178,10 @@ class ChipTrials:
         weights.write_some(projection, slots)
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply the rule's `encourage` to every weight of some maps, rounding stochastically."""
+        """Apply the rule's `encourage` to every weight of some maps, with stochastic rounding."""
         weights = self._machine.weights
         part = self._machine.program.projections[projection]
-        scale, rule, key, arithmetic = self._prepared(projection)
+        scale, rule, key, arithmetic = self._prepare_change(projection)
         grow = grower(arithmetic.encourage)
         for begin, end in self._ranges(part, maps):
             grow(weights.mantissas[projection], scale, begin, end, rule, key, self.changes)
@@ -189,48 +189,47 @@ class ChipTrials:
             weights.write_some(projection, np.arange(begin, end))
 
     def _ranges(self, part: Projection, maps: Ints) -> list[tuple[int, int]]:
-        """Weights onto some maps, as ranges."""
+        """Return the weights onto some maps, as ranges."""
         if part.grid is not None:
-            size, found = part.size // part.grid.maps, list[tuple[int, int]]()
+            size, ranges = part.size // part.grid.maps, list[tuple[int, int]]()
             for m in maps.tolist():
-                begin = found.pop()[0] if found and found[-1][1] == m * size else m * size
-                found.append((begin, (m + 1) * size))
-            return found
+                begin = ranges.pop()[0] if ranges and ranges[-1][1] == m * size else m * size
+                ranges.append((begin, (m + 1) * size))
+            return ranges
         _, post = self._machine.program.connections(self._machine.program.projections.index(part))
         slots = np.flatnonzero(np.isin(post // self._per_map, maps))
         ends = np.flatnonzero(np.diff(slots, append=-2) != 1)
         begins = np.concatenate(([0], ends[:-1] + 1))
         return [(int(slots[a]), int(slots[b]) + 1) for a, b in zip(begins, ends, strict=True)] if slots.size else []
 
-    def _prepared(self, projection: int) -> tuple[Scale, Floats, np.uint64, ModuleType]:
-        """The scale of a projection, its rule's constants, the key of its draws, and the rule; counts a change."""
+    def _prepare_change(self, projection: int) -> tuple[Scale, Floats, np.uint64, ModuleType]:
+        """Count a change; return a projection's scale, its rule's constants, the key of its draws, and its rule."""
         machine = self._machine
         numbers = machine.weights.rules[projection]
-        kept = self._taught.get(projection)
-        if kept is None or kept[0] is not numbers:
+        cached = self._rules.get(projection)
+        if cached is None or cached[0] is not numbers:
             synapse = machine.program.projections[projection].synapse
-            kept = self._taught[projection] = numbers, np.zeros(synapse.width), synapse.arithmetic
-            kept[2].constants(numbers, machine.program.resolution, kept[1])
+            cached = self._rules[projection] = numbers, np.zeros(synapse.width), synapse.arithmetic
+            cached[2].constants(numbers, machine.program.resolution, cached[1])
         self.changes += 1
         wires = machine.weights.wires_of(projection)
         scale = Scale(float(wires.step[0]), wires.low, wires.high, wires.grain)
-        return scale, kept[1], np.uint64(self._keys[projection]), kept[2]
+        return scale, cached[1], np.uint64(self._keys[projection]), cached[2]
 
 
 @kernel
 def begin_trial(view, words, output, silenced, rested):
-    """Drop all that is under way, silence maps of a population, and open the groups.
+    """Drop pending input, silence maps of a population, and open the groups.
 
     Args:
-        view: as in `net`.
-        words: likewise.
-        output: the population.
-        silenced: whether each of its maps is.
-        rested: whether none of its neurons is refractory any more.
+        view: table of the arrays, see `net_of`.
+        words: array of words, see `net_of`.
+        output: the index of the population.
+        silenced: whether each of its maps is silenced.
+        rested: whether to end the refractory periods of its neurons.
     """
     net = arrays_of(view, words)
-    # One kernel does all of it: each call from NumPy takes about a microsecond, and a trial begins with a dozen of
-    # them.
+    # A single kernel, because each of a dozen calls of NumPy would need about a microsecond.
     net.ring[:] = 0
     net.came[:] = 0
     net.arrived[:] = 0
@@ -242,18 +241,18 @@ def begin_trial(view, words, output, silenced, rested):
     for m in range(silenced.size):
         net.muted[begin + m * per_map : begin + (m + 1) * per_map] = t.SILENCED if silenced[m] else 0
     if rested:
-        # A neuron that decided the last trial in its last step would else begin this one refractory.
+        # Otherwise a neuron that decided the last trial in its last step would begin this trial refractory.
         net.hold[begin:end] = 0
     open_groups(net)
 
 
 @kernel
 def list_trial(view, words, population, first, ticks, ids, began):
-    """List a trial's spikes, sorted by tick, then id, of a generator from place `first` on, equal ones joined."""
+    """List a trial's spikes (sorted by tick, then id) for a generator from place `first` on; merge equal spikes."""
     net = arrays_of(view, words)
     at, begin = first - 1, net.pops[population, t.BEGIN]
     for k in range(ticks.size):
-        # Several spikes of one neuron in one tick are one event of that multiplicity, as generators emit them.
+        # Several spikes of one neuron in one tick become one event with a multiplicity, as generators emit them.
         if k > 0 and ticks[k] == ticks[k - 1] and ids[k] == ids[k - 1]:
             net.list_counts[at] += 1
             continue
@@ -266,22 +265,23 @@ def list_trial(view, words, population, first, ticks, ids, began):
 
 @kernel
 def end_trial(view, words, output, group, volt, rest, potential, best):
-    """Let all fire whom the trial silenced, and find the largest V_m of each map and the first neuron that has it.
+    """End the silence of the trial, and find the largest V_m of each map and the first neuron that has it.
 
-    It is that at the decision, with several winners of each map at its own, else the present one.
+    V_m is the present one, or the one at the decision if there was one. With several winners each map has its own
+    decision.
 
     Args:
-        view: as in `net`.
-        words: likewise.
-        output: the population.
-        group: that decides it.
+        view: table of the arrays, see `net_of`.
+        words: array of words, see `net_of`.
+        output: the index of the population.
+        group: the group that decides the trial.
         volt: units of the voltage register per mV.
-        rest: potential in mV where the register is 0, one or one a neuron.
-        potential: filled, in mV, an entry a map.
-        best: filled, counted in the population.
+        rest: potential in mV where the register is 0, one value or one per neuron.
+        potential: output in mV, one entry per map.
+        best: output, numbers of neurons in the population.
 
     Returns:
-        Whether a register has overflowed since the start.
+        whether a register has overflowed since the start.
     """
     net = arrays_of(view, words)
     begin, end = net.pops[output, t.BEGIN], net.pops[output, t.END]
@@ -294,11 +294,11 @@ def end_trial(view, words, output, group, volt, rest, potential, best):
             decided = net.map_wins[group, m] > 0
         else:
             decided = net.groups[group, t.WINNER] >= 0
-        # After the decision losers were reset, so their present voltages say nothing of how close it was.
+        # Losers are reset at the decision, so their present voltages do not show how close the decision was.
         v = net.potential if decided else net.v
         potential[m] = -math.inf
         for k in range(m * per_map, (m + 1) * per_map):
-            # In mV, not in register units: neurons may rest at different potentials.
+            # In mV, because neurons can have different resting potentials.
             here = v[begin + k] / volt + rest[k if rest.size > 1 else 0]
             if here > potential[m]:
                 potential[m], best[m] = here, k
@@ -311,8 +311,8 @@ def end_trial(view, words, output, group, volt, rest, potential, best):
 
 @subkernel
 def rounded(weight, scale, draw):
-    """Return the mantissa below or above a weight, so that the mean is exact; draw is uniform in [0, 1)."""
-    # Rounded to nearest, lessons below half a grain would never move a weight; drawn, their mean is exact.
+    """Return the mantissa below or above a weight, so that the mean is exact; `draw` is uniform in [0, 1)."""
+    # Rounding to the nearest mantissa would lose all changes below half a step; with draws the mean is exact.
     exact = weight / scale.step / scale.grain
     floor = np.floor(exact)
     mantissa = np.int64(floor + (draw < exact - floor)) * scale.grain
@@ -321,36 +321,37 @@ def rounded(weight, scale, draw):
 
 @kernel
 def ages(first, begin, sources, delay, now, resolution, since):
-    """For each source the ms from the arrival of its first spike to step `now`; -inf where it has not fired.
+    """Write the ms from the arrival of each source's first spike to step `now`; -inf if it has not fired.
 
-    `first` is of all neurons, `begin` where the sources' population begins there; `delay` is one, or one per source.
+    `first` has all neurons, of which the sources' population begins at `begin`; `delay` has one entry, or one per
+    source.
     """
     for k in range(sources.size):
         fired = first[begin + sources[k]]
-        late = delay[k if delay.size > 1 else 0]
-        since[k] = -np.inf if fired == NEVER else (now - fired - late) * resolution
+        lag = delay[k if delay.size > 1 else 0]
+        since[k] = -np.inf if fired == NEVER else (now - fired - lag) * resolution
 
 
 @cache
 def teacher(teach):
-    """The pass over the inputs of one neuron, compiled for a rule's `teach`."""
+    """Return the kernel that applies a rule's `teach` to the inputs of one neuron."""
     function = compiled(teach)
 
     @kernel
     def learn(mantissas, scale, slots, since, lesson, rule, key, count):
-        """The rule for the inputs of one neuron.
+        """Apply the rule to the inputs of one neuron.
 
         Args:
-            mantissas: all weights, changed.
-            scale: of the weights.
-            slots: which weight each input has.
-            since: ms from the arrival of its spike to the moment of the lesson.
-            lesson: the number that the rule gets.
+            mantissas: all weights; changed.
+            scale: the scale of the weights.
+            slots: the index of each input's weight.
+            since: ms from the arrival of each input's spike to the lesson.
+            lesson: the number that the rule receives.
             rule: constants of the rule.
-            key: of the draws.
-            count: how many changes there were, this one included; each has draws of its own.
+            key: key of the draws.
+            count: number of changes so far, including this one; each change has its own draws.
         """
-        # Keyed by how many lessons there were: the same draws however trials are cut into calls.
+        # Keyed by the number of changes, so that the draws do not depend on how trials are divided into calls.
         base = step_word(key, count)
         for k in range(slots.size):
             w = function(mantissas[slots[k]] * scale.step, since[k], lesson, rule)
@@ -361,12 +362,12 @@ def teacher(teach):
 
 @cache
 def grower(encourage):
-    """The pass over a range of weights, compiled for a rule's `encourage`."""
+    """Return the kernel that applies a rule's `encourage` to a range of weights."""
     function = compiled(encourage)
 
     @kernel
     def grow(mantissas, scale, begin, end, rule, key, count):
-        """The rule for all weights from begin to end; arguments as of `teacher`."""
+        """Apply the rule to all weights from begin to end; other arguments are those of `teacher`."""
         base = step_word(key, count)
         for k in range(begin, end):
             w = function(mantissas[k] * scale.step, rule)

@@ -16,7 +16,7 @@ LEARNING_CASES = (
     "a_saved_state_continues_of_learning",
     "a_state_saved_after_a_change_continues_of_learning",
 )
-"""Those in which synapses learn from pairs of spikes."""
+"""Cases in which synapses learn from pairs of spikes."""
 
 REFRACTORY_CASES = (
     "exact_one_to_one",
@@ -65,4 +65,4 @@ REFRACTORY_CASES = (
     "exact_views",
     "ports_of_signals_and_weights",
 )
-"""Those whose neurons have a refractory period."""
+"""Cases whose neurons have a refractory period."""

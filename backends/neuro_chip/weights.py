@@ -1,4 +1,4 @@
-"""The weight memory while a program runs: mantissas, and the words that the loop sends."""
+"""The weight memory of a running program: mantissas, and the words that the loop sends."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from neuro_chip import deliver, tables as t
 _NOWHERE: Ints = np.zeros(0, dtype=np.int64)
 
 _GIVEN = "given"
-"""What saved states call weights as they were set."""
+"""Prefix, in snapshots, of weights that a user set, before rounding."""
 
 
 class ChipWeights:
-    """Mantissas of all projections.
+    """The mantissas of all projections.
 
     Args:
         fixed: the quantised program.
-        arrays: of the loop; `words` and the columns that point into it are written.
+        arrays: the arrays of the loop; `words` and the columns that refer to it are written.
 
     Attributes:
-        wires: the projections, with the scale that they have now.
-        mantissas: of each projection, shape (1,) where shared.
-        rules: numbers of the rules for trials, by projection.
-        updates: weights that the host changed at the end of trials, for each projection.
+        wires: the projections at their present scale.
+        mantissas: mantissas of each projection, shape (1,) where shared.
+        rules: parameters of the rules for trials, by projection.
+        updates: number of weights that the host changed at the end of trials, by projection.
     """
 
     def __init__(self, fixed: FixedProgram, arrays: dict[str, NDArray[Any]]) -> None:
@@ -52,56 +52,61 @@ class ChipWeights:
                 own = np.broadcast_to(own, part.size).copy()
             if part.synapse.learns == "trials":
                 self.rules[index] = part.synapse.vector()
-            self.mantissas.append(own)  # others are replaced, never changed in place
+            self.mantissas.append(own)  # shared arrays are replaced, never changed in place
 
     def wires_of(self, index: int) -> FixedProjection:
-        """A projection that carries spikes, with the scale that it has now."""
+        """Return a projection that carries spikes, at its present scale."""
         wires = self.wires[index]
         assert wires is not None
         return wires
 
-    def read(self, index: int, learnt: Words | None = None) -> Floats:
-        """What every synapse sends in the unit of the language; `learnt` are mantissas that are not sent yet."""
+    def read(self, index: int, new_mantissas: Words | None = None) -> Floats:
+        """Return the weight that every synapse sends, in the unit of the language.
+
+        Args:
+            index: the index of the projection.
+            new_mantissas: mantissas that learning has changed but spikes do not send yet.
+        """
         part, wires = self._program.projections[index], self.wires[index]
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
-        mantissas = self.mantissas[index] if learnt is None else learnt
+        mantissas = self.mantissas[index] if new_mantissas is None else new_mantissas
         return np.broadcast_to(wires.acting(self._arithmetic.words(wires, mantissas)), part.size).copy()
 
     def raw(self, index: int) -> Ints:
-        """The mantissa of every synapse."""
+        """Return the mantissa of every synapse."""
         part = self._program.projections[index]
         return np.broadcast_to(self.mantissas[index], part.size).astype(np.int64)
 
-    def wanted(self) -> dict[int, Floats]:
-        """The weights of all projections that carry spikes: as they were described or set, or as they were learnt.
+    def before_rounding(self) -> dict[int, Floats]:
+        """Return the weights of all projections with spikes as described or set, or as learnt.
 
-        Another scale rounds these anew, so that nothing is rounded twice.
+        A new scale rounds these weights, so that no weight is rounded twice.
         """
-        return {k: self._wanted(k) for k, wires in enumerate(self.wires) if wires is not None}
+        return {k: self._before_rounding(k) for k, wires in enumerate(self.wires) if wires is not None}
 
-    def _wanted(self, index: int) -> Floats:
+    def _before_rounding(self, index: int) -> Floats:
         part = self._program.projections[index]
         if part.synapse.learns:
             return self.wires_of(index).weights(self.mantissas[index])
         return self._given.get(index, part.weight)
 
     def set(self, index: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights, or those that are chosen of them, by the nearest mantissas.
+        """Replace all weights, or the chosen ones, by the nearest mantissas.
 
         Raises:
-            ModelError: one is beyond the largest mantissa.
+            ModelError: a weight is beyond the largest mantissa.
         """
         part, wires = self._program.projections[index], self.wires[index]
         if wires is None:
             raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
         if chosen is not None and not part.synapse.learns:
-            weights = np.where(chosen, weights, self._wanted(index))  # the others are rounded once, not twice
+            weights = np.where(chosen, weights, self._before_rounding(index))  # the others are rounded once
         mantissas = _nearest(wires, weights)
-        own = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # what was read can be written
+        own = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # a weight that was read can be written
         exact = wires.exact(weights)
         if wires.native:
-            # Refuse what is no mantissa, as where it is described; `own` marks what a mantissa sends.
+            # Like quantising, refuse weights that are no mantissa; `own` marks weights that some mantissa sends.
             fits = (weights == np.rint(weights)) & (weights >= wires.low) & (weights <= wires.high)
             bad = np.flatnonzero(~own & ~fits)
             if bad.size:
@@ -114,7 +119,7 @@ class ChipWeights:
             low, high = wires.weights(np.array([wires.low, wires.high], dtype=np.int32))[[0, -1]]
             raise ModelError(
                 f"weights of '{part.name}': weight[{bad[0]}] = {weights[bad[0]]:g}: expected {low:.6g} to {high:.6g}, "
-                "what its registers hold at the scale chosen from the described weights",
+                "the range of its registers at the scale chosen from the described weights",
                 hint="describe the network with its largest weights",
             )
         self._given[index] = weights.copy()
@@ -127,7 +132,7 @@ class ChipWeights:
         self.write(index)
 
     def write(self, index: int) -> None:
-        """Let the loop send what the mantissas are now."""
+        """Write the words of the present mantissas to the loop's arrays."""
         wires, mantissas = self.wires_of(index), self.mantissas[index]
         words = self._arithmetic.words(wires, mantissas)
         row = self._a["projections"][index]
@@ -141,12 +146,12 @@ class ChipWeights:
         deliver.copy_words(self._a, self._program.projections[index], row)
 
     def write_some(self, index: int, synapses: Ints) -> None:
-        """Likewise of some synapses, the only ones that have changed."""
+        """Write the words of some synapses, the only ones that have changed."""
         row, part = self._a["projections"][index], self._program.projections[index]
         if not row[t.WORD_STRIDE] or self.mantissas[index].size != part.size:
             self.write(index)
             return
-        # The word of each mantissa is computed once at a scale.
+        # The word of each mantissa is computed once per scale.
         wires, table = self.wires_of(index), self._words.get(index)
         if table is None or table[0] is not wires:
             every = self._arithmetic.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
@@ -159,24 +164,24 @@ class ChipWeights:
         )
 
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
-        """Other scales and mantissas of some projections."""
-        for index, found in wires.items():
-            same = np.array_equal(found.step, self.wires_of(index).step)
-            self.wires[index] = found
+        """Replace the scales, and where they differ the mantissas, of some projections."""
+        for index, new in wires.items():
+            same = np.array_equal(new.step, self.wires_of(index).step)
+            self.wires[index] = new
             if not same:
                 size = self.mantissas[index].size
-                self.put(index, np.broadcast_to(found.mantissas, max(size, found.mantissas.size)).copy())
+                self.put(index, np.broadcast_to(new.mantissas, max(size, new.mantissas.size)).copy())
 
     def native(self) -> dict[str, int]:
-        """What only chips count."""
+        """Return the counts that exist only on chips."""
         return {"weight writes by the host": self.writes} if self.writes else {}
 
     def nbytes(self) -> int:
-        """Bytes held."""
+        """Return the bytes of all mantissas."""
         return sum(m.nbytes for m in self.mantissas)
 
     def start_anew(self, weights: bool) -> None:
-        """Back to step 0, and to the initial weights if asked."""
+        """Go back to step 0, and with `weights` to the initial weights."""
         self.updates[:] = 0
         self.writes = 0
         if not weights:
@@ -184,24 +189,24 @@ class ChipWeights:
         self._given.clear()
         for index, wires in enumerate(self.wires):
             if wires is not None:
-                # The mantissas of the described weights at the present scale.
+                # Mantissas of the described weights at the present scale.
                 described = self._described[index]
                 assert described is not None
                 if np.array_equal(wires.step, described.step):
-                    anew = described.mantissas
+                    initial = described.mantissas
                 else:
-                    anew = _nearest(wires, self._program.projections[index].weight)
-                self.put(index, np.broadcast_to(anew, self.mantissas[index].shape))
+                    initial = _nearest(wires, self._program.projections[index].weight)
+                self.put(index, np.broadcast_to(initial, self.mantissas[index].shape))
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that changes."""
+        """Return copies of all arrays that change."""
         arrays: dict[str, NDArray[Any]] = {f"mantissas.{k}": m.copy() for k, m in enumerate(self.mantissas)}
         arrays |= {f"rule.{k}": rule.copy() for k, rule in self.rules.items()}
         arrays |= {f"{_GIVEN}.{k}": weights.copy() for k, weights in self._given.items()}
         return arrays | {"weights.updates": self.updates.copy(), "weights.writes": np.array(self.writes)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take over a snapshot."""
+        """Restore a snapshot."""
         for k, wires in enumerate(self.wires):
             if wires is not None:
                 self.put(k, arrays[f"mantissas.{k}"].astype(np.int32))
@@ -212,7 +217,7 @@ class ChipWeights:
 
 
 def _nearest(wires: FixedProjection, weights: Floats) -> Words:
-    """The mantissas nearest to some weights."""
+    """Return the mantissas nearest to some weights."""
     steps = np.rint(wires.exact(weights) / wires.grain)
-    found: Words = np.clip(steps * wires.grain, wires.low, wires.high).astype(np.int32)
-    return found
+    mantissas: Words = np.clip(steps * wires.grain, wires.low, wires.high).astype(np.int32)
+    return mantissas
