@@ -198,7 +198,7 @@ def _with_planes(fixed: FixedProgram, target: int) -> list[FixedProjection]:
 
 
 def _has_second_input(fixed: FixedProgram, target: int) -> bool:
-    """Return whether a population has a second input, whose plane is its first one."""
+    """Return whether a population has a second input, which uses the first plane."""
     return arithmetic_of(fixed.chip).receptors == 1 and has_two_inputs(fixed.program.populations[target].model)
 
 
@@ -263,7 +263,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
 
 
 def _joined(parts: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
-    """Concatenate arrays and convert them while they are copied: there can be hundreds of millions of synapses."""
+    """Concatenate and convert arrays in one pass, because there can be hundreds of millions of synapses."""
     joined = np.zeros(sum(part.size for part in parts), dtype=kind)
     at = 0
     for part in parts:

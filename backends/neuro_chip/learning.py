@@ -154,7 +154,7 @@ def spike(history, slot, impulses, ids, times):
 @inlined
 def factor(code, slot, i, j, traces, w, t):
     """Return the value of a factor; codes are those of `neuro.model.synapses.loihi_rule.FACTORS`."""
-    # Weight and tag come first, because most rules multiply by one of them. A kernel has no table of values by name.
+    # Weight and tag come first, because most rules multiply by the weight or the tag.
     if code == 9:
         return w
     if code == 10:

@@ -1,4 +1,4 @@
-"""Loihi 2's neurons in the engine: the arrays of their registers, and their integer steps without branches."""
+"""Loihi 2's neurons in the engine: arrays of registers, and integer steps without branches."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
@@ -29,7 +29,7 @@ def arrivals(net, row, step):
 
 @subkernel
 def second_arrivals(net, row, step):
-    """Add the planes of the second receptor to its own plane, the first one; return the beginning of its slot."""
+    """Add the planes of the second receptor to the first plane; return the beginning of the slot of this step."""
     n = row[t.END] - row[t.BEGIN]
     slot = (step & (row[t.SLOTS] - 1)) * n
     begin = net.planes[row[t.PLANES], t.PLANE_RING] + slot
@@ -53,7 +53,7 @@ def add_planes(net, first, last, slot, n, receptor, begin):
 
 @subkernel
 def add_plane(into, sums, shift, lost):
-    """Add sums after dropping their `lost` upper bits and shifting them down; clear the sums."""
+    """Drop the `lost` upper bits of sums, shift the sums down, add and clear them."""
     for k in range(into.size):
         into[k] = i32(into[k] + i32(i32(i32(sums[k] << lost) >> lost) >> shift))
         sums[k] = ZERO

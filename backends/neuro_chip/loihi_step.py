@@ -1,4 +1,4 @@
-"""Loihi 1's compartments in the engine: the arrays of their registers, and their step in integers.
+"""Loihi 1's compartments in the engine: arrays of registers, and the integer step.
 
 The loop of a step has no branches, so that it is vectorised.
 """

@@ -98,7 +98,7 @@ def settle_locally(net, row, step):
 
 @subkernel
 def win(net, row, i, step):
-    """Enter neuron i as a winner, store the voltages at the first win of its map, and silence its neighbourhood."""
+    """Enter neuron i as a winner, store the voltages at the first win of the map, and silence the neighbourhood."""
     group, lo = row[t.GROUP], row[t.BEGIN]
     local = net.local[group]
     maps, rows, columns, radius = local[t.LOCAL_MAPS], local[t.LOCAL_ROWS], local[t.LOCAL_COLUMNS], local[t.RADIUS]

@@ -230,7 +230,7 @@ class TwoFactors(Learner):
 
     The order in a step is: pre spikes, post spikes, and at the end of an epoch the rule.
 
-    * Of several spikes of a neuron in an epoch, all except the last raise its traces at once, as if they came at the
+    * Of several spikes of a neuron in an epoch, all except the last raise the traces at once, as if they came at the
       beginning of the epoch. The last spike acts at its own step when the epoch is evaluated. Payloads raise x1 at
       once.
     * An epoch is evaluated at its end: starting from the traces at its beginning, each step multiplies by exp(-1/tau)

@@ -95,7 +95,7 @@ class ChipRegisters:
         return register, np.rint(exact).astype(np.int32)
 
     def bias(self, population: int, current: Floats) -> NDArray[np.int32]:
-        """Return the bias of each step: the constant one plus that of an extra current in pA."""
+        """Return the bias of each step: the constant bias plus the bias of an extra current in pA."""
         return self._arithmetic.bias(self.fixed[population], current)
 
     def register_of(self, population: int, name: str) -> str:
@@ -116,7 +116,7 @@ class ChipRegisters:
     def requantised(
         self, population: int, weights: Mapping[int, Floats], learning: Container[int]
     ) -> tuple[FixedPopulation, dict[int, FixedProjection]]:
-        """Return new registers of a population for its present parameters, at its present scale.
+        """Return new registers of a population for the present parameters, at the present scale.
 
         Args:
             population: the index of the population.

@@ -76,7 +76,7 @@ class Settable:
             self._machine.arrays[STATES[register]][self._machine.slice(population)] = units
 
     def _requantise(self, population: int) -> None:
-        """Write new registers of a population at its scale, and new words of its input where its gain changed."""
+        """Write new registers of a population at the present scale, and new words of projections whose gain changed."""
         weights = self._machine.weights.before_rounding()
         cells, wires = self._machine.cells.requantised(population, weights, self._machine.learners)
         write_registers(self._machine.arrays, self.fixed, population, cells)
@@ -84,7 +84,7 @@ class Settable:
         self._machine.bind()
 
     def registers(self, population: int, name: str) -> Ints:
-        """Return a register, by its own name or by the name of a state or parameter that it holds."""
+        """Return a register, by the name of the register or of the state or parameter in it."""
         here = self._machine.slice(population)
         register = self._machine.cells.register_of(population, name)
         if register in STATES:

@@ -1,4 +1,4 @@
-"""SpiNNaker 1's neurons in the engine: the arrays of their registers, and their steps in integers.
+"""SpiNNaker 1's neurons in the engine: arrays of registers, and integer steps.
 
 States are s16.15. Slots have 16 bits, and each receptor has its own.
 """

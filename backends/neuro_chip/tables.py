@@ -1,4 +1,4 @@
-"""The arrays of a quantised program as the compiled loop sees them, and the columns of their tables.
+"""The arrays of a quantised program as the compiled loop sees them, and the columns of tables.
 
 Neurons are numbered over all populations. `NET` lists the arrays; `neuro.kernels.address` describes how kernels access
 them.
@@ -85,7 +85,7 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     KERNEL,
     GATHER,
     MARKS,
-    PLANE,  # offset of its plane from the common ring of its target; 0: no plane
+    PLANE,  # offset of the projection's plane from the common ring of the target; 0: no plane
     PLANE_STRIDE,  # offset between the planes of two successive lags
     FIRST_LAG,
     PROJECTION_COLUMNS,

@@ -203,7 +203,7 @@ class ChipTrials:
         return [(int(slots[a]), int(slots[b]) + 1) for a, b in zip(begins, ends, strict=True)] if slots.size else []
 
     def _prepare_change(self, projection: int) -> tuple[Scale, Floats, np.uint64, ModuleType]:
-        """Count a change; return a projection's scale, its rule's constants, the key of its draws, and its rule."""
+        """Count a change; return scale, constants of the rule, key of the draws, and rule of a projection."""
         machine = self._machine
         numbers = machine.weights.rules[projection]
         cached = self._rules.get(projection)
@@ -252,7 +252,7 @@ def list_trial(view, words, population, first, ticks, ids, began):
     net = arrays_of(view, words)
     at, begin = first - 1, net.pops[population, t.BEGIN]
     for k in range(ticks.size):
-        # Several spikes of one neuron in one tick become one event with a multiplicity, as generators emit them.
+        # Several spikes of a neuron in a tick become an event with a multiplicity, as generators emit them.
         if k > 0 and ticks[k] == ticks[k - 1] and ids[k] == ids[k - 1]:
             net.list_counts[at] += 1
             continue
@@ -267,8 +267,8 @@ def list_trial(view, words, population, first, ticks, ids, began):
 def end_trial(view, words, output, group, volt, rest, potential, best):
     """End the silence of the trial, and find the largest V_m of each map and the first neuron that has it.
 
-    V_m is the present one, or the one at the decision if there was one. With several winners each map has its own
-    decision.
+    V_m is the present value, or the value at the decision if the group has decided. With several winners each map has
+    its own decision.
 
     Args:
         view: table of the arrays, see `net_of`.

@@ -211,7 +211,7 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
-        """Return the bias that is added in each step: the constant one plus that of an extra current in pA.
+        """Return the bias that is added in each step: the constant bias plus the bias of an extra current in pA.
 
         Raises:
             ModelError: the bias overflows its register.

@@ -1,4 +1,4 @@
-"""The description of a chip: its limits, its mesh of cores, and its costs in energy and time."""
+"""The description of a chip: limits, mesh of cores, and costs in energy and time."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Chip:
-    """One target: a chip, or a processor that does the same work as dense multiply-accumulates.
+    """A target: a chip, or a processor that does the same work as dense multiply-accumulates.
 
     Attributes:
         name: as in `neuro.compile(net, backend=name)` and `sim.energy(name)`.

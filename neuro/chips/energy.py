@@ -25,7 +25,7 @@ COLUMNS = (">dynamic", f">{FASTEST}", f">{REAL_TIME}", ">chip time", ">chips")
 
 @dataclass(frozen=True, slots=True)
 class BillItem:
-    """One line of a bill.
+    """A line of a bill.
 
     Attributes:
         what: the name of the cost, see `neuro.chips.description.COSTS`.
@@ -162,7 +162,7 @@ class Energy:
         return cells(self._both())
 
     def totals(self) -> str:
-        """Return the total with its range at both clocks, as one line of text."""
+        """Return the total with its range at both clocks, as a line of text."""
         if self.refused:
             return f"{REFUSED}: {self.refused}"
         one, other = _totals(self._both())
@@ -245,7 +245,7 @@ class Energy:
         return {**self._figures(), **machine, **real}
 
     def _figures(self) -> dict[str, Any]:
-        """Return the sums with their ranges and the chip time, at one clock."""
+        """Return the sums, ranges and chip time at one clock."""
         static = self.static_j if self.static_known else None
         sums = {"total_j": None if self.refused else self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
         dynamic, chips_on = self._dynamic(), self._static()
@@ -269,7 +269,7 @@ class Energy:
         return self.told()
 
     def told(self, sources: bool = False) -> str:
-        """Return the bill as text: its lines, its sums and their assumptions.
+        """Return the bill as text: lines, sums and assumptions.
 
         Args:
             sources: whether to add the source of each figure.

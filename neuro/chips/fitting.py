@@ -93,7 +93,7 @@ def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]
 
 
 def chain(traffic: Floats, pull: Floats) -> Ints:
-    """Return an order in which each element follows those with which it exchanges most spikes.
+    """Return an order in which each element follows the elements with which it exchanges most spikes.
 
     Args:
         traffic: spikes between each pair, symmetric, shape (n, n).
@@ -158,7 +158,7 @@ def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
 def _too_much(
     program: Program, chip: Chip, split: Split, kind: str, need: Ints, limit: int | None, into: Incoming
 ) -> Iterator[Problem]:
-    """Yield the neurons that exceed a limit although each is alone on its core, one problem per population."""
+    """Yield a problem for each population with neurons that exceed a limit even alone on a core."""
     if limit is None:
         return
     alone: dict[int, list[tuple[int, int]]] = {}

@@ -144,7 +144,7 @@ class FixedProjection:
         return mantissas * steps
 
     def acting(self, words: Words) -> Floats:
-        """Return the weights that words act with; smaller than those of their mantissas where bits were lost."""
+        """Return the weights of words in the unit of the language, without the bits that were lost."""
         return self.weights(words.astype(np.float64) * 2.0 ** -(self.exponent + self.shift))
 
     def exact(self, weights: Floats) -> Floats:
@@ -279,7 +279,7 @@ RUN = 4096
 
 @kernel
 def arriving(targets, weight, sign, total):
-    """Add to each target its weights of one sign, in the order of the synapses."""
+    """Add the weights of a sign to their targets, in the order of the synapses."""
     for e in range(targets.size):
         w = sign * weight[e]
         if w > 0.0:

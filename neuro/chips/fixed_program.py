@@ -1,4 +1,4 @@
-"""A program in a chip's integers, the report of its rounding errors, and the fill level of its input registers."""
+"""A program in a chip's integers, the report of rounding errors, and the fill level of input registers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The synapses of a program as placing sees them, and the bits that they need in the memory of a core.
+"""The synapses of a program as placing sees them, and the bits of a synapse in the memory of a core.
 
 Loihi stores, for each source neuron and projection, a list of the synapses onto the core in blocks of at most 64. A
 block of n synapses needs n (weight + delay + tag + index bits) + 10 bits, rounded up to 64, as in nengo-loihi 1.1.0.
@@ -60,7 +60,7 @@ WORD_BITS = 32
 
 
 def memory_limit(chip: Chip) -> int | None:
-    """Return the most bytes that the synapses of one core can use: its own memory, or all that its chip shares."""
+    """Return the most bytes that the synapses of a core can use: the core's memory, or the memory that cores share."""
     own = chip.limit("synapse_bytes_per_core")
     return chip.limit("synapse_bytes_per_chip") if own is None else own
 
@@ -80,7 +80,7 @@ def row_words(synapses: Any, form: Any) -> Any:
 
 
 def block_bits(synapses: Any, bits: Any) -> Any:
-    """Return the bits of the synapses of one source onto one core in Loihi's blocks; numbers or arrays.
+    """Return the bits of the synapses of a source onto a core in Loihi's blocks; numbers or arrays.
 
     For example 70 synapses of 17 bits need a block of 64 (1,098 bits, rounded up to 1,152) and one of 6 (112, rounded
     up to 128): 1,280.
@@ -127,7 +127,7 @@ def columns_per_core(shape: tuple[int, ...]) -> int:
 
 
 def synapse_bits(program: Program, index: int) -> int:
-    """Return the bits of one synapse of a projection in Loihi's blocks, without its index."""
+    """Return the bits of a synapse of a projection in Loihi's blocks, without the index."""
     part = program.projections[index]
     weight = int(part.synapse.parameters().get("num_weight_bits", WEIGHT_BITS))
     longest = int(register(longest_lag(program, index), REGISTER_OF_ONE).max(initial=0))
@@ -171,7 +171,7 @@ class IncomingRows:
 class Incoming:
     """All synapses of a program.
 
-    A line is one source neuron of one projection. Neurons are numbered over all populations.
+    A line is a source neuron of a projection. Neurons are numbered over all populations.
 
     Attributes:
         start: the number of each population's first neuron, and the number of all neurons.
@@ -301,14 +301,14 @@ def _window(places: int, before: int, kernel: int, stride: int) -> Ints:
 
 
 def spiking(program: Program) -> list[int]:
-    """Return the indices of the projections that carry spikes. Those from a dc_generator carry a current."""
+    """Return the indices of the projections that carry spikes; projections of a dc_generator carry currents."""
     return [index for index, part in enumerate(program.projections) if part.carries == "spikes"]
 
 
 def dense_size(program: Program, index: int) -> int:
     """Return the multiply-accumulates of one step if every source sends.
 
-    These are all pairs, n for one_to_one, and the operations of the convolution for a grid.
+    The number is that of all pairs, n for one_to_one, or the operations of the convolution for a grid.
     """
     part = program.projections[index]
     n_pre, n_post = program.populations[part.source].size, program.populations[part.target].size
@@ -329,7 +329,7 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
     n_pre = program.populations[part.source].size
     counts = np.broadcast_to(weight != 0, part.size).astype(np.int64)
     if part.grid is not None:
-        # A source meets each weight of its channel once for every kernel position that covers it.
+        # A source meets each weight of its channel once for every kernel position that covers the source.
         g = part.grid
         of_maps = counts.reshape(-1, g.reach, *g.kernels[1:])  # by channel in a depthwise grid
         kernels = of_maps.sum(axis=1).reshape(g.channels, g.kernel_height, g.kernel_width)

@@ -1,9 +1,10 @@
-"""The input of one population as quantising sees it: the projections onto it, their weights and their delays.
+"""The input of a population as quantising sees it: projections, weights and delays.
 
-One rule says when a spike acts; delay registers, their memory and refused delays follow from it. The input of most
-neurons acts in the step of its arrival: a spike with a delay of D steps acts after D steps. NEST's synaptic currents
-(`I_syn_ex`, `I_syn_in`) move the potential one step after they arrive, so a spike acts after D + 1 steps. A chip's
-current acts at once, so its spike is delayed by that step. Each family has its own encoding of the delay register.
+One rule determines when a spike acts. Delay registers, the bits of delays and refused delays follow from this rule. The
+input of most neurons acts in the step of its arrival: a spike with a delay of D steps acts after D steps. NEST's
+synaptic currents (`I_syn_ex`, `I_syn_in`) move the potential one step after they arrive, so a spike acts after D + 1
+steps. A chip's current acts at once, so its spike is delayed by that step. Each family has its own encoding of the
+delay register.
 """
 
 from __future__ import annotations
@@ -138,7 +139,7 @@ class Inputs:
 
 
 def constants_of(part: Population, resolution: float) -> Floats:
-    """Return the constants of a population's exact integration, one row, or one per neuron if neurons differ."""
+    """Return the constants of a population's exact integration, as one row, or a row per neuron if neurons differ."""
     model = part.model
     assert isinstance(model, Neuron)
     columns = [part.parameters[word] for word in model.quantities()]
@@ -153,7 +154,7 @@ def constants_of(part: Population, resolution: float) -> Floats:
 
 
 def resets_by_subtraction(part: Population) -> NDArray[np.bool_]:
-    """Return whether a spike subtracts from V_m instead of resetting it; one entry, or one per neuron."""
+    """Return whether a spike subtracts from V_m instead of resetting V_m; shape (1,) or (neurons,)."""
     subtracts: NDArray[np.bool_] = part.parameters.get("reset_by_subtraction", np.zeros(1)) != 0.0
     return subtracts
 
@@ -245,7 +246,7 @@ def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
 
 
 def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = None) -> Floats:
-    """Return the largest input of one sign that each neuron can get from a projection in one step, as a magnitude.
+    """Return the largest input of a sign that each neuron can get from a projection in a step, as a magnitude.
 
     Args:
         inputs: the population.
@@ -282,7 +283,7 @@ def refused(part: Population | Projection, what: str, why: str, way_out: str) ->
 
 
 def approximated(part: Population | Projection, what: str, why: str, way_out: str = "") -> Problem:
-    """Return a problem of a part, or of one of its properties, that changes what a program computes."""
+    """Return a problem of a part, or of a property, that changes the results of a program."""
     return Problem(False, f"{_label(part)}: {what}" if what else _label(part), why, way_out, part.origin)
 
 
@@ -362,7 +363,7 @@ def acts_late(model: Model) -> bool:
 
 
 def lag(program: Program, index: int) -> NDArray[np.int32]:
-    """Return the steps from the emission of a spike of a projection to the update of its target that sees it.
+    """Return the steps from the emission of a spike to the update of the target that receives the spike.
 
     Args:
         program: has the projection.
@@ -390,7 +391,7 @@ def longest_lag(program: Program, index: int) -> NDArray[np.int32]:
 
 
 def register(lag: NDArray[np.int32], of_one: int) -> NDArray[np.int32]:
-    """Return the content of a delay register for some lags; `of_one` is its content for a lag of one step."""
+    """Return the content of a delay register for some lags; `of_one` is the content for a lag of one step."""
     return lag + np.int32(of_one - 1)
 
 

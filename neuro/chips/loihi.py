@@ -17,11 +17,11 @@ and P30 the potential that 1 pA of constant current adds (exact integration, `ne
 | t_ref of R steps | refractory = R + 1 |
 | delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, see `neuro.chips.inputs` |
 
-Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where
-these differ, two rules are those of Brian2Loihi, which reports a match with the chip: each weight is shifted, not the
-sum of a step, and mantissas lose their lowest bits towards 0. Three rules are those of nengo-loihi, whose own tests
-compare its sums with the chip: the sum of a step wraps as a two's complement of 22 bits, u and u + bias wrap at 24
-bits, and v is clipped.
+Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where the
+references differ, two rules follow Brian2Loihi, which reports a match with the chip: each weight is shifted, not the
+sum of a step, and mantissas lose their lowest bits towards 0. Three rules follow nengo-loihi, whose tests compare sums
+with the chip: the sum of a step wraps as a two's complement of 22 bits, u and u + bias wrap at 24 bits, and v is
+clipped.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ class Loihi(Arithmetic):
         native: bool = False,
         **more: Any,
     ) -> FixedProjection:
-        """Return a projection from its mantissas, their sign mode and their rounding errors.
+        """Return a projection with given mantissas, sign mode and rounding errors.
 
         Args:
             inputs: the target population.
@@ -428,7 +428,7 @@ class Loihi(Arithmetic):
         return units
 
     def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
-        """Return the bias of each step: the constant one plus that of an extra current in pA."""
+        """Return the bias of each step: the constant bias plus the bias of an extra current in pA."""
         r = cells.registers
         mantissas = r["bias_mant"] + np.rint(current * cells.drive / 2.0 ** r["bias_exp"]).astype(np.int64)
         if mantissas.min() < -BIAS_MANTISSA - 1 or mantissas.max() > BIAS_MANTISSA:

@@ -140,7 +140,7 @@ class Loihi2(Loihi):
         return stored << max(wires.exponent, 0)
 
     def native(self, part: Population) -> FixedPopulation:
-        """Return a population that is described in registers; its integer step has the name of its model."""
+        """Return a population that is described in registers; the integer step has the name of the model."""
         fixed = super().native(part)
         if "cos_decay" in fixed.registers:
             vth = np.trunc(part.parameters["vth"] * 2.0 ** part.parameters["state_exp"]).astype(np.int64)

@@ -10,8 +10,8 @@ step is causal in both, but the window of the float model begins one step later.
 tau_plus) and A_minus give both windows the areas of the float model, so that uncorrelated spikes cause the same drift.
 
 On Loihi 2 the target sends y1, y2 and y3 (lava's Loihi3FLearningRule): y1 is a trace of its spikes before this step,
-and y2 and y3 replace r1 and r2. lava has one u_k for a whole rule. It also truncates the 5 lowest bits of a tag times a
-trace downwards, so that small changes of both signs would lower the weight. The target therefore rounds n
+and y2 and y3 replace r1 and r2. lava has one u_k for a whole rule. lava also truncates the 5 lowest bits of a tag times
+a trace downwards, so that small changes of both signs would lower the weight. The target therefore rounds n
 stochastically to one of 16 levels, multiples of 8, and the mantissa is 4, so that no product has the lowest bits.
 """
 

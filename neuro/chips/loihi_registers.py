@@ -97,7 +97,7 @@ SPARE = 1.0 - 2.0**-7
 class InMillivolts:
     """The quantities of a population of `iaf_psc_delta` or `iaf_psc_exp` in mV, from which its scale is chosen.
 
-    Each array has one entry, or one per neuron.
+    Each array has shape (1,) or (neurons,).
 
     Attributes:
         gain: mV per unit of weight, in the step of arrival.

@@ -51,7 +51,7 @@ class MeshPlaces:
 
 
 def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
-    """Fill one chip and tile after the other with cores in their order.
+    """Fill chips and tiles one after the other with cores in the given order.
 
     Args:
         chip: has the mesh, and perhaps a memory that the cores of a chip share.
@@ -64,7 +64,7 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
     most, shared = capacity(chip, len(memory)), chip.limit("synapse_bytes_per_chip")
     chip_of_core, index_on_chip = np.zeros((2, len(memory)), dtype=np.int64)
     chip_number, on_chip, filled = 0, 0, 0
-    for i, need in enumerate(memory):  # a chip ends when its cores or its memory are used up
+    for i, need in enumerate(memory):  # a chip is full if all cores or all bytes are used
         if on_chip == most or (on_chip and shared is not None and filled + int(need) > shared):
             chip_number, on_chip, filled = chip_number + 1, 0, 0
         chip_of_core[i], index_on_chip[i] = chip_number, on_chip
@@ -143,7 +143,7 @@ def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pu
 
 @kernel
 def between_cores(rows, core_of, scratch, own, traffic, pull):
-    """Add one spike of each source from its core (`own`) to each core that it reaches; a core of -1 is the host."""
+    """Add a spike of each source from its core (`own`) to each core that it reaches; core -1 is the host."""
     count, cores, visited = scratch
     for i in range(rows[0].size):
         for k in range(cores_of_source(i, rows, core_of, count, cores)):
@@ -159,7 +159,7 @@ def between_cores(rows, core_of, scratch, own, traffic, pull):
 
 @kernel
 def travel(rows, core_of, scratch, start_of, places, moves):
-    """Add the moves of one spike of each source that sends one spike to each core.
+    """Add the moves of a spike of each source, which is sent separately to each core.
 
     Args:
         rows: first argument of `projections_by_source`.
@@ -274,7 +274,7 @@ def routes(program: Program, into: Incoming, core_of: Ints, places: MeshPlaces, 
 
 
 def start_of(own: Ints, coordinate: Ints) -> Ints:
-    """Return a coordinate of each source neuron: that of its core, or 0 where the host is."""
+    """Return a coordinate of each source neuron: the coordinate of its core, or 0 for the host."""
     if not len(coordinate):
         return np.zeros(len(own), dtype=np.int64)
     return np.where(own >= 0, coordinate[own], 0)

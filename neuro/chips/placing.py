@@ -2,7 +2,7 @@
 
 Assumptions:
 
-- Generators run on the host. They use no core, and their spikes enter the machine at tile (0, 0) of chip 0.
+- Generators run on the host and use no core. Spikes of the host enter the machine at tile (0, 0) of chip 0.
 - A core gets neurons of a population as long as its limits allow. A population that fits completely shares the core of
   the previous population, where the chip lets several populations share a core (`populations_per_core`: SpiNNaker does
   not).
@@ -11,13 +11,13 @@ Assumptions:
   projections. An output axon is a pair of a neuron and a core that it reaches, its own core included. The broadcast of
   a dopamine population and the currents of a dc_generator use no axons.
 - A spike to several cores is sent once to each, unless routers copy it, as on SpiNNaker.
-- Chips form a square, and their tiles continue from one chip to the next.
+- Chips form a square, and tiles continue from one chip to the next.
 
-Order "connected" keeps neurons at one position of a grid together, because they share their sources. It orders
-populations and cores so that each follows those with most synapses to it, lays the cores along adjacent tiles, and
-exchanges tiles and cores as long as that saves hops. Order "declared" follows the declaration, tile by tile and row by
-row. If "declared" needs fewer chips or hops, "connected" uses it, too. Programs of more than 2,000 cores are laid out
-once, without exchanges.
+Order "connected" keeps neurons at one position of a grid together, because they share sources. Each next population is
+the one with most synapses to those before, and so is each next core. Cores fill adjacent tiles, and tiles and cores are
+exchanged as long as an exchange saves hops. Order "declared" follows the declaration, tile by tile and row by row. If
+"declared" needs fewer chips or hops, "connected" uses that placement, too. Programs of more than 2,000 cores are laid
+out once, without exchanges.
 
 Neurons that fit on no core, programs that fit on no machine and delays that fit into no register are refused. The delay
 register of a synapse follows from the step in which its spike acts (`neuro.chips.inputs`) and from the encoding of the
@@ -109,7 +109,7 @@ class Placement:
     notes: tuple[str, ...] = ()
 
     def hops(self, projection: int) -> Hops:
-        """Return the moves of one spike of each source neuron of a projection, by its index."""
+        """Return the moves of a spike of each source neuron of a projection, by the projection's index."""
         return self.ways[projection]
 
     @property
@@ -127,7 +127,7 @@ class Placement:
         return [i for i, core in enumerate(self.cores) if any(part[0] == population for part in core.parts)]
 
     def mean_hops(self, projection: int) -> dict[str, float]:
-        """Return the moves of one spike of a projection, by the names of `Hops`, averaged over its sources."""
+        """Return the moves of a spike of a projection, by the names of `Hops`, averaged over the sources."""
         ways = self.ways[projection]
         return {name: float(getattr(ways, name).mean()) if ways.cores.size else 0.0 for name in _WAYS}
 

@@ -157,7 +157,7 @@ def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip,
 
 
 def time_notes(program: Program, chip: Chip, run: Run, step_s: float | None = None) -> list[str]:
-    """Return notes on a chip time: its figures with their sources, its assumptions, and extrapolated figures."""
+    """Return notes on a chip time: figures with their sources, assumptions, and extrapolated figures."""
     if step_s is not None:
         return [f"chip time: a step of {program.resolution:g} ms takes {quantity(step_s, 's')} on the chip, as given"]
     if chip.step_s is not None:
@@ -320,7 +320,7 @@ MOVES = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_sout
 
 
 class _Bill:
-    """The items and notes of one run on one chip while they are collected."""
+    """Collects the items and notes of a run on a chip."""
 
     def __init__(
         self,
@@ -354,7 +354,7 @@ class _Bill:
         return _line(of_table.costs[what], self.run, what, kind, of, count, least, most)
 
     def static_items(self, time: Duration | None) -> list[BillItem]:
-        """Return the line of static energy; its range is that of the power and of the time."""
+        """Return the line of static energy, with a range from the ranges of power and time."""
         if STATIC not in self.chip.costs or time is None or not time.best:
             return []
         seconds = (self.chips * each for each in (time.best, time.low, time.high))

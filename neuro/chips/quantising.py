@@ -100,7 +100,7 @@ def _parts(described: Program, chip: Chip, options: Mapping[str, Any], words: bo
 def _population(
     inputs: Inputs, chip: Chip, arithmetic: Arithmetic, options: Options
 ) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
-    """Quantise one population of neurons and the projections onto it."""
+    """Quantise a population of neurons and the projections onto it."""
     part = inputs.part
     if part.model.chip == arithmetic.name:
         wires, problems = {}, []

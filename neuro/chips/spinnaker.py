@@ -11,10 +11,10 @@ Any table with `arithmetic: spinnaker` uses it.
 | t_ref of R steps | t_refract = R |
 | delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, see `neuro.chips.inputs` |
 
-The constant factor compensates for the chip's integration, which holds the current constant during a tick. With it V_m
-equals that of the exact integration at every tick. No released SpiNNaker binary has `iaf_psc_delta`; its emulation uses
-the same s16.15 products and adds slots to v. Source: sPyNNaker's neuron core (Rhodes et al., Front. Neurosci. 12:816,
-2018).
+The constant factor compensates for the chip's integration, which holds the current constant during a tick. With the
+factor, V_m equals the V_m of exact integration at every tick. No released SpiNNaker binary has `iaf_psc_delta`; its
+emulation uses the same s16.15 products and adds slots to v. Source: sPyNNaker's neuron core (Rhodes et al., Front.
+Neurosci. 12:816, 2018).
 """
 
 from __future__ import annotations
@@ -443,7 +443,7 @@ class SpiNNaker(Arithmetic):
         return "-" if shifts is None else "shifts {}, {}".format(*shifts)
 
     def notes(self, program: Program) -> Iterator[str]:
-        """Yield the length of a tick if it differs from that of a step."""
+        """Yield the length of a tick if tick and step differ."""
         if program.resolution != 1.0:
             yield f"a step of {program.resolution:g} ms is a tick of 1 ms on the machine"
 

@@ -11,10 +11,10 @@
 A program may allocate 59,756 bytes. Stack, recordings and the table of sources need further memory that is not counted
 here. A refused network therefore does not fit, and a network near the limit may not fit either.
 
-The cycles are those of the machine code of two released programs, `synapses_stdp_mad_pair_additive` and
+The cycles were measured with the machine code of two released programs, `synapses_stdp_mad_pair_additive` and
 `synapses_stdp_izhikevich_neuromodulation_pair_additive`, executed in an emulator with the timings of the ARM9E-S and
-memory without wait states. They are a lower bound, because packets, transfers of rows, neurons and static synapses are
-not counted. The other programs are assumed to need as many cycles. Source: sPyNNaker 7.4.1; its issue 620.
+memory without wait states. The cycles are a lower bound, because packets, transfers of rows, neurons and static
+synapses are not counted. The other programs are assumed to need as many cycles. Source: sPyNNaker 7.4.1; its issue 620.
 """
 
 from __future__ import annotations

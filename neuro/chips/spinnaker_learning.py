@@ -1,7 +1,7 @@
 """The conversion of `stdp`, its variants and `stdp_dopa` to the programs of SpiNNaker's plastic synapses.
 
 A weight w of the language is w g in the unit of the machine, nA or mV, where g is the constant factor of the words.
-Additive amplitudes are absolute on the machine: A_plus = lambda Wmax g. Those of triplets are multiplied by Wmax.
+Additive amplitudes are absolute on the machine: A_plus = lambda Wmax g. Amplitudes of triplets are multiplied by Wmax.
 
 The delay register of `iaf_psc_exp` is one step longer than the delay, and post spikes of the machine reach a synapse
 after that register. The spikes of each pair are therefore one step further apart or closer. The amplitudes A_plus exp(h
@@ -428,7 +428,7 @@ def _map_projection(
     wires: Mapping[int, FixedProjection],
     options: Options,
 ) -> MappedRule:
-    """Return the rule of a projection, with its slots and its sign.
+    """Return the rule of a projection, with slots and sign.
 
     Raises:
         ModelError: no program can run it.

@@ -265,7 +265,7 @@ class _CoreFiller:
 def _fill(program: Program, chip: Chip, filler: _CoreFiller, order: Sequence[int]) -> list[list[Part]]:
     """Fill cores in an order of populations.
 
-    A population joins the core of the previous one if it fits there completely, otherwise it begins a core.
+    A population that fits completely joins the core of the previous population, otherwise it begins a core.
     """
     cores: list[list[Part]] = []
     most = chip.limit("populations_per_core")
@@ -338,7 +338,7 @@ def _with_loads(program: Program, cores: list[list[Part]], chip: Chip, into: Inc
 
 
 def fewest_cores(program: Program, chip: Chip, into: Incoming) -> int:
-    """Return a lower bound of the cores that a program needs, by its neurons and by the bits of its synapses."""
+    """Return a lower bound of the cores that a program needs, from the neurons and the bits of synapses."""
     most, memory = chip.limit("neurons_per_core"), chip.limit("synapse_bytes_per_core")
     neurons = sum(program.populations[index].size for index in neurons_of(program))
     bits = int(into.synapses @ np.maximum(into.bits, 0))
