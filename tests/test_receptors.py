@@ -166,11 +166,11 @@ def test_loihi_has_one_current_and_spinnaker_two_slots():
         assert traces[0].min() < -71.0
     neuro.compile(net("in", 300.0), "loihi")
     why = (
-        "projection 'a_b': receptor 'in' by name: slots have no sign: what is excitatory is added, what is inhibitory "
+        "projection 'a_b': receptor 'in' by name: slots have no sign: excitatory input is added and inhibitory input "
         "subtracted"
     )
     assert why in refused(neuro.compile, net("in", 300.0), "spinnaker")
-    assert re.search(r"weight\[0\] = 300: expected -[0-9.]+ to 0, what its", refused(sim.set_weights, "a_b", 300.0))
+    assert re.search(r"weight\[0\] = 300: expected -[0-9.]+ to 0, the range", refused(sim.set_weights, "a_b", 300.0))
 
 
 class with_a_third(neuro.iaf_psc_exp):

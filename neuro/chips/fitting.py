@@ -172,17 +172,17 @@ def _too_much(
         synapses = int(np.diff(into.ends)[into.start[population] + neuron])
         if kind == "memory":
             whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
-            why = f"its {synapses:,} synapses take {count:,} bytes, a {whose} of {chip.name} has {limit:,} for synapses"
+            why = f"its {synapses:,} synapses need {count:,} bytes, but a {whose} of {chip.name} has {limit:,} for synapses"
             way_out = f"about {synapses * limit // count:,} synapses onto one neuron would fit"
         elif kind == "own":
-            why = f"learning onto it takes {count:,} bytes of its core's own memory, {chip.name} has {limit:,}"
+            why = f"learning onto it needs {count:,} bytes of its core's own memory, but {chip.name} has {limit:,}"
             way_out = "shorter time constants or delays, or fewer synapses of a source onto it, would fit"
         elif kind == "in":
-            why = f"the spikes of {count:,} neurons reach it, a core of {chip.name} has {limit:,} input axons"
-            way_out = f"at most {limit:,} sources of one neuron would fit: let neurons between gather them"
+            why = f"the spikes of {count:,} neurons reach it, but a core of {chip.name} has {limit:,} input axons"
+            way_out = f"at most {limit:,} sources of one neuron would fit: add neurons in between that gather spikes"
         else:
-            why = f"its spikes go to {count:,} cores, a core of {chip.name} has {limit:,} output axons"
-            way_out = f"targets on at most {limit:,} cores would fit: let neurons between pass its spikes on"
+            why = f"its spikes go to {count:,} cores, but a core of {chip.name} has {limit:,} output axons"
+            way_out = f"targets on at most {limit:,} cores would fit: add neurons in between that pass on its spikes"
         yield Problem(True, f"population '{part.name}': neuron {neuron}{more}", why, way_out, part.origin)
 
 

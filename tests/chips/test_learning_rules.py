@@ -116,7 +116,7 @@ def test_what_is_approximated_is_said():
     mapped = rule_of(stdp(mu_plus=0.0, lambda_=0.0005, Wmax=100.2), 0.5, 30.0, 1.0, 6, delay=3)
     said = "\n".join(mapped.approximations)
     assert "potentiation is -4.1% off" in said
-    assert "Wmax = 100.2 is 100.2 mantissas, taken as 100" in said
+    assert "Wmax = 100.2 is 100.2 mantissas, rounded to 100" in said
     assert "potentiation stops at the largest mantissa, 255, not at Wmax = 100.2" in said
     assert "weights have 6 bits" in said
     assert "not after the delay (3 steps)" in said

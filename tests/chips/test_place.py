@@ -228,7 +228,7 @@ LOIHI = chip("loihi")
 def each(program, target, **words):
     """Look at each synapse."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(split, "_within", lambda found, limits: False)
+        patch.setattr(split, "_input_fits", lambda found, limits: False)
         return place(program, target, **words)
 
 

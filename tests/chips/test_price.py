@@ -126,7 +126,7 @@ def test_weights_that_the_host_writes():
     assert written > 0
     by_host, macs = dict(list(lines(energy).items())[-3:-1]), 4 * written
     assert by_host == {("weight_write", "w"): (written, None), ("mac", "cpu"): (macs, pytest.approx(macs * 8.6e-9))}
-    assert "the rule for trials is applied by the host, which writes each weight that changes" in energy.notes
+    assert "the host applies the rule for trials and writes each weight that changes" in energy.notes
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_what_a_signal_teaches(rule):
     assert lines(loihi)["signal_update", "w"] == (6 * 10, None)
     assert (loihi.missing, loihi.total()[:2]) == (("signal_update",), "> ")
     assert ("synaptic_op", "reward") not in lines(loihi)  # only SpiNNaker's signals come as spikes
-    note = "spikes that bring a signal are counted in a run on the chip only, so they are not priced"
+    note = "spikes that carry a signal are only counted in a run on the chip: they are not priced"
     placement = Placed({0: Moves(*[ints(0, 0)] * 4)}, ())
     spinnaker = price(sim.program, counts, placement, chip("spinnaker"))
     assert lines(spinnaker)["packet", "reward"] == (4, pytest.approx(4 * 0.8e-9))
@@ -177,9 +177,7 @@ def test_several_spikes_in_a_step_are_told():
     zero = Placed({0: Moves(*[ints(0)] * 4)}, ())
     energy = price(sim.program, sim._engine.counts(), zero, chip("loihi"))
     assert lines(energy)["synaptic_op", "input_out"][0] == 2
-    told = (
-        "4 spikes in 2 events: several of a neuron in one step are priced as several, of which the chip would send one"
-    )
+    told = "4 spikes in 2 events: each of several spikes of a neuron in one step is priced, but the chip would send one"
     assert told in energy.notes
     assert told not in price(sim.program, sim._engine.counts(), zero, chip("spinnaker")).notes
 

@@ -185,7 +185,7 @@ def test_a_state_of_learning_by_an_earlier_version_is_refused_and_changes_nothin
     sim.run(15.0)
     before = sim.get("cells", "V_m"), sim.get("in", "weight")
     del state["plastic.0.tx"]
-    assert "the state lacks 'plastic.0.tx': an earlier version" in refused(sim._engine.restore, state)
+    assert "the snapshot lacks 'plastic.0.tx': an earlier version" in refused(sim._engine.restore, state)
     assert np.array_equal(sim.get("cells", "V_m"), before[0])
     assert np.array_equal(sim.get("in", "weight"), before[1])
 
