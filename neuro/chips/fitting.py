@@ -1,6 +1,6 @@
 """The cores that a program fills on a chip, and the parts that exceed a limit of a core, of the machine or of a delay.
 
-`neuro.chips.placing` computes the positions of cores and the hops between them. Most networks can be accepted without.
+`neuro.chips.placing` computes the positions of cores and the hops between them. Most networks can be accepted without them.
 """
 
 from __future__ import annotations
@@ -172,7 +172,8 @@ def _too_much(
         synapses = int(np.diff(into.ends)[into.start[population] + neuron])
         if kind == "memory":
             whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
-            why = f"its {synapses:,} synapses need {count:,} bytes, but a {whose} of {chip.name} has {limit:,} for synapses"
+            why = f"its {synapses:,} synapses need {count:,} bytes, "
+            why += f"but a {whose} of {chip.name} has {limit:,} for synapses"
             way_out = f"about {synapses * limit // count:,} synapses onto one neuron would fit"
         elif kind == "own":
             why = f"learning onto it needs {count:,} bytes of its core's own memory, but {chip.name} has {limit:,}"

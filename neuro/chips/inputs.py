@@ -192,14 +192,14 @@ def soft_reset_problems(part: Population, how: str) -> Iterator[Problem]:
     if not resets_by_subtraction(part).any():
         return
     if np.any(part.parameters["t_ref"] > 0.0):
-        why = "a neuron that is held would fire with what is left of its voltage"
+        why = "a refractory neuron would fire with the remaining voltage"
         yield refused(part, "reset_by_subtraction with t_ref above 0", why, "give it t_ref: 0")
     yield approximated(part, "reset_by_subtraction", how)
     if np.any(part.parameters.get("threshold_rises", np.zeros(1)) != 0.0):
-        why = "a compartment fires at its threshold, also with what is left after a spike"
+        why = "a compartment fires at its threshold, also with the voltage that remains after a spike"
         yield approximated(part, "threshold_rises", why)
     if np.any(part.parameters.get("max_spikes", np.ones(1)) > 1.0):
-        why = "a neuron fires once in a step here: what is left above the threshold fires in the next"
+        why = "a neuron fires once per step here: a voltage that remains above the threshold fires in the next step"
         yield approximated(part, "max_spikes above 1", why)
 
 
@@ -302,7 +302,7 @@ def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
     """
     part = program.projections[index]
     if part.grid is not None and part.synapse.learns in ("pairs", "chip"):
-        why = "its synapses are spelled out, so each would learn a weight of its own"
+        why = "the chip stores each synapse, so each would learn its own weight"
         return refused(part, part.synapse.name, f"a shared kernel that learns: {why}", LEARN_ELSEWHERE)
     other = part.synapse.chip
     if not other or other == chip.arithmetic:

@@ -119,7 +119,7 @@ def _quantity(node: Node, what: str, name: str, unit: str) -> float:
     """Return a number >= 0. Messages about a missing number name `unit`."""
     value = node.value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        hint = f"23.6 p{unit} is written 23.6e-12" if unit else ""
+        hint = f"write 23.6 p{unit} as 23.6e-12" if unit else ""
         raise mistake(node, f"{what}: {found_text(node)}: expected {_number(unit)}", hint)
     if not 0 <= value < math.inf:
         raise mistake(node, f"{what} = {value:g}: expected {_number(unit)}")

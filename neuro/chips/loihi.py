@@ -95,8 +95,8 @@ from neuro.program.program import Floats, Population, Program
 _ONE = np.ones(1)
 
 SOFT_RESET = (
-    "takes two compartments a neuron, the second of which inhibits the first (Rueckauer et al., ACM J. Emerg. Technol. "
-    "Comput. Syst. 18:48, 2022); only one is placed and priced"
+    "needs two compartments per neuron, the second of which inhibits the first (Rueckauer et al., ACM J. Emerg. "
+    "Technol. Comput. Syst. 18:48, 2022); only one is placed and priced"
 )
 
 
@@ -167,13 +167,13 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
         )
 
 
-def overflows(part: Population, d: InMillivolts, volt: float) -> Iterator[Problem]:
+def overflows(part: Population, mv: InMillivolts, volt: float) -> Iterator[Problem]:
     """Yield the registers that overflow at a scale that a user set, or that stays fixed while parameters change."""
     for what, largest, limit, name in (
-        ("V_th - E_L", float(d.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
-        ("the constant current", float(d.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),
-        ("V_m at step 0", float(np.abs(d.start).max()), V_LIMIT, "the 24-bit voltage register"),
-        ("I_syn at step 0", float(np.abs(d.current).max()), U_LIMIT - 1, "the 24-bit current register"),
+        ("V_th - E_L", float(mv.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
+        ("the constant current", float(mv.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),
+        ("V_m at step 0", float(np.abs(mv.start).max()), V_LIMIT, "the 24-bit voltage register"),
+        ("I_syn at step 0", float(np.abs(mv.current).max()), U_LIMIT - 1, "the 24-bit current register"),
     ):
         need = volt * largest
         if need > limit * (1.0 + TOLERANCE):
@@ -321,10 +321,10 @@ class Loihi(Arithmetic):
             options: scales and exponents that a user sets.
         """
         part = inputs.part
-        d, problems = in_millivolts(inputs), missing_features(inputs)
-        volt = float(options.of("scales", part.name) or choose_scale(inputs, d))
-        problems += overflows(part, d, volt)
-        registers, errors = registers_of(inputs, d, volt)
+        mv, problems = in_millivolts(inputs), missing_features(inputs)
+        volt = float(options.of("scales", part.name) or choose_scale(inputs, mv))
+        problems += overflows(part, mv, volt)
+        registers, errors = registers_of(inputs, mv, volt)
         if has_lowest_potential(part):
             rest, lowest = part.parameters["E_L"], part.parameters["V_min"]
             depth = volt * float((rest - lowest).max())
@@ -332,8 +332,10 @@ class Loihi(Arithmetic):
             got = float(rest.min()) + registers["v_min"][0] / volt
             why = f"a core's register holds a power of two: {got:.4g} mV"
             problems.append(approximated(part, f"V_min = {lowest.min():g} mV", why))
-        ampere = () if not d.tau else (volt * d.gain / (d.fade if acts_late(part.model) else 1.0),) * 2
-        initial = {name: np.rint(volt * values).astype(np.int64) for name, values in (("v", d.start), ("u", d.current))}
+        ampere = () if not mv.tau else (volt * mv.gain / (mv.fade if acts_late(part.model) else 1.0),) * 2
+        initial = {
+            name: np.rint(volt * values).astype(np.int64) for name, values in (("v", mv.start), ("u", mv.current))
+        }
         fixed = FixedPopulation(
             part.name,
             self.kind,
@@ -342,27 +344,29 @@ class Loihi(Arithmetic):
             volt,
             part.parameters["E_L"].copy(),
             ampere,
-            volt * d.drift,
+            volt * mv.drift,
             errors,
         )
         wires = {}
         for index in inputs.spikes:
-            wires[index], more = self.fitted_projection(inputs, index, d, volt, options)
+            wires[index], more = self.fitted_projection(inputs, index, mv, volt, options)
             problems += more
         return fixed, wires, problems
 
     def fitted_projection(
-        self, inputs: Inputs, index: int, d: InMillivolts, volt: float, options: Options
+        self, inputs: Inputs, index: int, mv: InMillivolts, volt: float, options: Options
     ) -> tuple[FixedProjection, list[Problem]]:
         """Convert the weights onto a population with a known scale to mantissas and an exponent."""
         part = inputs.program.projections[index]
         mode = inputs.sign_mode(index)
         low, high, grain = bounds(mode)
-        problems = one_kernel(inputs, index, d.gain.size)
+        problems = one_kernel(inputs, index, mv.gain.size)
         exponent = options.of("exponents", part.name)
         if exponent is None:
-            exponent = exponent_of(potential_changes(inputs, index, d, few=True), volt, low, high, inputs.learns(index))
-        step = 64.0 * 2.0**exponent / (volt * (d.gain if part.grid is None else d.gain[:1]))
+            exponent = exponent_of(
+                potential_changes(inputs, index, mv, few=True), volt, low, high, inputs.learns(index)
+            )
+        step = 64.0 * 2.0**exponent / (volt * (mv.gain if part.grid is None else mv.gain[:1]))
         per_synapse = step if step.size == 1 else step[inputs.targets(index)]
         keep = exponent < 0 or inputs.keeps(index)
         mantissas, rounding = round_weights(part.weight, per_synapse, per_synapse, low, high, grain, keep)
@@ -434,7 +438,7 @@ class Loihi(Arithmetic):
         if mantissas.min() < -BIAS_MANTISSA - 1 or mantissas.max() > BIAS_MANTISSA:
             raise ModelError(
                 f"population '{cells.name}': a current of {np.abs(current).max():g} pA overflows the bias register",
-                hint="describe the dc_generator with its largest amplitude: the scale leaves room for it",
+                hint="describe the dc_generator with its largest amplitude, for which the scale is chosen",
             )
         value: NDArray[np.int32] = (mantissas << r["bias_exp"]).astype(np.int32)
         return value

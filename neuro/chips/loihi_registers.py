@@ -162,15 +162,15 @@ def only_inhibitory(inputs: Inputs) -> bool:
     return receives(inputs) == (False, True)
 
 
-def scale_limits(d: InMillivolts) -> tuple[float, float]:
+def scale_limits(mv: InMillivolts) -> tuple[float, float]:
     """Return the largest scale with a margin for input, and the largest scale that threshold, bias and states allow."""
-    limits = ((BIAS_LARGEST * SPARE, d.drive), (V_LIMIT, d.start), (U_LIMIT - 1, d.current))
+    limits = ((BIAS_LARGEST * SPARE, mv.drive), (V_LIMIT, mv.start), (U_LIMIT - 1, mv.current))
     others = min(limit / _largest(values) for limit, values in limits)
-    distance = _largest(d.distance)
+    distance = _largest(mv.distance)
     return min(COMFORT / distance, others), min(64.0 * VTH_LIMIT / distance, others)
 
 
-def safe_scales(inputs: Inputs, d: InMillivolts) -> tuple[float, float]:
+def safe_scales(inputs: Inputs, mv: InMillivolts) -> tuple[float, float]:
     """Return the scale at which nothing wraps even if all synapses of a neuron are active in every step.
 
     Returns:
@@ -184,12 +184,12 @@ def safe_scales(inputs: Inputs, d: InMillivolts) -> tuple[float, float]:
             low, high = inputs.bounds(index)
             extreme = np.full(1, high if sign > 0.0 else low)
             arriving += converging(inputs, index, sign, extreme if inputs.learns(index) else None)
-        total = max(total, _largest(arriving) * float(d.gain.max()))
-    summed = total / (1.0 - float(min(d.fade.max(), 1.0 - 2.0**-12)))
+        total = max(total, _largest(arriving) * float(mv.gain.max()))
+    summed = total / (1.0 - float(min(mv.fade.max(), 1.0 - 2.0**-12)))
     safe = min((INPUT_LIMIT - 1) / total, (U_LIMIT - 1) / summed) * SPARE
-    lost = 1.0 - np.concatenate((d.leak, d.fade))
+    lost = 1.0 - np.concatenate((mv.leak, mv.fade))
     fine = max(FINE, 1000.0 / float(lost[lost > 0.0].min(initial=1.0)))
-    return safe, max(safe, fine / _largest(d.distance))
+    return safe, max(safe, fine / _largest(mv.distance))
 
 
 def _largest(values: Floats) -> float:
@@ -197,7 +197,7 @@ def _largest(values: Floats) -> float:
     return max(float(np.abs(values).max(initial=0.0)), 1e-200)
 
 
-def choose_scale(inputs: Inputs, d: InMillivolts) -> float:
+def choose_scale(inputs: Inputs, mv: InMillivolts) -> float:
     """Return the scale in units per mV with the smallest rounding errors of the weights.
 
     The scale is as large as threshold, bias and weights allow. Candidates give the largest weight of the strongest
@@ -205,25 +205,25 @@ def choose_scale(inputs: Inputs, d: InMillivolts) -> float:
     weights learn in pairs, the largest weight that they can reach gets the largest mantissa, at which the chip stops,
     too. Of two scales with equal errors, the one at which sums do not wrap is used.
     """
-    cap, limit = scale_limits(d)
-    values = [(index, sampled(potential_changes(inputs, index, d, few=True))) for index in inputs.spikes]
+    cap, limit = scale_limits(mv)
+    values = [(index, sampled(potential_changes(inputs, index, mv, few=True))) for index in inputs.spikes]
     values = [(index, v) for index, v in values if np.any(v)]
     if not values:
         return float(2.0 ** np.floor(np.log2(cap)))
     strongest = max(_largest(v) for _, v in values)
     word_cap = 64.0 * WORD_LIMIT / strongest * SPARE
     cap, limit = min(cap, word_cap), min(limit, word_cap)
-    largest, error = _search(inputs, d, values, cap, limit, np.inf)
-    safe, fine = safe_scales(inputs, d)
+    largest, error = _search(inputs, mv, values, cap, limit, np.inf)
+    safe, fine = safe_scales(inputs, mv)
     if fine < cap:
-        smaller, error_of_smaller = _search(inputs, d, values, fine, limit, safe)
+        smaller, error_of_smaller = _search(inputs, mv, values, fine, limit, safe)
         if error_of_smaller <= error * (1.0 + 1e-9):
             return smaller
     return largest
 
 
 def _search(
-    inputs: Inputs, d: InMillivolts, values: list[tuple[int, Floats]], cap: float, hard: float, room: float
+    inputs: Inputs, mv: InMillivolts, values: list[tuple[int, Floats]], cap: float, hard: float, room: float
 ) -> tuple[float, float]:
     """Return the best scale up to `cap`, or up to `hard` where there is none, and its rounding error of the weights.
 
@@ -245,46 +245,47 @@ def _search(
         errors += scale_errors(v, steps, low, high, grain)
     least = float(errors.min())
     ties = scales[errors <= least * (1.0 + 1e-9)]
-    misfit = _misfit(ties, d)
+    misfit = _misfit(ties, mv)
     best = ties[misfit <= misfit.min()]
     roomy = best[best <= room]
     return float(roomy.max() if roomy.size else best.min()), least
 
 
-def _misfit(volts: Floats, d: InMillivolts) -> Floats:
+def _misfit(volts: Floats, mv: InMillivolts) -> Floats:
     """Return the relative rounding error of the constant drive and of the threshold at some scales.
 
-    The error is 0 for neurons with a leak: the leak is rounded in each step, which is worse at any scale.
+    The error is only computed for neurons without a leak. With a leak the decay is rounded in each step anyway, and all
+    scales are treated as equal.
     """
-    if np.any(d.leak < 1.0):
+    if np.any(mv.leak < 1.0):
         return np.zeros(volts.size)
-    drive = volts[:, None] * d.bias[None, :]
+    drive = volts[:, None] * mv.bias[None, :]
     largest = np.maximum(np.abs(drive).max(axis=1, keepdims=True, initial=0.0), 1.0)
     grain = 2.0 ** np.maximum(0.0, np.ceil(np.log2(largest / BIAS_MANTISSA)))
     errors: Floats = np.abs(np.rint(drive / grain) * grain - drive).max(axis=1, initial=0.0) / largest[:, 0]
-    steps = volts[:, None] * d.distance[None, :] / 64.0
+    steps = volts[:, None] * mv.distance[None, :] / 64.0
     errors += (np.abs(np.rint(steps) - steps) / np.maximum(steps, 1.0)).max(axis=1)
     errors[errors < 1e-12] = 0.0
     return errors
 
 
-def potential_changes(inputs: Inputs, index: int, d: InMillivolts, few: bool = False) -> Floats:
+def potential_changes(inputs: Inputs, index: int, mv: InMillivolts, few: bool = False) -> Floats:
     """Return the change of V_m in mV by a spike along each synapse, now and at the bounds of learning.
 
     Args:
         inputs: the population.
         index: the index of the projection.
-        d: its quantities in mV.
+        mv: its quantities in mV.
         few: whether a sample of many synapses is enough: the largest, the smallest and evenly spaced others.
     """
     weight, part = inputs.range_of(index), inputs.program.projections[index]
     thin = thinned if few else np.asarray
-    if d.gain.size == 1:
-        return thin(weight) * float(d.gain[0])
+    if mv.gain.size == 1:
+        return thin(weight) * float(mv.gain[0])
     if part.weight.size == 1 or part.grid is not None:
-        return thin(np.concatenate((weight * d.gain.min(), weight * d.gain.max())))
-    own = part.weight * d.gain[inputs.targets(index)]
-    return thin(np.concatenate((own, weight[part.weight.size :] * d.gain.max())))
+        return thin(np.concatenate((weight * mv.gain.min(), weight * mv.gain.max())))
+    own = part.weight * mv.gain[inputs.targets(index)]
+    return thin(np.concatenate((own, weight[part.weight.size :] * mv.gain.max())))
 
 
 def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool) -> int:
@@ -296,23 +297,23 @@ def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool
     return int(np.clip(exponent, WEIGHT_EXPONENTS[0] if plastic else 0, WEIGHT_EXPONENTS[-1]))
 
 
-def registers_of(inputs: Inputs, d: InMillivolts, volt: float) -> tuple[dict[str, Ints], tuple[Rounding, ...]]:
+def registers_of(inputs: Inputs, mv: InMillivolts, volt: float) -> tuple[dict[str, Ints], tuple[Rounding, ...]]:
     """Return all registers of the compartments, and their rounding errors."""
     p, h = inputs.part.parameters, inputs.program.resolution
-    vth = threshold(volt * d.distance)
-    du = np.full(1, 4095) if not d.tau else np.rint(4096.0 * (1.0 - d.fade)).astype(np.int64) - 1
-    dv = np.rint(4096.0 * (1.0 - d.leak)).astype(np.int64)
+    vth = threshold(volt * mv.distance)
+    du = np.full(1, 4095) if not mv.tau else np.rint(4096.0 * (1.0 - mv.fade)).astype(np.int64) - 1
+    dv = np.rint(4096.0 * (1.0 - mv.leak)).astype(np.int64)
     bias_exp, bias_mant = bias_registers(
-        volt * d.drift * p["I_e"], inputs.current * float(np.abs(volt * d.drift).max())
+        volt * mv.drift * p["I_e"], inputs.current * float(np.abs(volt * mv.drift).max())
     )
     refractory = np.rint(p["t_ref"] / h).astype(np.int64) + 1
     errors = [_time_constant("tau_m", p["tau_m"], (4096 - dv) / 4096, h)]
-    if d.tau:
-        errors.append(_time_constant(d.tau, p[d.tau], (4095 - du) / 4096, h))
+    if mv.tau:
+        errors.append(_time_constant(mv.tau, p[mv.tau], (4095 - du) / 4096, h))
     got = p["E_L"] + 64.0 * (vth + 1) / volt
-    errors.append(worst_rounding("V_th", "mV", p["V_th"], got, np.abs(d.distance)))
+    errors.append(worst_rounding("V_th", "mV", p["V_th"], got, np.abs(mv.distance)))
     if p["I_e"].any():
-        got = (bias_mant << bias_exp) / (volt * d.drift)
+        got = (bias_mant << bias_exp) / (volt * mv.drift)
         errors.append(worst_rounding("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
     errors.append(worst_rounding("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
     registers = soft_reset_register(inputs.part, volt) | {

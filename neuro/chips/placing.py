@@ -13,9 +13,9 @@ Assumptions:
 - A spike to several cores is sent once to each, unless routers copy it, as on SpiNNaker.
 - Chips form a square, and tiles continue from one chip to the next.
 
-Order "connected" keeps neurons at one position of a grid together, because they share sources. Each next population is
-the one with most synapses to those before, and so is each next core. Cores fill adjacent tiles, and tiles and cores are
-exchanged as long as an exchange saves hops. Order "declared" follows the declaration, tile by tile and row by row. If
+Order "connected" keeps neurons at one position of a grid together, because they share sources. The next population is
+always the one with most synapses to the populations before it. Cores are ordered by their spikes in the same way and
+fill adjacent tiles. Tiles and cores are exchanged as long as an exchange saves hops. Order "declared" follows the declaration, tile by tile and row by row. If
 "declared" needs fewer chips or hops, "connected" uses that placement, too. Programs of more than 2,000 cores are laid
 out once, without exchanges.
 

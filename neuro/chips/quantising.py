@@ -149,7 +149,7 @@ def _trial_problems(program: Program) -> Iterator[Problem]:
     The words of a projection have one scale, which follows from the bounds of its weights.
     """
     if program.trials is not None and program.trials.spikes == "each":
-        why = "the host notes the first spike of each neuron in a trial"
+        why = "the host stores only the first spike of each neuron in a trial"
         yield Problem(True, "trials: spikes: each", why, "set spikes: first, or run on event", program.trials.origin)
     if program.trials is not None and program.trials.anew:
         why = "the chip's learning engine keeps its traces from trial to trial"
@@ -314,7 +314,7 @@ class Limit:
 
 _WEIGHTS = "raise the small weights, or lower the largest one, which sets the scale"
 _DECAY = "use a coarser resolution: a decay register has few steps where little decays in a step"
-_SCALE = "choose a larger scale; the largest V_th - E_L, current, V_m and weight of its population bound it"
+_SCALE = "choose a larger scale, which is limited by the largest V_th - E_L, current, V_m and weight of the population"
 
 HOPELESS = 10.0
 """Error of the threshold, relative to V_th - E_L, above which a network is refused instead of approximated."""
