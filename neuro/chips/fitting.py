@@ -1,6 +1,6 @@
 """The cores that a program fills on a chip, and the parts that exceed a limit of a core, of the machine or of a delay.
 
-`neuro.chips.placing` computes the positions of cores and the hops between them. Most networks can be accepted without them.
+`neuro.chips.placing` computes positions of cores and hops, which most networks do not need to be accepted.
 """
 
 from __future__ import annotations

@@ -15,9 +15,9 @@ Assumptions:
 
 Order "connected" keeps neurons at one position of a grid together, because they share sources. The next population is
 always the one with most synapses to the populations before it. Cores are ordered by their spikes in the same way and
-fill adjacent tiles. Tiles and cores are exchanged as long as an exchange saves hops. Order "declared" follows the declaration, tile by tile and row by row. If
-"declared" needs fewer chips or hops, "connected" uses that placement, too. Programs of more than 2,000 cores are laid
-out once, without exchanges.
+fill adjacent tiles. Tiles and cores are exchanged as long as an exchange saves hops. Order "declared" follows the
+declaration, tile by tile and row by row. If "declared" needs fewer chips or hops, "connected" uses that placement, too.
+Programs of more than 2,000 cores are laid out once, without exchanges.
 
 Neurons that fit on no core, programs that fit on no machine and delays that fit into no register are refused. The delay
 register of a synapse follows from the step in which its spike acts (`neuro.chips.inputs`) and from the encoding of the
