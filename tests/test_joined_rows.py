@@ -71,7 +71,7 @@ def steered(sim: Simulation, again: Path | None = None) -> dict[str, np.ndarray]
 
 def joined(sim: Simulation) -> set[str]:
     """The projections in joined rows."""
-    arrays = sim._engine._a  # type: ignore[attr-defined]
+    arrays = sim._engine._arrays  # type: ignore[attr-defined]
     return {sim.program.projections[q].name for q in arrays.joined}
 
 
@@ -223,7 +223,7 @@ def test_few_synapses_of_many_delays_are_joined_where_rings_would_take_longer():
 def test_a_silent_network_looks_once_a_source_and_kind_of_input():
     sim = neuro.compile(network(EVERY), "event", seed=1)
     sim.run(1.0)
-    arrays = sim._engine._a  # type: ignore[attr-defined]
+    arrays = sim._engine._arrays  # type: ignore[attr-defined]
     assert len(arrays.net["joined"]) == 6, "by sign, and onto one receptor"
     assert (arrays.net["projections"][3:, t.RUN] < 0).all()
     assert arrays.net["runs"].size == 0
@@ -314,7 +314,7 @@ def test_rows_that_were_laid_out_anew_leave_no_second_copy(ran: float, before: b
     if before:
         sim.set("wires2", weight=9.0)
     sim._engine.run(0)  # type: ignore[attr-defined]
-    old = [weakref.ref(sim._engine._a.net[name]) for name in layout.JOINED_ARRAYS]  # type: ignore[attr-defined]
+    old = [weakref.ref(sim._engine._arrays.net[name]) for name in layout.JOINED_ARRAYS]  # type: ignore[attr-defined]
     sim.run(ran)
     sim.set("wires1", weight=9.0)
     sim.run(2.0)
@@ -335,7 +335,7 @@ def test_places_that_lie_far_apart():
         net.connect("cells", target, neuro.fixed_indegree(n=9), weight=WEIGHT, delay=LATE, name=f"to_{target}")
     sims = alike(net, 15.0)
     assert sims[1].counts().projections["to_others"].synaptic_ops > 0
-    arrays = sims[1]._engine._a.net  # type: ignore[attr-defined]
+    arrays = sims[1]._engine._arrays.net  # type: ignore[attr-defined]
     assert arrays["joined_steps"].size > 2 * 300 * 9, "what lies far is reached by several steps"
 
 

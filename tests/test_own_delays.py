@@ -135,7 +135,7 @@ def test_few_synapses_with_very_many_delays_go_into_a_ring():
     late = neuro.uniform(low=0.1, high=300.0)
     net.connect("others", "cells", neuro.fixed_indegree(n=2), weight=9.0, delay=late, name="far")
     sim = neuro.compile(net, "event", seed=1)
-    arrays = sim._engine._a  # type: ignore[attr-defined]
+    arrays = sim._engine._arrays  # type: ignore[attr-defined]
     at_arrival = {p.name: arrays.net["projections"][q, t.LAG] > 0 for q, p in enumerate(sim.program.projections)}
     assert arrays.joined == {0, 1, 2, 3}
     assert at_arrival == {"noise_cells": True, "wires": True, "wide": True, "alike": True, "far": False}
@@ -229,7 +229,7 @@ def test_rows_are_sorted_by_delay(rows: list[list[tuple[int, int]]]):
 def test_the_engine_uses_the_arrays_of_the_program():
     """Where delays are drawn, joined rows take the place of the program's arrays."""
     sim = neuro.compile(wired(neuro.fixed_total_number(n=50), 2.0, NORMAL), "event", seed=1, threads=2)
-    net = sim._engine._a.net  # type: ignore[attr-defined]
+    net = sim._engine._arrays.net  # type: ignore[attr-defined]
     for part in sim.program.projections[1:3]:
         assert np.shares_memory(net["targets"], part.targets)
         assert np.shares_memory(net["weights"], part.weight)
@@ -238,7 +238,7 @@ def test_the_engine_uses_the_arrays_of_the_program():
 @pytest.mark.usefixtures("many")
 def test_what_is_not_known_beforehand_is_packed_all_the_same():
     sim = neuro.compile(wired(neuro.pairwise_bernoulli(p=0.3), 2.0, NORMAL), "event", seed=1)
-    parts, net = sim.program.projections, sim._engine._a.net  # type: ignore[attr-defined]
+    parts, net = sim.program.projections, sim._engine._arrays.net  # type: ignore[attr-defined]
     assert np.array_equal(net["targets"], np.concatenate([part.targets for part in parts[1:]]))
     assert all(np.shares_memory(net["weights"], part.weight) for part in parts[1:3])
 

@@ -108,7 +108,7 @@ def test_delays_of_their_own(
     weight = neuro.normal(mean=200.0, std=90.0)
     net.connect("cells", "others", neuro.fixed_total_number(n=9000), weight=weight, delay=late)
     net.connect("others", "cells", neuro.fixed_indegree(n=5), weight=80.0, delay=late)
-    columns = neuro.compile(net, "event", seed=1)._engine._a.net["projections"]  # type: ignore[attr-defined]
+    columns = neuro.compile(net, "event", seed=1)._engine._arrays.net["projections"]  # type: ignore[attr-defined]
     assert (columns[:, t.RUN] >= 0).all() == (few > 0)
     alone = ran(net, 1, [20.0])
     assert alone["spikes of others: steps"].size > 100

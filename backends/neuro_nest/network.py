@@ -51,15 +51,18 @@ class NestNetwork:
         self._failed = False
         self.clock = NestClock(program.resolution)
         self.rules = rules
-        sent_at_once = {p.source for p in program.projections if self._is_at_once(p)}
+        sent_at_once = {projection.source for projection in program.projections if self._is_at_once(projection)}
         # NEST's draws depend on its seed and on the node of each neuron. Nodes are assigned for threads as for
         # processes, so that a process with two threads has the network of two processes.
-        draws = any(p.undrawn is not None for p in program.projections)
+        draws = any(projection.undrawn is not None for projection in program.projections)
         n_workers = max(program.share.number, threads if draws and program.share.number == 1 else 1)
         with nest_errors():
             nest.local_num_threads = threads
             nest.set(resolution=self.clock.ms(1), rng_seed=1 + program.seed % _SEEDS)
-            longest = max((max(p.delay_span[1], p.dopamine_delay) for p in program.projections), default=1)
+            longest = max(
+                (max(projection.delay_span[1], projection.dopamine_delay) for projection in program.projections),
+                default=1,
+            )
             nest.set(min_delay=self.clock.ms(1), max_delay=self.clock.ms(longest))
             mark_as_ours(nest)
             self.cells = [
@@ -68,7 +71,10 @@ class NestNetwork:
                 )
                 for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
             ]
-            before_each = accumulate((p.size if p.undrawn is not None else 0 for p in program.projections), initial=0)
+            before_each = accumulate(
+                (projection.size if projection.undrawn is not None else 0 for projection in program.projections),
+                initial=0,
+            )
             self.synapses = [
                 NestProjection(program, i, w) if part.undrawn is None else RuleProjection(program, i, w, before)
                 for i, (part, w, before) in enumerate(zip(program.projections, weights, before_each, strict=False))
@@ -86,13 +92,17 @@ class NestNetwork:
             if cells.part.kind in ("poisson", "listed", "generator")
         }
         self.currents = Currents(program)
-        self.noise = {k: Noise(program, k, self.currents) for k, p in enumerate(program.populations) if is_noise(p)}
+        self.noise = {
+            k: Noise(program, k, self.currents)
+            for k, projection in enumerate(program.populations)
+            if is_noise(projection)
+        }
         for index in self.noise:
             self.set_noise(index, parameters[index])
-        self.records = [NestRecord(p.size, p.records) for p in program.populations]
+        self.records = [NestRecord(projection.size, projection.records) for projection in program.populations]
         with_synapses = [w for w in self.synapses if isinstance(w, NestProjection)]
         self.activity = Activity(program, [w for w in with_synapses if w.part.carries != "current"])
-        self._stretch = max(1, min(LONGEST, NEURON_STEPS // sum(p.size for p in program.populations)))
+        self._stretch = max(1, min(LONGEST, NEURON_STEPS // sum(projection.size for projection in program.populations)))
 
     def run(self, steps: int) -> None:
         """Advance by some steps."""

@@ -50,7 +50,7 @@ class ReferenceNetwork:
 
     def __init__(self, program: Program) -> None:
         self.program, self.step = program, 0
-        self.cells = [ReferencePopulation(p, program.resolution, program.seed) for p in program.populations]
+        self.cells = [ReferencePopulation(part, program.resolution, program.seed) for part in program.populations]
         self.synapses = [ReferenceProjection(program, i) for i in range(len(program.projections))]
         self.pairs = {
             i: PairLearning(program, synapses, self.cells[synapses.part.target].parameters["tau_minus"])
@@ -63,14 +63,18 @@ class ReferenceNetwork:
             if synapses.part.synapse.learns == "pairs" and synapses.part.grid is not None
         }
         self.moves = {
-            i: MoveLearning(program, w) for i, w in enumerate(self.synapses) if w.part.synapse.learns == "moves"
+            i: MoveLearning(program, each)
+            for i, each in enumerate(self.synapses)
+            if each.part.synapse.learns == "moves"
         }
         self.by_numbers: dict[int, MoveLearning | SharedLearning] = {**self.moves, **self.shared}
         self.notes = SynapseRecords(program)
         self.rules = {
-            i: w.part.synapse.vector() for i, w in enumerate(self.synapses) if w.part.synapse.learns == "trials"
+            i: each.part.synapse.vector()
+            for i, each in enumerate(self.synapses)
+            if each.part.synapse.learns == "trials"
         }
-        self.records = [SpikeRecord(p.size, p.records, p.model.graded) for p in program.populations]
+        self.records = [SpikeRecord(part.size, part.records, part.model.graded) for part in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
         self.local = {
             k: LocalWinners(g.choice, program.populations[g.population].shape)
@@ -82,7 +86,7 @@ class ReferenceNetwork:
             for k, g in enumerate(program.groups)
             if isinstance(g.choice, lateral_reset)
         }
-        self.silenced = [np.zeros(p.size, dtype=bool) for p in program.populations]
+        self.silenced = [np.zeros(part.size, dtype=bool) for part in program.populations]
         self.trial_updates: Ints = np.zeros(len(self.synapses), dtype=np.int64)
         self.potentials: list[Floats] = [c.states[:1].copy() for c in self.cells]
         self.drop()

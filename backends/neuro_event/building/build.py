@@ -60,11 +60,13 @@ def build(
         joined = joined_rows.choose(program) if any(map(layout.is_timed, program.projections)) else frozenset()
     every = range(len(program.projections))
     arranged = list(mapped(lambda q: layout.synapses(program, q, places, joined), every, threads))
-    learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]
-    delays = [p.delay_range(program.resolution)[1] for p in program.projections]
-    longest = max([1, *delays, *(p.dopamine_delay for p in program.projections if p.dopamine >= 0)])
+    learning = [q for q, part in enumerate(program.projections) if layout.learns_pairs(part)]
+    delays = [part.delay_range(program.resolution)[1] for part in program.projections]
+    longest = max([1, *delays, *(part.dopamine_delay for part in program.projections if part.dopamine >= 0)])
     if edges is None and threads == 1:
-        edges = np.array([(p.begin // t.BLOCK, -(-p.end // t.BLOCK)) for p in places], dtype=np.int64).reshape(-1, 2)
+        edges = np.array([(part.begin // t.BLOCK, -(-part.end // t.BLOCK)) for part in places], dtype=np.int64).reshape(
+            -1, 2
+        )
     elif edges is None:
         edges = thread_partition.thread_edges(program, places, thread_partition.parts(program, threads))
     slice_ = max(1, program.min_delay)
@@ -80,7 +82,7 @@ def build(
     _groups(arrays)
     if learning:
         pair_rules.add_learning(arrays, learning)
-    if any(p.synapse.learns == "moves" for p in program.projections):
+    if any(part.synapse.learns == "moves" for part in program.projections):
         move_rules.add_moves(arrays)
     if any(map(shared_kernels.learns_shared, program.projections)):
         shared_kernels.add_shared(arrays)
@@ -132,14 +134,14 @@ def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int)
     }
 
 
-def _neurons(a: EventArrays) -> None:
-    net = a.net
+def _neurons(arrays: EventArrays) -> None:
+    net = arrays.net
     net["most"] = np.diff(net["edges"], axis=1).sum(axis=0) * t.BLOCK
     net["empty_input"][:] = -0.0
     net["nothing"][:] = net["tau_minus"][:] = 1.0
-    if any(getattr(p.model, "draws", False) for p in a.program.populations):
+    if any(getattr(p.model, "draws", False) for p in arrays.program.populations):
         net["draws"] = np.zeros(net["mean"].size)
-    for population, place in zip(a.program.populations, a.places, strict=True):
+    for population, place in zip(arrays.program.populations, arrays.places, strict=True):
         net["order"][place.begin : place.end] = place.outside
         if population.kind == "neuron":
             tau = np.atleast_1d(population.parameters["tau_minus"])
@@ -151,72 +153,74 @@ def _neurons(a: EventArrays) -> None:
     net["initial"] = net["state"].copy()
 
 
-def _populations(a: EventArrays) -> None:
-    pops = np.full((len(a.program.populations), t.POPULATION_COLUMNS), t.NONE, dtype=np.int64)
-    for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
+def _populations(arrays: EventArrays) -> None:
+    pops = np.full((len(arrays.program.populations), t.POPULATION_COLUMNS), t.NONE, dtype=np.int64)
+    for k, (part, place) in enumerate(zip(arrays.program.populations, arrays.places, strict=True)):
         row = pops[k]
-        row[t.KIND], row[t.NUMBER] = t.KINDS.index(p.kind), k
+        row[t.KIND], row[t.NUMBER] = t.KINDS.index(part.kind), k
         row[t.BEGIN], row[t.END] = place.begin, place.end
         row[t.FIRST_BLOCK], row[t.LAST_BLOCK] = place.begin // t.BLOCK, -(-place.end // t.BLOCK)
-        row[t.RECORD] = int(p.records)
-        row[t.START], row[t.STOP] = p.start, p.stop
+        row[t.RECORD] = int(part.records)
+        row[t.START], row[t.STOP] = part.start, part.stop
         row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = 1, 0, 0
-        if layout.computes(p):
-            own: Any = type(p.model)
-            a.request(row, t.ENTRY, partial(entry if p.kind == "neuron" else generator_entry, own))
-        if isinstance(p.model, Neuron):
-            model = p.model
+        if layout.computes(part):
+            own: Any = type(part.model)
+            arrays.request(row, t.ENTRY, partial(entry if part.kind == "neuron" else generator_entry, own))
+        if isinstance(part.model, Neuron):
+            model = part.model
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)
             if model.graded:
                 row[t.PAYLOAD] = [state.name for state in model.states].index(PAYLOAD)
-    for k, group in enumerate(a.program.groups):
+    for k, group in enumerate(arrays.program.groups):
         pops[group.population, t.GROUP] = k
     pops[:, t.CARRIED] = 0
-    pops[[p.target for p in a.program.projections if p.carries == "current"], t.CARRIED] = 1
-    a.net["pops"] = pops
-    computed = (k for k, p in enumerate(a.program.populations) if layout.computes(p))
-    rebuild_constants(a, {k: layout.parameter_rows(a.program.populations[k], a.places[k]) for k in computed})
+    pops[[part.target for part in arrays.program.projections if part.carries == "current"], t.CARRIED] = 1
+    arrays.net["pops"] = pops
+    computed = (k for k, part in enumerate(arrays.program.populations) if layout.computes(part))
+    rebuild_constants(
+        arrays, {k: layout.parameter_rows(arrays.program.populations[k], arrays.places[k]) for k in computed}
+    )
 
 
-def rebuild_constants(a: EventArrays, changed: Mapping[int, Floats]) -> None:
+def rebuild_constants(arrays: EventArrays, changed: Mapping[int, Floats]) -> None:
     """Lay out the parameters of all populations, with new rows for some, and compute their constants."""
     rows = [
-        changed[k] if k in changed else parameters(a, k)
-        for k, p in enumerate(a.program.populations)
+        changed[k] if k in changed else parameters(arrays, k)
+        for k, p in enumerate(arrays.program.populations)
         if layout.computes(p)
     ]
-    width = layout.width(a.program)
-    a.net["parameters"] = np.concatenate(
+    width = layout.width(arrays.program)
+    arrays.net["parameters"] = np.concatenate(
         [np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in rows] or [np.zeros((1, width))]
     )
-    a.net["constants"] = np.zeros_like(a.net["parameters"])
+    arrays.net["constants"] = np.zeros_like(arrays.net["parameters"])
     at = 0
-    computed = (k for k, p in enumerate(a.program.populations) if layout.computes(p))
+    computed = (k for k, p in enumerate(arrays.program.populations) if layout.computes(p))
     for k, each in zip(computed, rows, strict=True):
-        a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = at, int(len(each) > 1)
-        compute: Any = type(a.program.populations[k].model).arithmetic.constants  # type: ignore[attr-defined]
+        arrays.net["pops"][k, t.CONSTANT], arrays.net["pops"][k, t.CONSTANT_STRIDE] = at, int(len(each) > 1)
+        compute: Any = type(arrays.program.populations[k].model).arithmetic.constants  # type: ignore[attr-defined]
         for r in range(at, at + len(each)):
-            compute(a.net["parameters"][r], a.program.resolution, a.net["constants"][r])
+            compute(arrays.net["parameters"][r], arrays.program.resolution, arrays.net["constants"][r])
         at += len(each)
 
 
-def parameters(a: EventArrays, k: int) -> Floats:
+def parameters(arrays: EventArrays, k: int) -> Floats:
     """Return the present parameters of a population: one row, or one row per neuron in internal order."""
-    first, stride = a.net["pops"][k, [t.CONSTANT, t.CONSTANT_STRIDE]].tolist()
-    n = a.program.populations[k].size if stride else 1
-    rows: Floats = a.net["parameters"][first : first + n, : len(a.program.populations[k].parameters)]
+    first, stride = arrays.net["pops"][k, [t.CONSTANT, t.CONSTANT_STRIDE]].tolist()
+    n = arrays.program.populations[k].size if stride else 1
+    rows: Floats = arrays.net["parameters"][first : first + n, : len(arrays.program.populations[k].parameters)]
     return rows
 
 
-def _groups(a: EventArrays) -> None:
-    groups, trials, net = a.program.groups, a.program.trials, a.net
+def _groups(arrays: EventArrays) -> None:
+    groups, trials, net = arrays.program.groups, arrays.program.trials, arrays.net
     net["groups"][:] = net["local"][:] = t.NONE
     net["group_keys"] = np.array(
-        [keyed_random.key(a.program.seed, "tie", g.name) for g in groups] or [0], dtype=np.uint64
+        [keyed_random.key(arrays.program.seed, "tie", g.name) for g in groups] or [0], dtype=np.uint64
     )
     net["won"] = np.zeros((1, 2), dtype=np.int64)
     for k, g in enumerate(groups):
-        place, shape = a.places[g.population], a.program.populations[g.population].shape
+        place, shape = arrays.places[g.population], arrays.program.populations[g.population].shape
         once = isinstance(g.choice, winner_take_all) and g.choice.first_to_fire
         net["groups"][k] = (g.population, once, 0, t.NONE, t.NONE, 0, 0)
         if isinstance(choice := g.choice, local_winners):
@@ -230,82 +234,82 @@ def _groups(a: EventArrays) -> None:
     most = max(1, int(net["groups"][:, t.RIVALS].max()))
     net["rivals"] = np.zeros((net["edges"].shape[1] - 1, most), dtype=np.int64)
     if trials:
-        output = a.program.populations[trials.output]
-        net["map_of"] = a.places[trials.output].outside // (output.size // trials.maps)
+        output = arrays.program.populations[trials.output]
+        net["map_of"] = arrays.places[trials.output].outside // (output.size // trials.maps)
         fresh = [s.name in trials.reset or (s.hidden and "V_m" in trials.reset) for s in type(output.model).states]
         net["resets"] = np.flatnonzero(fresh).astype(np.int64)
         if groups[trials.group].choice.several:
             net["won"] = np.zeros((output.size, 2), dtype=np.int64)
 
 
-def declared_in(a: EventArrays, *lives: str) -> Iterator[tuple[str, Declared, dict[str, Any]]]:
+def declared_in(arrays: EventArrays, *lives: str) -> Iterator[tuple[str, Declared, dict[str, Any]]]:
     """Yield declared arrays, all or with given lifetimes: name in a snapshot, declaration, dictionary of arrays."""
-    for part, arrays, owner in (("net", t.NET_ARRAYS, a.net), ("plastic", t.PLASTIC_ARRAYS, a.plastic)):
-        for each in arrays:
+    for part, declarations, owner in (("net", t.NET_ARRAYS, arrays.net), ("plastic", t.PLASTIC_ARRAYS, arrays.plastic)):
+        for each in declarations:
             if not lives or each.life in lives:
                 yield f"{part}.{each.name}", each, owner
 
 
-def snapshot(a: EventArrays) -> dict[str, NDArray[Any]]:
+def snapshot(arrays: EventArrays) -> dict[str, NDArray[Any]]:
     """Return copies of all arrays that change while a network runs."""
-    settle(a)
+    settle(arrays)
     return {
         name: owner[each.name][:, t.CHANGING[each.name]] if each.life == "columns" else owner[each.name].copy()
-        for name, each, owner in declared_in(a, "run", "columns")
+        for name, each, owner in declared_in(arrays, "run", "columns")
     }
 
 
-def restore(a: EventArrays, arrays: Mapping[str, NDArray[Any]]) -> None:
+def restore(arrays: EventArrays, saved: Mapping[str, NDArray[Any]]) -> None:
     """Replace the arrays of step 0 by those of a snapshot."""
-    if not np.array_equal(arrays["net.weights"], a.net["weights"]):
-        own_weights(a)
-    for name, each, owner in declared_in(a, "run", "columns"):
+    if not np.array_equal(saved["net.weights"], arrays.net["weights"]):
+        own_weights(arrays)
+    for name, each, owner in declared_in(arrays, "run", "columns"):
         if each.life == "columns":
-            owner[each.name][:, t.CHANGING[each.name]] = arrays[name]
-        elif owner[each.name].shape == arrays[name].shape:
-            owner[each.name][...] = arrays[name]  # keeps the alignment, see `layout.aligned_zeros`
+            owner[each.name][:, t.CHANGING[each.name]] = saved[name]
+        elif owner[each.name].shape == saved[name].shape:
+            owner[each.name][...] = saved[name]  # keeps the alignment, see `layout.aligned_zeros`
         else:
-            owner[each.name] = arrays[name].copy()
-    rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
-    a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
-    for q in a.joined.intersection(rings):
-        lay_out(a, q)
-    set_buffer(a, a.net["buf"])
-    list_incoming(a)
-    tabulate(a)
-    for q, p in enumerate(a.program.projections):
+            owner[each.name] = saved[name].copy()
+    rings = [q for q in range(len(arrays.program.projections)) if arrays.net["projections"][q, t.LAG] == 0]
+    arrays.net["at_emission"] = np.array([q for q in rings if q not in arrays.plastic_of], dtype=np.int64)
+    for q in arrays.joined.intersection(rings):
+        lay_out(arrays, q)
+    set_buffer(arrays, arrays.net["buf"])
+    list_incoming(arrays)
+    tabulate(arrays)
+    for q, p in enumerate(arrays.program.projections):
         if p.synapse.delays and p.synapse.learns == "trials":
-            pair_rules.round_delays(a, q)
+            pair_rules.round_delays(arrays, q)
 
 
-def link(a: EventArrays) -> None:
+def link(arrays: EventArrays) -> None:
     """Compile all functions that a network calls by address, and write their addresses into the tables."""
-    table = a.net["stages"]
-    for name in _needed(a):
+    table = arrays.net["stages"]
+    for name in _needed(arrays):
         number = list(STAGES).index(name)
         if table[number] == 0:
-            a.request(table, number, partial(stage_entry, name))
-    if a.requests:
-        if a.program.trials is not None:
+            arrays.request(table, number, partial(stage_entry, name))
+    if arrays.requests:
+        if arrays.program.trials is not None:
             running: tuple[str, ...] = "run_trial", "begin_trial", "end_trial"
         else:
-            running = ("run",) if a.net["edges"].shape[1] == 2 else ("run", "share", "finish")
+            running = ("run",) if arrays.net["edges"].shape[1] == 2 else ("run", "share", "finish")
         runs = [partial(stage_entry, name) for name in running]
-        entries: list[Callable[[], Entry]] = [*runs, *(each for _, _, each in a.requests)]
+        entries: list[Callable[[], Entry]] = [*runs, *(each for _, _, each in arrays.requests)]
         if all(each().is_compiled for each in entries):
             entry_addresses = [each().address() for each in entries]
         else:
             from neuro.kernels.beside import addresses  # a second process is only needed to compile
 
             entry_addresses = addresses(entries)
-        for (row, column, _), address in zip(a.requests, entry_addresses[len(runs) :], strict=True):
+        for (row, column, _), address in zip(arrays.requests, entry_addresses[len(runs) :], strict=True):
             row[column] = address
-        a.requests.clear()
+        arrays.requests.clear()
 
 
-def _needed(a: EventArrays) -> Iterator[str]:
+def _needed(arrays: EventArrays) -> Iterator[str]:
     """Yield the names of the stages that the network may call."""
-    net, plastic = a.net, a.plastic["table"]
+    net, plastic = arrays.net, arrays.plastic["table"]
     arriving, at_emission = (net["projections"][net[name]] for name in ("incoming", "at_emission"))
     on_arrival = arriving[arriving[:, t.LAG] != 0]
     counted = on_arrival[:, t.DENSE_COUNTS] == 1
@@ -324,7 +328,7 @@ def _needed(a: EventArrays) -> Iterator[str]:
         "note": plastic[:, t.NOTED] == 1,
         "gather_moves": net["pops"][:, t.GATHERS] == 1,
         "deliver_joined": len(net["joined"]),
-        "learn_kernels": len(a.plastic["shared_table"]),
+        "learn_kernels": len(arrays.plastic["shared_table"]),
     }
     yield from (name for name, places in callers.items() if np.any(places))
 
@@ -332,84 +336,85 @@ def _needed(a: EventArrays) -> Iterator[str]:
 TABLE_WIDTH = 1400
 
 
-def add_generators(a: EventArrays) -> None:
+def add_generators(arrays: EventArrays) -> None:
     """Set the rates of the generators, and allocate rings for those that keep counts."""
-    pops = a.net["pops"]
-    a.net["keys"] = np.array(
-        [keyed_random.key(a.program.seed, drawn_for(p), p.name) for p in a.program.populations], dtype=np.uint64
+    pops = arrays.net["pops"]
+    arrays.net["keys"] = np.array(
+        [keyed_random.key(arrays.program.seed, drawn_for(part), part.name) for part in arrays.program.populations],
+        dtype=np.uint64,
     )
-    a.net["cumulative"][:] = np.inf
+    arrays.net["cumulative"][:] = np.inf
     size = 0
-    for k, p in enumerate(a.program.populations):
-        if p.kind == "poisson":
-            if _keeps_counts(a, k):
-                own = [q for q, projection in enumerate(a.program.projections) if projection.source == k]
-                a.net["projections"][own, t.DENSE_COUNTS] = 1
-                steps = layout.power_of_two(int(a.net["projections"][own, t.LAG].max()) + a.longest_slice)
+    for k, part in enumerate(arrays.program.populations):
+        if part.kind == "poisson":
+            if _keeps_counts(arrays, k):
+                own = [q for q, projection in enumerate(arrays.program.projections) if projection.source == k]
+                arrays.net["projections"][own, t.DENSE_COUNTS] = 1
+                steps = layout.power_of_two(int(arrays.net["projections"][own, t.LAG].max()) + arrays.longest_slice)
                 pops[k, t.COUNTS], pops[k, t.COUNTS_STEPS] = size, steps
-                size += steps * p.size
-            set_rate(a, k, p.rate(1), 0)
-    a.net["counts"] = aligned_zeros(size, np.uint16)
-    a.net["tally"] = aligned_zeros(a.net["mean"].size if size else 0, np.uint32, line=24)
+                size += steps * part.size
+            set_rate(arrays, k, part.rate(1), 0)
+    arrays.net["counts"] = aligned_zeros(size, np.uint16)
+    arrays.net["tally"] = aligned_zeros(arrays.net["mean"].size if size else 0, np.uint32, line=24)
 
 
-def settle(a: EventArrays) -> None:
+def settle(arrays: EventArrays) -> None:
     """Move the tallies of generators to their counts of events and spikes."""
-    tally = a.net["tally"]
-    a.net["events"][: tally.size] += tally >> t.TALLY_BITS
-    a.net["spikes"][: tally.size] += tally & ((1 << t.TALLY_BITS) - 1)
+    tally = arrays.net["tally"]
+    arrays.net["events"][: tally.size] += tally >> t.TALLY_BITS
+    arrays.net["spikes"][: tally.size] += tally & ((1 << t.TALLY_BITS) - 1)
     tally[:] = 0
 
 
-def _keeps_counts(a: EventArrays, k: int) -> bool:
+def _keeps_counts(arrays: EventArrays, k: int) -> bool:
     """Return whether a generator keeps counts instead of a list of spikes.
 
     The generator must have only static one-to-one projections with one weight each, and more than 0.05 spikes a step.
     """
-    outgoing = [q for q, p in enumerate(a.program.projections) if p.source == k]
-    is_dopamine = any(p.dopamine == k for p in a.program.projections)
+    outgoing = [q for q, p in enumerate(arrays.program.projections) if p.source == k]
+    is_dopamine = any(p.dopamine == k for p in arrays.program.projections)
     return (
         bool(outgoing)
         and not is_dopamine
-        and not a.program.populations[k].records
-        and a.program.populations[k].largest("rate") * a.program.resolution > 50.0
+        and not arrays.program.populations[k].records
+        and arrays.program.populations[k].largest("rate") * arrays.program.resolution > 50.0
         and all(
-            a.synapses[q].layout == t.ONE_TO_ONE
-            and not a.program.projections[q].synapse.learns
-            and a.net["projections"][q, t.LAG] > 0
-            and a.net["projections"][q, t.WEIGHT_STRIDE] == 0
+            arrays.synapses[q].layout == t.ONE_TO_ONE
+            and not arrays.program.projections[q].synapse.learns
+            and arrays.net["projections"][q, t.LAG] > 0
+            and arrays.net["projections"][q, t.WEIGHT_STRIDE] == 0
             for q in outgoing
         )
     )
 
 
-def set_rate(a: EventArrays, k: int, rate: Floats, step: int) -> None:
+def set_rate(arrays: EventArrays, k: int, rate: Floats, step: int) -> None:
     """Set the rate of a poisson_generator in Hz, one value or one per neuron, after a step."""
-    place, row = a.places[k], a.net["pops"][k]
-    net, own = a.net, slice(place.begin, place.end)
+    place, row = arrays.places[k], arrays.net["pops"][k]
+    net, own = arrays.net, slice(place.begin, place.end)
     mean, nothing = net["mean"][own], net["nothing"][own]
-    np.multiply(rate, a.program.resolution * 1e-3, out=mean)
+    np.multiply(rate, arrays.program.resolution * 1e-3, out=mean)
     np.exp(np.negative(mean, out=nothing), out=nothing)
     wake_emitting(net["mean"], net["awake"], net["busy"], row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)
     if row[t.COUNTS] >= 0:
-        _tabulate(a, k, mean)
+        _tabulate(arrays, k, mean)
 
 
-def tabulate(a: EventArrays) -> None:
+def tabulate(arrays: EventArrays) -> None:
     """Compute the Poisson tables of all generators that keep counts, from the present rates."""
-    for k, place in enumerate(a.places):
-        if a.net["pops"][k, t.COUNTS] >= 0:
-            _tabulate(a, k, a.net["mean"][place.begin : place.end])
+    for k, place in enumerate(arrays.places):
+        if arrays.net["pops"][k, t.COUNTS] >= 0:
+            _tabulate(arrays, k, arrays.net["mean"][place.begin : place.end])
 
 
-def _tabulate(a: EventArrays, k: int, mean: Floats) -> None:
+def _tabulate(arrays: EventArrays, k: int, mean: Floats) -> None:
     """Write a table of the Poisson distribution for a generator, if all its neurons have the same rate."""
-    row = a.net["pops"][k]
+    row = arrays.net["pops"][k]
     row[t.TABLE] = t.NONE
     if np.all(mean == mean[0]):
         table = keyed_random.poisson_table(float(mean[0]))
-        if table.size < a.net["cumulative"].shape[1]:
+        if table.size < arrays.net["cumulative"].shape[1]:
             row[t.TABLE] = k
-            a.net["cumulative"][k] = np.inf
-            a.net["cumulative"][k, : table.size] = table
-            a.net["guides"][k] = guide_to(table)
+            arrays.net["cumulative"][k] = np.inf
+            arrays.net["cumulative"][k, : table.size] = table
+            arrays.net["guides"][k] = guide_to(table)

@@ -139,139 +139,139 @@ def _runs(program: Program, row: Row) -> int:
     return program.populations[program.projections[row[0]].source].size * delays
 
 
-def join(a: EventArrays) -> None:
+def join(arrays: EventArrays) -> None:
     """Lay out the joined rows with the present weights, without projections that now have a ring.
 
     In a network of very many synapses the rows are the only copy: the program's arrays are freed row by row.
     """
-    layout.part_joined_rows(a)
+    layout.part_joined_rows(arrays)
     stretches = []
-    for pop in a.net["pops"]:
-        arriving = a.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()
-        places = [pop[t.ARRIVALS] + k for k, q in enumerate(arriving) if q in a.joined]
+    for pop in arrays.net["pops"]:
+        arriving = arrays.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()
+        places = [pop[t.ARRIVALS] + k for k, q in enumerate(arriving) if q in arrays.joined]
         if places:
             pop[t.JOINED], pop[t.JOINED_END] = places[0], places[-1] + 1
-            stretches.append([q for q in arriving if q in a.joined])
-    rows = _rows(a.program, stretches)
-    shared = _IN_PLACE.get(a.program)
-    unchanged = as_described(a).issuperset(q for row in rows for q in row)
-    if shared is not None and unchanged and shared.rows == rows and np.array_equal(shared.edges, a.net["edges"]):
-        a.net |= shared.net
+            stretches.append([q for q in arriving if q in arrays.joined])
+    rows = _rows(arrays.program, stretches)
+    shared = _IN_PLACE.get(arrays.program)
+    unchanged = as_described(arrays).issuperset(q for row in rows for q in row)
+    if shared is not None and unchanged and shared.rows == rows and np.array_equal(shared.edges, arrays.net["edges"]):
+        arrays.net |= shared.net
         return
     table = np.full((len(rows), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    bases = np.zeros((len(rows), _threads(a)), dtype=np.int64)
-    reach = np.zeros((len(rows), len(a.program.populations)), dtype=np.uint8)
+    bases = np.zeros((len(rows), _threads(arrays)), dtype=np.int64)
+    reach = np.zeros((len(rows), len(arrays.program.populations)), dtype=np.uint8)
     n_runs = 0
     for k, (columns, row) in enumerate(zip(table, rows, strict=True)):
-        parts = [a.program.projections[q] for q in row]
-        spans = np.array([p.delay_span for p in parts])
+        parts = [arrays.program.projections[q] for q in row]
+        spans = np.array([part.delay_span for part in parts])
         columns[[t.ROW, t.SOURCE, t.RUN]] = k, parts[0].source, n_runs
         columns[t.SHORTEST], columns[t.DELAYS] = spans[:, 0].min(), np.ptp(spans) + 1
-        own = [block.weight for q in row for block in synapse_blocks(a, q)]
+        own = [block.weight for q in row for block in synapse_blocks(arrays, q)]
         columns[t.SINGLE] = all(map(is_single, own))
-        signs = {layout.sign(each) for each in own if each.size} if _by_sign(a.program, row[0]) else {t.POSITIVE}
+        signs = {layout.sign(each) for each in own if each.size} if _by_sign(arrays.program, row[0]) else {t.POSITIVE}
         del own
         columns[t.SIGN] = signs.pop() if len(signs) == 1 else t.MIXED
-        targets = a.net["pops"][[p.target for p in parts]]
+        targets = arrays.net["pops"][[part.target for part in parts]]
         blocks = (targets[:, t.LAST_BLOCK] - targets[:, t.FIRST_BLOCK]).sum()
         # With two synapses per block nearly all blocks are marked, so marking all is cheaper.
-        columns[t.WAKE_ALL] = 1 + 2 * blocks * _runs(a.program, row) // sum(p.size for p in parts)
-        reach[k, [p.target for p in parts]] = 1
-        n_runs += _runs(a.program, row) * _threads(a) + 1
-    a.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
-    a.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
-    sizes = np.array([_count(a, columns, row) for columns, row in zip(table, rows, strict=True)], dtype=np.int64)
+        columns[t.WAKE_ALL] = 1 + 2 * blocks * _runs(arrays.program, row) // sum(part.size for part in parts)
+        reach[k, [part.target for part in parts]] = 1
+        n_runs += _runs(arrays.program, row) * _threads(arrays) + 1
+    arrays.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
+    arrays.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
+    sizes = np.array([_count(arrays, columns, row) for columns, row in zip(table, rows, strict=True)], dtype=np.int64)
     table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
     for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
         own = sizes * (table[:, t.SINGLE] == single)
         table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
-        a.net[name] = np.empty(own.sum(), dtype=kind)
-    a.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
+        arrays.net[name] = np.empty(own.sum(), dtype=kind)
+    arrays.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
     # Each row frees the arrays that it replaces, since two copies of a large network would not fit into memory.
     for columns, row in zip(table, rows, strict=True):
-        _lay(a, columns, row)
-    _leave(a, rows)
-    if unchanged and any(isinstance(p, CompactProjection) for p in a.program.projections):
+        _lay(arrays, columns, row)
+    _leave(arrays, rows)
+    if unchanged and any(isinstance(part, CompactProjection) for part in arrays.program.projections):
         names = (*layout.JOINED_ARRAYS, *layout.JOINED_TABLES)
-        _IN_PLACE[a.program] = LaidRows(rows, a.net["edges"], {name: a.net[name] for name in names})
+        _IN_PLACE[arrays.program] = LaidRows(rows, arrays.net["edges"], {name: arrays.net[name] for name in names})
 
 
-def as_described(a: EventArrays) -> frozenset[int]:
+def as_described(arrays: EventArrays) -> frozenset[int]:
     """Return the projections in joined rows whose weights are the program's."""
-    return frozenset(q for q in a.joined if a.net["projections"][q, t.WEIGHT] < 0)
+    return frozenset(q for q in arrays.joined if arrays.net["projections"][q, t.WEIGHT] < 0)
 
 
-def weights(a: EventArrays, q: int) -> NDArray[np.floating[Any]]:
+def weights(arrays: EventArrays, q: int) -> NDArray[np.floating[Any]]:
     """Return the weights that a projection in joined rows adds, in internal order: set values, else the program's."""
-    first, stride = a.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
+    first, stride = arrays.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
     if first < 0:
-        return layout.internal_weights(a.program, q, a.synapses[q].order)
-    new_weights: Floats = a.net["weights"][first : first + (a.program.projections[q].size if stride else 1)]
+        return layout.internal_weights(arrays.program, q, arrays.synapses[q].order)
+    new_weights: Floats = arrays.net["weights"][first : first + (arrays.program.projections[q].size if stride else 1)]
     return new_weights
 
 
-def _threads(a: EventArrays) -> int:
-    return int(a.net["edges"].shape[1] - 1)
+def _threads(arrays: EventArrays) -> int:
+    return int(arrays.net["edges"].shape[1] - 1)
 
 
-def _begin(a: EventArrays, q: int) -> int:
+def _begin(arrays: EventArrays, q: int) -> int:
     """Return the place in the input of the first target of a projection.
 
     If negative weights go to a second receptor, its places follow those of the first.
     """
-    receptor = max(int(a.net["projections"][q, t.RECEPTOR]), 0)
-    return a.places[a.program.projections[q].target].begin + receptor * int(a.net["x"].shape[1])
+    receptor = max(int(arrays.net["projections"][q, t.RECEPTOR]), 0)
+    return arrays.places[arrays.program.projections[q].target].begin + receptor * int(arrays.net["x"].shape[1])
 
 
-def _row_runs(a: EventArrays, columns: Ints) -> NDArray[np.uint32]:
-    n = a.program.populations[int(columns[t.SOURCE])].size * int(columns[t.DELAYS]) * _threads(a)
-    row_runs: NDArray[np.uint32] = a.net["joined_runs"][columns[t.RUN] :][: n + 1]
+def _row_runs(arrays: EventArrays, columns: Ints) -> NDArray[np.uint32]:
+    n = arrays.program.populations[int(columns[t.SOURCE])].size * int(columns[t.DELAYS]) * _threads(arrays)
+    row_runs: NDArray[np.uint32] = arrays.net["joined_runs"][columns[t.RUN] :][: n + 1]
     return row_runs
 
 
-def _count(a: EventArrays, columns: Ints, row: Row) -> int:
+def _count(arrays: EventArrays, columns: Ints, row: Row) -> int:
     """Compute the ends of the runs of a joined row; return its number of entries (synapses and steps between them)."""
-    runs = _row_runs(a, columns)
+    runs = _row_runs(arrays, columns)
     # The first place of each thread among the targets of the row.
-    bases = np.full(_threads(a), np.iinfo(np.int64).max)
+    bases = np.full(_threads(arrays), np.iinfo(np.int64).max)
     for q in row:
-        edges = layout.edges_of(a, q)
-        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _begin(a, q) + edges[:-1], bases))
-    a.net["joined_bases"][columns[t.ROW]] = np.where(bases == np.iinfo(np.int64).max, 0, bases)
-    _walk(a, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
+        edges = layout.edges_of(arrays, q)
+        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _begin(arrays, q) + edges[:-1], bases))
+    arrays.net["joined_bases"][columns[t.ROW]] = np.where(bases == np.iinfo(np.int64).max, 0, bases)
+    _walk(arrays, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
     if (size := int(runs.sum(dtype=np.int64))) > MOST:
-        name = a.program.populations[int(columns[t.SOURCE])].name
+        name = arrays.program.populations[int(columns[t.SOURCE])].name
         message = f"population '{name}' has {size:,} synapses that are delivered together: expected at most {MOST:,}"
         raise ModelError(message, hint="two populations of half the neurons have half the synapses each")
     np.cumsum(runs, out=runs)
     return int(runs[-1])
 
 
-def _lay(a: EventArrays, columns: Ints, row: Row) -> None:
+def _lay(arrays: EventArrays, columns: Ints, row: Row) -> None:
     """Lay out a joined row, which replaces the program's arrays if these are compact."""
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
-    steps, row_weights = a.net["joined_steps"][columns[t.SYNAPSE] :], a.net[weights_of][columns[t.WEIGHT] :]
-    following, replaced = _row_runs(a, columns)[:-1].copy(), _taken_over(a, row)
+    steps, row_weights = arrays.net["joined_steps"][columns[t.SYNAPSE] :], arrays.net[weights_of][columns[t.WEIGHT] :]
+    following, replaced = _row_runs(arrays, columns)[:-1].copy(), _taken_over(arrays, row)
     try:
-        _walk(a, columns, row, following, steps, row_weights, [*replaced.values()])
+        _walk(arrays, columns, row, following, steps, row_weights, [*replaced.values()])
     except BaseException:
         for p in replaced.values():
             if p.has_arrays:
                 p.release(partial(_refuse, p.name))
         raise
-    net = {name: a.net[name] for name in layout.JOINED_ARRAYS}
+    net = {name: arrays.net[name] for name in layout.JOINED_ARRAYS}
     for q, p in replaced.items():
-        n, negated = a.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
-        p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(a, q), n, negated))
+        n, negated = arrays.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
+        p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(arrays, q), n, negated))
 
 
-def _leave(a: EventArrays, rows: list[Row]) -> None:
+def _leave(arrays: EventArrays, rows: list[Row]) -> None:
     """Discard earlier rows that replaced the program's arrays. Projections outside the new rows get arrays again."""
-    replaced = {q for row in rows for q in _taken_over(a, row)}
-    for q, p in enumerate(a.program.projections):
+    replaced = {q for row in rows for q in _taken_over(arrays, row)}
+    for q, p in enumerate(arrays.program.projections):
         if isinstance(p, CompactProjection) and not p.has_arrays and q not in replaced:
             p.retain()
-    _IN_PLACE.pop(a.program, None)
+    _IN_PLACE.pop(arrays.program, None)
 
 
 def _refuse(name: str) -> StoredSynapses:
@@ -281,22 +281,22 @@ def _refuse(name: str) -> StoredSynapses:
     )
 
 
-def _taken_over(a: EventArrays, row: Row) -> dict[int, CompactProjection]:
+def _taken_over(arrays: EventArrays, row: Row) -> dict[int, CompactProjection]:
     """Return the projections whose arrays a joined row replaces, by index."""
-    parts = {q: p for q in row if isinstance(p := a.program.projections[q], CompactProjection)}
-    return {q: p for q, p in parts.items() if _is_as_listed(a, q)}
+    parts = {q: p for q in row if isinstance(p := arrays.program.projections[q], CompactProjection)}
+    return {q: p for q, p in parts.items() if _is_as_listed(arrays, q)}
 
 
-def _is_as_listed(a: EventArrays, q: int) -> bool:
+def _is_as_listed(arrays: EventArrays, q: int) -> bool:
     """Return whether a projection in joined rows has the weights and the order of the program."""
-    p = a.program.projections[q]
-    as_listed = p.by_delay and a.synapses[q].order is None and a.net["projections"][q, t.WEIGHT] < 0
+    p = arrays.program.projections[q]
+    as_listed = p.by_delay and arrays.synapses[q].order is None and arrays.net["projections"][q, t.WEIGHT] < 0
     # A relay needs no weight, so its rows have none.
-    return bool(as_listed and a.net["pops"][p.target, t.RELAY] == 0)
+    return bool(as_listed and arrays.net["pops"][p.target, t.RELAY] == 0)
 
 
 def _walk(
-    a: EventArrays,
+    arrays: EventArrays,
     columns: Ints,
     row: Row,
     following: NDArray[np.uint32],
@@ -307,7 +307,7 @@ def _walk(
     """Lay out the synapses of a joined row by place within each run, and free the arrays that are replaced.
 
     Args:
-        a: all arrays.
+        arrays: all arrays.
         columns: the row of the table of joined rows.
         row: the projections.
         following: next free entry of each run. Without `steps` and `laid`, counts the entries of each run instead.
@@ -316,15 +316,15 @@ def _walk(
         replaced: projections whose arrays are freed.
     """
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
-    at = np.tile(a.net["joined_bases"][columns[t.ROW]], following.size // _threads(a))
+    at = np.tile(arrays.net["joined_bases"][columns[t.ROW]], following.size // _threads(arrays))
     parts = []
-    for q in sorted(row, key=partial(_begin, a)):
-        edges, begin = layout.edges_of(a, q), _begin(a, q)
-        for block in synapse_blocks(a, q):
-            arrays = block.row_ends, block.targets, block.delay, edges, *span, block.weight
-            parts.append(Listed(*arrays, int(block.weight.size > 1), begin))
-    n = a.program.populations[int(columns[t.SOURCE])].size
-    each = sum(a.program.projections[q].size for q in row) / n
+    for q in sorted(row, key=partial(_begin, arrays)):
+        edges, begin = layout.edges_of(arrays, q), _begin(arrays, q)
+        for block in synapse_blocks(arrays, q):
+            synapse_arrays = block.row_ends, block.targets, block.delay, edges, *span, block.weight
+            parts.append(Listed(*synapse_arrays, int(block.weight.size > 1), begin))
+    n = arrays.program.populations[int(columns[t.SOURCE])].size
+    each = sum(arrays.program.projections[q].size for q in row) / n
     # A few sources at a time, so that the synapses of all projections stay in the cache.
     some, more = max(1, int(AT_ONCE / each)), max(1, int(FREED / each))
 
@@ -335,29 +335,29 @@ def _walk(
                 lay_joined(few, min(few + some, end), part, at, following, steps, laid)
         return first, end
 
-    for sources in mapped(lay, range(0, n, more), _threads(a)):
+    for sources in mapped(lay, range(0, n, more), _threads(arrays)):
         for p in replaced:
             p.discard(*sources)
 
 
-def synapses(a: EventArrays, q: int) -> tuple[Ints, NDArray[np.integer[Any]], NDArray[np.integer[Any]], Ints]:
+def synapses(arrays: EventArrays, q: int) -> tuple[Ints, NDArray[np.integer[Any]], NDArray[np.integer[Any]], Ints]:
     """Return row ends, targets and delays of a projection, and the edges of the threads among its targets."""
-    p, s = a.program.projections[q], a.synapses[q]
+    p, s = arrays.program.projections[q], arrays.synapses[q]
     targets, _, delay = p.stored()
     if s.order is not None:
-        return s.row_ends, s.targets, delay[s.order], layout.edges_of(a, q)
-    return s.row_ends, targets if p.layout == "csr" else s.targets, delay, layout.edges_of(a, q)
+        return s.row_ends, s.targets, delay[s.order], layout.edges_of(arrays, q)
+    return s.row_ends, targets if p.layout == "csr" else s.targets, delay, layout.edges_of(arrays, q)
 
 
-def synapse_blocks(a: EventArrays, q: int) -> Iterator[SynapseBlock]:
+def synapse_blocks(arrays: EventArrays, q: int) -> Iterator[SynapseBlock]:
     """Yield the synapses of a projection in joined rows by block, with the weights that are added, in target order."""
-    p = a.program.projections[q]
-    if isinstance(p, CompactProjection) and _is_as_listed(a, q):
+    p = arrays.program.projections[q]
+    if isinstance(p, CompactProjection) and _is_as_listed(arrays, q):
         for block in p.blocks:
             yield replace(block, weight=p.arriving(block.weight))
         return
-    row_ends, targets, delay, _ = synapses(a, q)
-    yield SynapseBlock(row_ends, targets, weights(a, q), delay)
+    row_ends, targets, delay, _ = synapses(arrays, q)
+    yield SynapseBlock(row_ends, targets, weights(arrays, q), delay)
 
 
 @dataclass(frozen=True, eq=False)

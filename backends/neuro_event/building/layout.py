@@ -156,28 +156,28 @@ def synapses(
     Synapses are sorted by source, then target. Synapses that are delivered in runs are sorted by source, delay, target.
     Joined rows have their own order.
     """
-    p = program.projections[index]
-    source, target = where[p.source], where[p.target]
+    part = program.projections[index]
+    source, target = where[part.source], where[part.target]
     permuted = source.inside is not None or target.inside is not None
-    if p.layout == "grid":
-        assert p.grid is not None
-        k = np.arange(p.size, dtype=np.int64).reshape(p.grid.maps, -1)
+    if part.layout == "grid":
+        assert part.grid is not None
+        k = np.arange(part.size, dtype=np.int64).reshape(part.grid.maps, -1)
         return ArrangedSynapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
-    plain = not (permuted or own_delays(p) or learns_pairs(p))
-    if plain and p.layout in ("dense", "one_to_one"):
-        return ArrangedSynapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
-    if index in joined and p.layout == "csr" and not permuted:
-        return ArrangedSynapses(t.CSR, p.row_ends, _NO_TARGETS, None)
-    timed = in_runs(program, p) and index not in joined
-    if p.layout == "csr" and not permuted and (not timed or by_delay(p.row_ends, p.targets, p.delay)):
-        return ArrangedSynapses(t.CSR, p.row_ends, p.targets, None)
+    plain = not (permuted or own_delays(part) or learns_pairs(part))
+    if plain and part.layout in ("dense", "one_to_one"):
+        return ArrangedSynapses(t.DENSE if part.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
+    if index in joined and part.layout == "csr" and not permuted:
+        return ArrangedSynapses(t.CSR, part.row_ends, _NO_TARGETS, None)
+    timed = in_runs(program, part) and index not in joined
+    if part.layout == "csr" and not permuted and (not timed or by_delay(part.row_ends, part.targets, part.delay)):
+        return ArrangedSynapses(t.CSR, part.row_ends, part.targets, None)
     pre, post = program.connections(index)
     pre = pre if source.inside is None else source.inside[pre]
     post = post if target.inside is None else target.inside[post]
-    order = np.lexsort((post, p.delay, pre)) if timed else np.lexsort((post, pre)) if permuted else None
+    order = np.lexsort((post, part.delay, pre)) if timed else np.lexsort((post, pre)) if permuted else None
     if order is not None:
         pre, post = pre[order], post[order]
-    n = program.populations[p.source].size
+    n = program.populations[part.source].size
     row_ends = np.concatenate([[0], np.cumsum(np.bincount(pre, minlength=n))]).astype(np.int64)
     return ArrangedSynapses(t.CSR, row_ends, post.astype(np.int32), order)
 
@@ -236,12 +236,12 @@ _PIECE = 1 << 16
 """Weights that are tested at a time, so that they stay in the cache."""
 
 
-def map_of_weights(a: EventArrays, projection: int, maps: int) -> Ints:
+def map_of_weights(arrays: EventArrays, projection: int, maps: int) -> Ints:
     """Return the map of the trials' output to which each weight of a projection leads, in internal order."""
-    p, s = a.program.projections[projection], a.synapses[projection]
+    p, s = arrays.program.projections[projection], arrays.synapses[projection]
     if s.layout == t.GRID:
         return np.tile(np.arange(maps), p.size // maps)
-    targets = a.places[p.target].outside // (a.program.populations[p.target].size // maps)
+    targets = arrays.places[p.target].outside // (arrays.program.populations[p.target].size // maps)
     return targets[s.targets] if s.layout == t.CSR else np.tile(targets, p.size // targets.size)
 
 
@@ -283,10 +283,10 @@ class EventArrays:
         self.requests.append((row, column, entry))
 
 
-def edges_of(a: EventArrays, projection: int) -> Ints:
+def edges_of(arrays: EventArrays, projection: int) -> Ints:
     """Return the edges of the threads among the targets of a projection."""
-    target = a.program.projections[projection].target
-    edges: Ints = a.net["edges"][target] * t.BLOCK - a.places[target].begin
+    target = arrays.program.projections[projection].target
+    edges: Ints = arrays.net["edges"][target] * t.BLOCK - arrays.places[target].begin
     return edges
 
 
@@ -325,10 +325,12 @@ def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any
     return new_arrays
 
 
-def part_joined_rows(a: EventArrays) -> None:
+def part_joined_rows(arrays: EventArrays) -> None:
     """Remove the joined rows. The next run must lay them out again before its first step."""
-    a.parted = bool(a.joined)
-    pops = a.net["pops"]
+    arrays.parted = bool(arrays.joined)
+    pops = arrays.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
     empty = [each for each in t.NET_ARRAYS if each.name in (*JOINED_ARRAYS, *JOINED_TABLES)]
-    a.net |= zeros(empty, {"threads": a.net["edges"].shape[1] - 1, "populations": len(a.program.populations)})
+    arrays.net |= zeros(
+        empty, {"threads": arrays.net["edges"].shape[1] - 1, "populations": len(arrays.program.populations)}
+    )

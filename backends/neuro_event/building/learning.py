@@ -23,81 +23,95 @@ from neuro_event.loop.lazy_stdp import lazy_entry
 from neuro_event.loop.operations import RULES
 
 
-def add_learning(a: EventArrays, learning: list[int]) -> None:
+def add_learning(arrays: EventArrays, learning: list[int]) -> None:
     """Lay out the synapses, traces and histories of the plastic projections.
 
     Args:
-        a: all arrays.
+        arrays: all arrays.
         learning: indices of the projections.
     """
-    program, pops, threads = a.program, a.net["pops"], a.net["edges"].shape[1] - 1
-    parts, arranged = [program.projections[q] for q in learning], [a.synapses[q] for q in learning]
-    eager = [acts_at_once(a, p) for p in parts]
+    program, pops, threads = arrays.program, arrays.net["pops"], arrays.net["edges"].shape[1] - 1
+    parts, arranged = [program.projections[q] for q in learning], [arrays.synapses[q] for q in learning]
+    eager = [acts_at_once(arrays, part) for part in parts]
     # Lazy `stdp` and `stdp_dopa` only use K+ and K-, so they need no rows in `kinds`.
-    read = [p.synapse for p, at_once in zip(parts, eager, strict=True) if at_once or type(p.synapse) not in RULES]
+    read = [
+        part.synapse for part, at_once in zip(parts, eager, strict=True) if at_once or type(part.synapse) not in RULES
+    ]
     most = max([0, *(max(len(rule.pre), len(rule.post)) for rule in read)])
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
     tau, kinds = np.zeros((len(learning), 2)), np.zeros((len(learning), 2 * most, 3))
     decay = np.zeros((len(learning), OWN + kinds.shape[1], DECAYS))
-    strides = [1 if type(p.synapse) in RULES else max(1, len(p.synapse.pre)) for p in parts]
+    strides = [1 if type(part.synapse) in RULES else max(1, len(part.synapse.pre)) for part in parts]
     synapses, sources, targets = (
         np.array(sizes, dtype=np.int64)
         for sizes in (
-            [s.targets.size for s in arranged],
-            [program.populations[p.source].size * stride for p, stride in zip(parts, strides, strict=True)],
-            [program.populations[p.target].size for p in parts],
+            [arranged_part.targets.size for arranged_part in arranged],
+            [program.populations[part.source].size * stride for part, stride in zip(parts, strides, strict=True)],
+            [program.populations[part.target].size for part in parts],
         )
     )
     firsts = ((t.FIRST_SYNAPSE, synapses), (t.FIRST_SOURCE, sources), (t.FIRST_TARGET, targets))
     for column, sizes in (*firsts, (t.INCOMING, targets + 1)):
         table[:, column] = np.cumsum(sizes) - sizes
     table[:, t.SOURCE_STRIDE], table[:, t.EAGER] = strides, eager
-    states = np.zeros((max([1, *(1 + len(p.synapse.states) for p in parts)]), synapses.sum()))
+    states = np.zeros((max([1, *(1 + len(part.synapse.states) for part in parts)]), synapses.sum()))
     k_plus = np.zeros((threads, sources.sum()))
     incoming: list[Ints] = [np.zeros(0, dtype=np.int64)]
     in_synapse, in_source = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int32)]
     n_history = 0
-    for k, (q, p, s, row) in enumerate(zip(learning, parts, arranged, table, strict=True)):
-        rule, target = p.synapse, program.populations[p.target]
+    for k, (q, part, arranged_part, row) in enumerate(zip(learning, parts, arranged, table, strict=True)):
+        rule, target = part.synapse, program.populations[part.target]
         row[t.PROJECTION], row[t.RULE_NUMBER] = q, k
         if type(rule) in RULES:
             row[t.RULE] = RULES.index(type(rule))
             row[t.MODULATED] = 0 if rule.modulated else t.NONE
-        _ask_entry(a, row, type(rule), False)
-        row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
-        row[t.DOPAMINE_DELAY] = p.dopamine_delay
+        _ask_entry(arrays, row, type(rule), False)
+        row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = part.dopamine, int(part.dopamine_one_to_one)
+        row[t.DOPAMINE_DELAY] = part.dopamine_delay
         # Longest delay: after so many steps a spike of a target has reached all its synapses.
-        row[t.LONGEST] = 0 if rule.delays else p.delay.max(initial=1)
-        row[t.FEWEST], row[t.MOST] = p.delay_range(program.resolution)
+        row[t.LONGEST] = 0 if rule.delays else part.delay.max(initial=1)
+        row[t.FEWEST], row[t.MOST] = part.delay_range(program.resolution)
         set_traces(tau[k], row, decay[k], kinds[k], common(rule.vector()), rule, program)
         tau_minus = target.parameters["tau_minus"]
         if np.all(tau_minus == tau_minus[0]):
             decay[k, 2] = _decay(tau_minus[0], program.resolution)
             decay[k, OWN:][kinds[k, :, TAU] == OF_NEURON] = decay[k, 2]
-        pre = np.repeat(np.arange(program.populations[p.source].size, dtype=np.int32), np.diff(s.row_ends))
-        order = np.argsort(s.targets, kind="stable")
-        ends = np.cumsum(np.bincount(s.targets, minlength=target.size), dtype=np.int64)
+        pre = np.repeat(
+            np.arange(program.populations[part.source].size, dtype=np.int32), np.diff(arranged_part.row_ends)
+        )
+        order = np.argsort(arranged_part.targets, kind="stable")
+        ends = np.cumsum(np.bincount(arranged_part.targets, minlength=target.size), dtype=np.int64)
         incoming.append(np.concatenate([[0], ends]) + row[t.FIRST_SYNAPSE])
         in_synapse.append(order.astype(np.int32))
         in_source.append(pre[order])
-        if row[t.EAGER] == 0 and pops[p.target, t.HISTORY] < 0:
-            pops[p.target, t.HISTORY] = n_history
+        if row[t.EAGER] == 0 and pops[part.target, t.HISTORY] < 0:
+            pops[part.target, t.HISTORY] = n_history
             n_history += target.size
-        own = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + s.targets.size)
-        states[0, own] = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
+        own = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + arranged_part.targets.size)
+        states[0, own] = (
+            part.weight[arranged_part.order]
+            if arranged_part.order is not None and part.weight.size > 1
+            else part.weight
+        )
         initial = rule.first_states()
-        in_order = initial[:, s.order] if s.order is not None and initial.shape[1] > 1 else initial
+        in_order = (
+            initial[:, arranged_part.order] if arranged_part.order is not None and initial.shape[1] > 1 else initial
+        )
         states[1 : 1 + len(initial), own] = in_order
         if rule.delays:
-            states[DELAY, own] = a.net["delays"][own_delays_of(a, q)] * program.resolution
-        for trace, value, each in zip(rule.pre, rule.first_traces(), of_sources(a, row, k_plus), strict=False):
+            states[DELAY, own] = arrays.net["delays"][own_delays_of(arrays, q)] * program.resolution
+        for trace, value, each in zip(rule.pre, rule.first_traces(), of_sources(arrays, row, k_plus), strict=False):
             each[:] = first_kept(trace, value) if row[t.EAGER] else value
-    t_refs = [program.populations[p.target].parameters.get("t_ref", 0.0) for p in parts]
+    t_refs = [program.populations[part.target].parameters.get("t_ref", 0.0) for part in parts]
     t_ref_of = {q: float(np.min(t_ref)) for q, t_ref in zip(learning, t_refs, strict=True)}
-    draws = any(p.synapse.draws for p in parts)
-    numbers = [np.arange(s.targets.size) if s.order is None else s.order for s in arranged if draws]
-    modulated = any(p.synapse.modulated for p in parts)
-    a.plastic |= {
+    draws = any(part.synapse.draws for part in parts)
+    numbers = [
+        np.arange(arranged_part.targets.size) if arranged_part.order is None else arranged_part.order
+        for arranged_part in arranged
+        if draws
+    ]
+    modulated = any(part.synapse.modulated for part in parts)
+    arrays.plastic |= {
         **zeros(t.PLASTIC_ARRAYS, {"threads": threads, "sources": sources.sum(), "targets": targets.sum()}),
         "table": table,
         "tau": tau,
@@ -109,23 +123,25 @@ def add_learning(a: EventArrays, learning: list[int]) -> None:
         "incoming": np.concatenate(incoming) if learning else np.zeros(1, dtype=np.int64),
         "in_synapse": np.concatenate(in_synapse),
         "in_source": np.concatenate(in_source),
-        "heard": no_spikes(a, learning, table, int(targets.sum())),
-        "past": aligned_table(max(1, n_history), _history_width(a, t_ref_of)),
+        "heard": no_spikes(arrays, learning, table, int(targets.sum())),
+        "past": aligned_table(max(1, n_history), _history_width(arrays, t_ref_of)),
         "kinds": kinds,
-        "columns": _columns(a, learning, table),
-        "draw_keys": np.array([keyed_random.key(program.seed, "synapse", p.name) for p in parts], dtype=np.uint64),
+        "columns": _columns(arrays, learning, table),
+        "draw_keys": np.array(
+            [keyed_random.key(program.seed, "synapse", part.name) for part in parts], dtype=np.uint64
+        ),
         "drawn_as": np.concatenate([np.zeros(0, dtype=np.int64), *numbers]),
     }
-    a.plastic["others"] = np.zeros(_others_shape(a))
-    add_notes(a, learning)
-    lay_constants(a, {q: program.projections[q].synapse.vector() for q in learning})
+    arrays.plastic["others"] = np.zeros(_others_shape(arrays))
+    add_notes(arrays, learning)
+    lay_constants(arrays, {q: program.projections[q].synapse.vector() for q in learning})
 
 
-def start_anew(a: EventArrays, step: int) -> None:
+def start_anew(arrays: EventArrays, step: int) -> None:
     """Reset all neurons, traces, eligibilities and dopamine to step 0. Weights, updated to `step` before, stay."""
-    net, plastic = a.net, a.plastic
+    net, plastic = arrays.net, arrays.plastic
     net["state"][:] = net["initial"]
-    for population, place in zip(a.program.populations, a.places, strict=True):
+    for population, place in zip(arrays.program.populations, arrays.places, strict=True):
         if population.kind == "neuron":
             blocks = slice(place.begin // t.BLOCK, -(-place.end // t.BLOCK))
             net["awake"][blocks], net["busy"][blocks] = 1, step
@@ -138,14 +154,14 @@ def start_anew(a: EventArrays, step: int) -> None:
     plastic["sent"][:] = plastic["y"][0]
 
 
-def of_sources(a: EventArrays, row: Ints, traces: Floats) -> list[Floats]:
+def of_sources(arrays: EventArrays, row: Ints, traces: Floats) -> list[Floats]:
     """Return each pre trace of a plastic projection as a view of shape (threads, sources)."""
     first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
-    end = first + a.program.populations[a.program.projections[row[t.PROJECTION]].source].size * stride
+    end = first + arrays.program.populations[arrays.program.projections[row[t.PROJECTION]].source].size * stride
     return [traces[:, first + j : end : stride] for j in range(stride)]
 
 
-def _ask_entry(a: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
+def _ask_entry(arrays: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
     """Request the compiled pass of a rule, with a row of constants for all synapses or one for each.
 
     | condition | path | reason |
@@ -159,15 +175,15 @@ def _ask_entry(a: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
     of STDP takes 12 ns.
     """
     entry = eager_entry if row[t.EAGER] == 1 else lazy_entry if row[t.RULE] >= 0 else rule_entry
-    a.request(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
+    arrays.request(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
 
 
-def _columns(a: EventArrays, learning: list[int], table: Ints) -> Ints:
+def _columns(arrays: EventArrays, learning: list[int], table: Ints) -> Ints:
     """Return the post traces that lazy third-party rules read, by population. A rule's traces begin at its COLUMN."""
-    traces: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
+    traces: list[list[tuple[int, int]]] = [[] for _ in arrays.program.populations]
     for k, q in enumerate(learning):
         if table[k, t.RULE] < 0 and table[k, t.EAGER] == 0:
-            part = a.program.projections[q]
+            part = arrays.program.projections[q]
             table[k, t.COLUMN] = len(traces[part.target])
             traces[part.target] += [(k, j) for j in range(len(part.synapse.post))]
     columns = np.full((len(traces), max(map(len, traces), default=0), 2), -1, dtype=np.int64)
@@ -176,91 +192,95 @@ def _columns(a: EventArrays, learning: list[int], table: Ints) -> Ints:
     return columns
 
 
-def _others_shape(a: EventArrays) -> tuple[int, int, int]:
-    histories, width = a.plastic["past"].shape
-    columns = a.plastic["columns"].shape[1]
+def _others_shape(arrays: EventArrays) -> tuple[int, int, int]:
+    histories, width = arrays.plastic["past"].shape
+    columns = arrays.plastic["columns"].shape[1]
     return (histories, (width - NEWEST) // ENTRY, columns) if columns else (1, 1, 0)
 
 
-def widen_histories(a: EventArrays, population: int, t_ref: float) -> None:
+def widen_histories(arrays: EventArrays, population: int, t_ref: float) -> None:
     """Enlarge the histories of a population whose shortest refractory period is now `t_ref` ms."""
-    past, parts = a.plastic["past"], a.program.projections
-    width = _history_width(a, {q: t_ref for q in a.plastic_of if parts[q].target == population})
+    past, parts = arrays.plastic["past"], arrays.program.projections
+    width = _history_width(arrays, {q: t_ref for q in arrays.plastic_of if parts[q].target == population})
     if width > past.shape[1]:
         wider = aligned_table(past.shape[0], width)
         wider[:, : past.shape[1]] = past
-        a.plastic["past"] = wider
-        others = a.plastic["others"]
-        a.plastic["others"] = np.zeros(_others_shape(a))
-        a.plastic["others"][:, : others.shape[1]] = others
+        arrays.plastic["past"] = wider
+        others = arrays.plastic["others"]
+        arrays.plastic["others"] = np.zeros(_others_shape(arrays))
+        arrays.plastic["others"][:, : others.shape[1]] = others
 
 
-def _history_width(a: EventArrays, t_ref_of: Mapping[int, float]) -> int:
+def _history_width(arrays: EventArrays, t_ref_of: Mapping[int, float]) -> int:
     """Return the width of a history: an odd number of cache lines, which spreads the newest entries over the cache.
 
     Args:
-        a: all arrays.
+        arrays: all arrays.
         t_ref_of: shortest refractory period of the targets in ms, by projection. Eager projections read no history.
             There are entries for the spikes that can be under way to a synapse, and a few more.
     """
-    entries, trials = [7], a.program.trials
+    entries, trials = [7], arrays.program.trials
     for q, t_ref in t_ref_of.items():
-        p = a.program.projections[q]
-        if p.delay.size and not acts_at_once(a, p):
+        p = arrays.program.projections[q]
+        if p.delay.size and not acts_at_once(arrays, p):
             released = trials is not None and p.target == trials.output and "V_m" in trials.reset
-            entries.append(int(2 * p.delay.max() / (1 if released else int(t_ref / a.program.resolution) + 1)) + 4)
+            entries.append(int(2 * p.delay.max() / (1 if released else int(t_ref / arrays.program.resolution) + 1)) + 4)
     lines = -(-(NEWEST + ENTRY * max(entries)) // 8)
     return 8 * (lines + 1 - lines % 2)
 
 
-def lay_constants(a: EventArrays, rules: Mapping[int, Floats]) -> None:
+def lay_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
     """Lay out the constants of all rules: one row per projection, then rows of synapses with their own numbers.
 
     Args:
-        a: all arrays.
+        arrays: all arrays.
         rules: the parameters by projection, in the form of `Synapse.vector`.
     """
-    width = max([1, *(a.program.projections[q].synapse.width for q in a.plastic_of)])
-    a.plastic["rule"] = np.zeros((len(a.plastic_of), width))
-    for q, k in a.plastic_of.items():
-        row = a.plastic["table"][k]
+    width = max([1, *(arrays.program.projections[q].synapse.width for q in arrays.plastic_of)])
+    arrays.plastic["rule"] = np.zeros((len(arrays.plastic_of), width))
+    for q, k in arrays.plastic_of.items():
+        row = arrays.plastic["table"][k]
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = k, 0
-        set_constants(a, q, rules[q])
-        row[t.EPOCH] = length(a.plastic["decay"][k, OWN:])
+        set_constants(arrays, q, rules[q])
+        row[t.EPOCH] = length(arrays.plastic["decay"][k, OWN:])
 
 
-def set_constants(a: EventArrays, projection: int, vector: Floats) -> bool:
+def set_constants(arrays: EventArrays, projection: int, vector: Floats) -> bool:
     """Write the constants of a projection; return whether the table was replaced by a longer one.
 
     Synapse z reads row CONSTANTS + z CONSTANTS_STRIDE. A synapse that has a row of its own keeps it, even if all rows
     are equal.
     """
-    p, order, k = a.program.projections[projection], a.synapses[projection].order, a.plastic_of[projection]
-    row, table = a.plastic["table"][k], a.plastic["rule"]
-    constants = p.synapse.constants_of(vector, a.program.resolution)
+    part, order, k = (
+        arrays.program.projections[projection],
+        arrays.synapses[projection].order,
+        arrays.plastic_of[projection],
+    )
+    row, table = arrays.plastic["table"][k], arrays.plastic["rule"]
+    constants = part.synapse.constants_of(vector, arrays.program.resolution)
     grows = constants.ndim == 2 and row[t.CONSTANTS_STRIDE] == 0
     if grows:
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(table) - row[t.FIRST_SYNAPSE], 1
-        a.plastic["rule"] = np.concatenate([table, np.zeros((p.size, table.shape[1]))])
-        _ask_entry(a, row, type(p.synapse), True)
-    first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], p.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
+        arrays.plastic["rule"] = np.concatenate([table, np.zeros((part.size, table.shape[1]))])
+        _ask_entry(arrays, row, type(part.synapse), True)
+    first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], part.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
     in_order = constants[order] if constants.ndim == 2 and order is not None else constants
-    a.plastic["rule"][first : first + n, : p.synapse.width] = in_order
+    arrays.plastic["rule"][first : first + n, : part.synapse.width] = in_order
     return bool(grows)
 
 
-def set_numbers(a: EventArrays, projection: int, vector: Floats, step: int) -> bool:
+def set_numbers(arrays: EventArrays, projection: int, vector: Floats, step: int) -> bool:
     """Write all that follows from the parameters of a projection whose traces are values, see `reading.catch_up_all`.
 
     Returns:
         Whether an array was replaced.
     """
-    k, p = a.plastic_of[projection], a.program.projections[projection]
-    table, tau, decay, kinds = (a.plastic[name][k] for name in ("table", "tau", "decay", "kinds"))
-    replaced = set_constants(a, projection, vector)
-    set_traces(tau, table, decay, kinds, common(vector), p.synapse, a.program)
+    k, p = arrays.plastic_of[projection], arrays.program.projections[projection]
+    table, tau, decay, kinds = (arrays.plastic[name][k] for name in ("table", "tau", "decay", "kinds"))
+    replaced = set_constants(arrays, projection, vector)
+    set_traces(tau, table, decay, kinds, common(vector), p.synapse, arrays.program)
     if table[t.EAGER]:
-        pack(a, k, step)
+        pack(arrays, k, step)
     return replaced
 
 
@@ -291,19 +311,19 @@ ROOM = 1 << 14
 """Initial size of the buffers for records of pre spikes."""
 
 
-def add_notes(a: EventArrays, learning: list[int]) -> None:
+def add_notes(arrays: EventArrays, learning: list[int]) -> None:
     """Mark the plastic projections and synapses that probes record at pre spikes."""
-    probes = probes_of(a.program)
+    probes = probes_of(arrays.program)
     marked = {probe.projection for _, probe in probes}
-    a.plastic["table"][:, t.NOTED] = [int(q in marked) for q in learning]
-    a.plastic["note_this"] = np.zeros(a.plastic["sent"].size if marked else 0, dtype=np.uint8)
+    arrays.plastic["table"][:, t.NOTED] = [int(q in marked) for q in learning]
+    arrays.plastic["note_this"] = np.zeros(arrays.plastic["sent"].size if marked else 0, dtype=np.uint8)
     for _, probe in probes:
-        first = a.plastic["table"][learning.index(probe.projection), t.FIRST_SYNAPSE]
-        marks = a.plastic["note_this"][first : first + a.program.projections[probe.projection].size]
-        order = a.synapses[probe.projection].order
+        first = arrays.plastic["table"][learning.index(probe.projection), t.FIRST_SYNAPSE]
+        marks = arrays.plastic["note_this"][first : first + arrays.program.projections[probe.projection].size]
+        order = arrays.synapses[probe.projection].order
         inside = np.arange(marks.size) if order is None else np.argsort(order)
         marks[inside if probe.synapses is None else inside[probe.synapses]] = 1
-    make_room(a, ROOM if marked else 0)
+    make_room(arrays, ROOM if marked else 0)
 
 
 def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
@@ -315,11 +335,11 @@ def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
     ]
 
 
-def make_room(a: EventArrays, room: int) -> None:
+def make_room(arrays: EventArrays, room: int) -> None:
     """Allocate buffers for `room` records of pre spikes for each thread."""
     buffers = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("note_") and each.shape[0] == "threads"]
-    sizes = {"threads": a.net["edges"].shape[1] - 1, "room": room, "states": len(a.plastic["y"])}
-    a.plastic |= zeros(buffers, sizes)
+    sizes = {"threads": arrays.net["edges"].shape[1] - 1, "room": room, "states": len(arrays.plastic["y"])}
+    arrays.plastic |= zeros(buffers, sizes)
 
 
 LONGEST = 1024
@@ -329,11 +349,11 @@ LEAST = math.exp(-64.0)
 """Least decay of a trace over an epoch. With a smaller one, stored traces would lose digits."""
 
 
-def acts_at_once(a: EventArrays, p: Projection) -> bool:
+def acts_at_once(arrays: EventArrays, p: Projection) -> bool:
     """Return whether a plastic projection learns eagerly: no modulator, and one delay and one tau_minus for all."""
-    tau_minus = np.ravel(a.program.populations[p.target].parameters["tau_minus"])
+    tau_minus = np.ravel(arrays.program.populations[p.target].parameters["tau_minus"])
     same_tau = bool(np.all(tau_minus == tau_minus[0])) or all(trace.tau != "tau_minus" for trace in p.synapse.post)
-    return a.eager and same_tau and not p.synapse.modulated and not layout.own_delays(p)
+    return arrays.eager and same_tau and not p.synapse.modulated and not layout.own_delays(p)
 
 
 def first_kept(trace: Trace, value: float) -> float:
@@ -347,81 +367,81 @@ def length(decays: Floats) -> int:
     return max(1, int(np.min((used > LEAST).sum(axis=1), initial=LONGEST + 1)) - 1)
 
 
-def no_spikes(a: EventArrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
+def no_spikes(arrays: EventArrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
     """Return the stored post traces of eager projections at step 0, (targets, traces)."""
-    eager = [(row, a.program.projections[q]) for row, q in zip(table, learning, strict=True) if row[t.EAGER]]
+    eager = [(row, arrays.program.projections[q]) for row, q in zip(table, learning, strict=True) if row[t.EAGER]]
     traces = np.zeros((n_targets if eager else 0, max((len(p.synapse.post) for _, p in eager), default=0)))
     for row, p in eager:
-        first, size = row[t.FIRST_TARGET], a.program.populations[p.target].size
+        first, size = row[t.FIRST_TARGET], arrays.program.populations[p.target].size
         for j, trace in enumerate(p.synapse.post):
             traces[first : first + size, j] = first_kept(trace, 0.0)
     return traces
 
 
-def first_trace(a: EventArrays, k: int, step: int) -> Floats:
+def first_trace(arrays: EventArrays, k: int, step: int) -> Floats:
     """Return the values of the first pre trace of plastic projection k at a step."""
-    row = a.plastic["table"][k]
-    stored = of_sources(a, row, a.plastic["k_plus"])[0][0]
-    values: Floats = stored * a.plastic["decay"][k, OWN, step % row[t.EPOCH]]
-    decays = a.program.projections[row[t.PROJECTION]].synapse.pre[0].tau
-    return values if decays else (step - stored) * a.program.resolution
+    row = arrays.plastic["table"][k]
+    stored = of_sources(arrays, row, arrays.plastic["k_plus"])[0][0]
+    values: Floats = stored * arrays.plastic["decay"][k, OWN, step % row[t.EPOCH]]
+    decays = arrays.program.projections[row[t.PROJECTION]].synapse.pre[0].tau
+    return values if decays else (step - stored) * arrays.program.resolution
 
 
-def unpack(a: EventArrays, k: int, step: int) -> None:
+def unpack(arrays: EventArrays, k: int, step: int) -> None:
     """Replace the stored traces of plastic projection k by their values at a step."""
-    for stored, decay in _traces(a, k, step):
+    for stored, decay in _traces(arrays, k, step):
         stored *= decay
 
 
-def pack(a: EventArrays, k: int, step: int) -> None:
+def pack(arrays: EventArrays, k: int, step: int) -> None:
     """Replace the values at a step by stored traces, with the present time constants."""
-    a.plastic["table"][k, t.EPOCH] = length(a.plastic["decay"][k, OWN:])
-    for stored, decay in _traces(a, k, step):
+    arrays.plastic["table"][k, t.EPOCH] = length(arrays.plastic["decay"][k, OWN:])
+    for stored, decay in _traces(arrays, k, step):
         stored *= 1.0 / decay if decay > 0.0 else 0.0
 
 
-def _traces(a: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, float]]:
+def _traces(arrays: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, float]]:
     """Yield the stored values of each decaying trace of a projection, and its decay since the start of the epoch.
 
     Eager traces are stored divided by their decay since the start of the epoch. Example: a trace that has the value 0.5
     when the decay is 0.8 is stored as 0.625, and so need not be changed at each step.
     """
-    row, half = a.plastic["table"][k], a.plastic["kinds"].shape[1] // 2
-    p = a.program.projections[row[t.PROJECTION]]
-    decays = a.plastic["decay"][k, OWN:, step % row[t.EPOCH]]
-    for j, each in enumerate(of_sources(a, row, a.plastic["k_plus"])[: len(p.synapse.pre)]):
+    row, half = arrays.plastic["table"][k], arrays.plastic["kinds"].shape[1] // 2
+    p = arrays.program.projections[row[t.PROJECTION]]
+    decays = arrays.plastic["decay"][k, OWN:, step % row[t.EPOCH]]
+    for j, each in enumerate(of_sources(arrays, row, arrays.plastic["k_plus"])[: len(p.synapse.pre)]):
         if p.synapse.pre[j].tau:
             yield each, decays[j]
-    first, size = row[t.FIRST_TARGET], a.program.populations[p.target].size
+    first, size = row[t.FIRST_TARGET], arrays.program.populations[p.target].size
     for j, trace in enumerate(p.synapse.post):
         if trace.tau:
-            yield a.plastic["heard"][first : first + size, j], decays[half + j]
+            yield arrays.plastic["heard"][first : first + size, j], decays[half + j]
 
 
-def own_delays_of(a: EventArrays, q: int) -> slice:
+def own_delays_of(arrays: EventArrays, q: int) -> slice:
     """Return the range of the synapses of a projection in `delays` and, in ms, in `late`.
 
     Delays that spike pairs change are a row of the synapses' states. Delays that rules for trials change are in `late`,
     and each change also writes the table of delays in steps, which spikes read.
     """
-    first = int(a.net["projections"][q, t.DELAY])
-    return slice(first, first + a.program.projections[q].size)
+    first = int(arrays.net["projections"][q, t.DELAY])
+    return slice(first, first + arrays.program.projections[q].size)
 
 
-def write_delays(a: EventArrays, q: int, delays: Floats) -> None:
+def write_delays(arrays: EventArrays, q: int, delays: Floats) -> None:
     """Replace the delays of a projection. `delays` are in the order of the program's weights."""
-    order = a.synapses[q].order
+    order = arrays.synapses[q].order
     inner = delays if order is None else delays[order]
-    if q in a.plastic_of:
-        first = a.plastic["table"][a.plastic_of[q], t.FIRST_SYNAPSE]
-        a.plastic["y"][DELAY, first : first + delays.size] = inner
+    if q in arrays.plastic_of:
+        first = arrays.plastic["table"][arrays.plastic_of[q], t.FIRST_SYNAPSE]
+        arrays.plastic["y"][DELAY, first : first + delays.size] = inner
     else:
-        a.net["late"][own_delays_of(a, q)] = inner
-        round_delays(a, q)
+        arrays.net["late"][own_delays_of(arrays, q)] = inner
+        round_delays(arrays, q)
 
 
-def round_delays(a: EventArrays, q: int) -> None:
+def round_delays(arrays: EventArrays, q: int) -> None:
     """Write the delays of a rule for trials into the table of delays in steps."""
-    h, own = a.program.resolution, own_delays_of(a, q)
-    fewest, most = a.program.projections[q].delay_range(h)
-    a.net["delays"][own] = [steps_of(delay, h, fewest, most) for delay in a.net["late"][own].tolist()]
+    h, own = arrays.program.resolution, own_delays_of(arrays, q)
+    fewest, most = arrays.program.projections[q].delay_range(h)
+    arrays.net["delays"][own] = [steps_of(delay, h, fewest, most) for delay in arrays.net["late"][own].tolist()]

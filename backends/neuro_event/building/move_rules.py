@@ -14,32 +14,32 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.moves import move_entry
 
 
-def add_moves(a: EventArrays) -> None:
+def add_moves(arrays: EventArrays) -> None:
     """Lay out the states of the synapses, the traces of the sources, and the lists of active sources."""
-    program, threads = a.program, a.net["edges"].shape[1] - 1
-    learning = [q for q, p in enumerate(program.projections) if isinstance(p.synapse, MoveRule)]
-    a.moves_of = {q: k for k, q in enumerate(learning)}
+    program, threads = arrays.program, arrays.net["edges"].shape[1] - 1
+    learning = [q for q, part in enumerate(program.projections) if isinstance(part.synapse, MoveRule)]
+    arrays.moves_of = {q: k for k, q in enumerate(learning)}
     rules = [program.projections[q].synapse for q in learning]
     table = np.full((len(learning), t.MOVE_COLUMNS), t.NONE, dtype=np.int64)
     n_synapses = n_sources = n_targets = 0
     for row, q, rule in zip(table, learning, rules, strict=True):
-        p = program.projections[q]
+        part = program.projections[q]
         row[t.MOVE_PROJECTION] = q
         row[t.MOVE_SYNAPSE], row[t.MOVE_SOURCE], row[t.MOVE_TARGET] = n_synapses, n_sources, n_targets
-        states = [state.name for state in program.populations[p.target].model.states]
+        states = [state.name for state in program.populations[part.target].model.states]
         assert isinstance(rule, MoveRule)
         row[t.MOVE_SEEN] = states.index(rule.sees) if rule.sees else t.NONE
-        a.net["pops"][p.target, t.GATHERS] = 1
+        arrays.net["pops"][part.target, t.GATHERS] = 1
         own: Any = type(rule)
-        a.request(row, t.MOVE_ENTRY, partial(move_entry, own))
-        n_synapses += p.size
-        n_sources += program.populations[p.source].size
-        n_targets += program.populations[p.target].size
+        arrays.request(row, t.MOVE_ENTRY, partial(move_entry, own))
+        n_synapses += part.size
+        n_sources += program.populations[part.source].size
+        n_targets += program.populations[part.target].size
     y = np.zeros((max([1, *(1 + len(rule.states) for rule in rules)]), n_synapses))
     for row, q, rule in zip(table, learning, rules, strict=True):
-        p, order = program.projections[q], a.synapses[q].order
-        here = slice(row[t.MOVE_SYNAPSE], row[t.MOVE_SYNAPSE] + p.size)
-        y[0, here] = p.weight[order] if order is not None and p.weight.size > 1 else p.weight
+        part, order = program.projections[q], arrays.synapses[q].order
+        here = slice(row[t.MOVE_SYNAPSE], row[t.MOVE_SYNAPSE] + part.size)
+        y[0, here] = part.weight[order] if order is not None and part.weight.size > 1 else part.weight
         y[1 : 1 + len(rule.states), here] = rule.first_states()
     sizes = {
         "moves": len(learning),
@@ -51,20 +51,20 @@ def add_moves(a: EventArrays) -> None:
         "threads": threads,
     }
     moves = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("move_")]
-    a.plastic |= {**zeros(moves, sizes), "move_table": table, "move_y": y}
-    a.plastic["move_gate"][:] = 1.0
+    arrays.plastic |= {**zeros(moves, sizes), "move_table": table, "move_y": y}
+    arrays.plastic["move_gate"][:] = 1.0
     receptors = [program.projections[q].receptor for q in learning]
-    a.plastic["move_sign"] = np.array([-1.0 if each is not None and each.negated else 1.0 for each in receptors])
+    arrays.plastic["move_sign"] = np.array([-1.0 if each is not None and each.negated else 1.0 for each in receptors])
     for q, rule in zip(learning, rules, strict=True):
-        set_move_rule(a, q, rule.vector())
+        set_move_rule(arrays, q, rule.vector())
 
 
-def set_move_rule(a: EventArrays, projection: int, vector: Floats) -> None:
+def set_move_rule(arrays: EventArrays, projection: int, vector: Floats) -> None:
     """Write the constants, decays and increments that follow from the numbers of a rule."""
-    k, rule = a.moves_of[projection], a.program.projections[projection].synapse
+    k, rule = arrays.moves_of[projection], arrays.program.projections[projection].synapse
     parameters = dict(zip(rule.numbers(), vector.tolist(), strict=True))
-    a.plastic["move_rule"][k, : rule.width] = rule.constants_of(vector, a.program.resolution)
-    a.plastic["move_x_min"][k] = parameters["x_min"]
+    arrays.plastic["move_rule"][k, : rule.width] = rule.constants_of(vector, arrays.program.resolution)
+    arrays.plastic["move_x_min"][k] = parameters["x_min"]
     for j, trace in enumerate(rule.pre):
-        a.plastic["move_left"][k, j] = np.exp(-a.program.resolution / parameters[trace.tau])
-        a.plastic["move_adds"][k, j] = trace.adds
+        arrays.plastic["move_left"][k, j] = np.exp(-arrays.program.resolution / parameters[trace.tau])
+        arrays.plastic["move_adds"][k, j] = trace.adds

@@ -20,9 +20,9 @@ from neuro_event.loop.arrivals import fill_runs
 from neuro_event.loop.operations import NEURONS
 
 
-def add_projections(a: EventArrays) -> None:
+def add_projections(arrays: EventArrays) -> None:
     """Lay out all projections, and the buffer for the input and the rings."""
-    program, pops, h = a.program, a.net["pops"], a.program.resolution
+    program, pops, h = arrays.program, arrays.net["pops"], arrays.program.resolution
     parts: dict[str, list[NDArray[Any]]] = {"rows": [], "targets": [], "weights": [], "delays": []}
     ends = dict.fromkeys(parts, 0)
 
@@ -33,44 +33,44 @@ def add_projections(a: EventArrays) -> None:
         return ends[name] - values.size
 
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    n_runs, ring = 0, layout.receptors(program) * a.net["empty_input"].shape[1]
+    n_runs, ring = 0, layout.receptors(program) * arrays.net["empty_input"].shape[1]
     at_emission = []
-    for q, (p, s, row) in enumerate(zip(program.projections, a.synapses, table, strict=True)):
-        shortest, longest = p.delay_range(h)
-        in_runs, own_delays = layout.in_runs(program, p), layout.own_delays(p)
-        row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
-        row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
+    for q, (part, arranged, row) in enumerate(zip(program.projections, arrays.synapses, table, strict=True)):
+        shortest, longest = part.delay_range(h)
+        in_runs, own_delays = layout.in_runs(program, part), layout.own_delays(part)
+        row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = part.source, part.target, arranged.layout
+        row[t.RECEPTOR] = t.NONE if part.receptor is None else part.receptor.index
         row[t.LAG], row[t.WAKE_ALL], row[t.DENSE_COUNTS] = longest, NEVER, 0
-        if q in a.joined:
+        if q in arrays.joined:
             continue
-        if s.layout == t.CSR:
-            edges = layout.edges_of(a, q)
-            row[t.SYNAPSE] = put("targets", s.targets)
+        if arranged.layout == t.CSR:
+            edges = layout.edges_of(arrays, q)
+            row[t.SYNAPSE] = put("targets", arranged.targets)
             if in_runs:
                 row[t.RUN], row[t.SHORTEST], row[t.DELAYS] = n_runs, shortest, longest - shortest + 1
-                n_runs += program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
+                n_runs += program.populations[part.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
             else:
-                row[t.ROW] = put("rows", layout.split_rows(s.row_ends, s.targets, edges) + row[t.SYNAPSE])
-        own = layout.internal_weights(program, q, s.order) if p.weight.size else np.zeros(1)
+                row[t.ROW] = put("rows", layout.split_rows(arranged.row_ends, arranged.targets, edges) + row[t.SYNAPSE])
+        own = layout.internal_weights(program, q, arranged.order) if part.weight.size else np.zeros(1)
         row[t.WEIGHT] = put("weights", own)
-        learns = p.synapse.learns == "moves" or learns_shared(p)
+        learns = part.synapse.learns == "moves" or learns_shared(part)
         row[t.WEIGHT_STRIDE], row[t.SIGN] = int(own.size > 1 or learns), t.MIXED if learns else layout.sign(own)
-        delay = p.delay[s.order] if p.delay.size > 1 and s.order is not None else p.delay
+        delay = part.delay[arranged.order] if part.delay.size > 1 and arranged.order is not None else part.delay
         if delay.size == 0:
             delay = np.ones(1, dtype=np.int32)
         if in_runs:
             delay = delay[:0]
         elif not own_delays:
             delay = delay[:1]
-        elif delay.size != p.size:
-            delay = np.broadcast_to(delay, max(1, p.size))
+        elif delay.size != part.size:
+            delay = np.broadcast_to(delay, max(1, part.size))
         row[t.DELAY], row[t.DELAY_STRIDE] = put("delays", delay.astype(np.int32)), int(own_delays)
-        blocks = int(pops[p.target, t.LAST_BLOCK] - pops[p.target, t.FIRST_BLOCK])
+        blocks = int(pops[part.target, t.LAST_BLOCK] - pops[part.target, t.FIRST_BLOCK])
         # Number of spikes in a step that reach nearly all blocks of the target, so that all are marked at once.
-        if s.layout == t.DENSE:
+        if arranged.layout == t.DENSE:
             row[t.WAKE_ALL] = 1
-        elif p.grid is not None:  # several spikes may reach the same blocks
-            g = p.grid
+        elif part.grid is not None:  # several spikes may reach the same blocks
+            g = part.grid
             rows, columns = (-(-n // g.stride) for n in (g.kernel_height, g.kernel_width))
             marks = min(rows, g.rows) * (1 + min(columns, g.columns) * g.maps / t.BLOCK)
             row[t.WAKE_ALL] = 1 if marks > blocks else NEVER
@@ -78,78 +78,83 @@ def add_projections(a: EventArrays) -> None:
             row[t.MAPS], row[t.ROWS], row[t.COLUMNS] = g.maps, g.rows, g.columns
             row[t.DEPTH], row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH] = g.kernels[1:]
             row[t.STRIDE], row[t.TOP], row[t.LEFT], row[t.REACH] = g.stride, g.top, g.left, g.reach
-            row[t.CHANNELS_INSIDE] = g.channels if a.places[p.source].inside is not None else 0
-        elif s.targets.size:
-            row[t.WAKE_ALL] = 1 + 2 * blocks * (s.row_ends.size - 1) // s.targets.size
-        if not in_runs and (q in a.plastic_of or learns_shared(p) or own_delays):
-            ring = _give_ring(a, row, longest, ring)
-            if q not in a.plastic_of:
+            row[t.CHANNELS_INSIDE] = g.channels if arrays.places[part.source].inside is not None else 0
+        elif arranged.targets.size:
+            row[t.WAKE_ALL] = 1 + 2 * blocks * (arranged.row_ends.size - 1) // arranged.targets.size
+        if not in_runs and (q in arrays.plastic_of or learns_shared(part) or own_delays):
+            ring = _give_ring(arrays, row, longest, ring)
+            if q not in arrays.plastic_of:
                 at_emission.append(q)
         elif not in_runs:
             row[t.LAG] = int(delay[0]) if delay.size else 1
     kinds = {each.name: each.kind for each in t.NET_ARRAYS}
-    a.net |= {name: _joined(values, np.dtype(kinds[name])) for name, values in parts.items()}
-    a.net |= {"projections": table, "runs": np.zeros(n_runs, dtype=np.uint32)}
-    a.net["set_out"][:] = t.NONE
-    threads = a.net["edges"].shape[1] - 1
-    list(mapped(partial(_fill_runs, a), np.flatnonzero(table[:, t.RUN] >= 0).tolist(), threads))
-    if any(p.synapse.learns in ("moves", "trials") or learns_shared(p) for p in program.projections):
-        own_weights(a)
-    if any(p.synapse.delays and p.synapse.learns == "trials" for p in program.projections):
-        a.net["late"] = a.net["delays"] * h
-    a.net["at_emission"] = np.array(at_emission, dtype=np.int64)
-    set_buffer(a, np.full(ring, -0.0))
-    list_incoming(a)
+    arrays.net |= {name: _joined(values, np.dtype(kinds[name])) for name, values in parts.items()}
+    arrays.net |= {"projections": table, "runs": np.zeros(n_runs, dtype=np.uint32)}
+    arrays.net["set_out"][:] = t.NONE
+    threads = arrays.net["edges"].shape[1] - 1
+    list(mapped(partial(_fill_runs, arrays), np.flatnonzero(table[:, t.RUN] >= 0).tolist(), threads))
+    if any(part.synapse.learns in ("moves", "trials") or learns_shared(part) for part in program.projections):
+        own_weights(arrays)
+    if any(part.synapse.delays and part.synapse.learns == "trials" for part in program.projections):
+        arrays.net["late"] = arrays.net["delays"] * h
+    arrays.net["at_emission"] = np.array(at_emission, dtype=np.int64)
+    set_buffer(arrays, np.full(ring, -0.0))
+    list_incoming(arrays)
 
 
-def _fill_runs(a: EventArrays, q: int) -> None:
+def _fill_runs(arrays: EventArrays, q: int) -> None:
     """Compute where the runs of a projection end."""
-    p, s, row, edges = a.program.projections[q], a.synapses[q], a.net["projections"][q], layout.edges_of(a, q)
-    n = a.program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
+    p, s, row, edges = (
+        arrays.program.projections[q],
+        arrays.synapses[q],
+        arrays.net["projections"][q],
+        layout.edges_of(arrays, q),
+    )
+    n = arrays.program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
     delay = p.delay if s.order is None else p.delay[s.order]
-    runs = a.net["runs"][row[t.RUN] : row[t.RUN] + n]
+    runs = arrays.net["runs"][row[t.RUN] : row[t.RUN] + n]
     fill_runs(s.row_ends, s.targets, delay, edges, int(row[t.SHORTEST]), int(row[t.DELAYS]), runs)
 
 
-def own_weights(a: EventArrays) -> bool:
+def own_weights(arrays: EventArrays) -> bool:
     """Copy the weights before they change, if the array is the program's; return whether it was."""
     shared = any(
-        np.may_share_memory(a.net["weights"], p.weight)
-        for q, p in enumerate(a.program.projections)
-        if q not in a.joined
+        np.may_share_memory(arrays.net["weights"], p.weight)
+        for q, p in enumerate(arrays.program.projections)
+        if q not in arrays.joined
     )
     if shared:
-        a.net["weights"] = a.net["weights"].copy()
+        arrays.net["weights"] = arrays.net["weights"].copy()
     return shared
 
 
-def _give_ring(a: EventArrays, row: Ints, longest: int, at: int) -> int:
+def _give_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
     """Give a projection a ring at a place of the buffer; return the end of the ring."""
-    slots, n = layout.power_of_two(longest + a.longest_slice + 1), a.program.populations[row[t.TARGET]].size
+    slots, n = layout.power_of_two(longest + arrays.longest_slice + 1), arrays.program.populations[row[t.TARGET]].size
     row[t.LAG] = 0
     row[t.RING], row[t.RING_MASK], row[t.RING_SIZE] = at, slots - 1, n
-    return int(at + slots * n * a.net["pops"][row[t.TARGET], t.RECEPTORS])
+    return int(at + slots * n * arrays.net["pops"][row[t.TARGET], t.RECEPTORS])
 
 
-def give_ring(a: EventArrays, q: int) -> None:
+def give_ring(arrays: EventArrays, q: int) -> None:
     """Give a projection a new ring, into which it delivers at emission from now on."""
-    if q in a.joined:
-        lay_out(a, q)
-    row, buf = a.net["projections"][q], a.net["buf"]
-    end = _give_ring(a, row, a.program.projections[q].delay_range(a.program.resolution)[1], buf.size)
-    set_buffer(a, np.concatenate([buf, np.full(end - buf.size, -0.0)]))
-    a.net["at_emission"] = np.append(a.net["at_emission"], q)
-    list_incoming(a)
+    if q in arrays.joined:
+        lay_out(arrays, q)
+    row, buf = arrays.net["projections"][q], arrays.net["buf"]
+    end = _give_ring(arrays, row, arrays.program.projections[q].delay_range(arrays.program.resolution)[1], buf.size)
+    set_buffer(arrays, np.concatenate([buf, np.full(end - buf.size, -0.0)]))
+    arrays.net["at_emission"] = np.append(arrays.net["at_emission"], q)
+    list_incoming(arrays)
 
 
-def lay_out(a: EventArrays, q: int) -> None:
+def lay_out(arrays: EventArrays, q: int) -> None:
     """Move a projection out of the joined rows, because a projection with a ring needs rows of its own."""
-    row, net = a.net["projections"][q], a.net
+    row, net = arrays.net["projections"][q], arrays.net
     if row[t.WEIGHT] < 0:
-        own = joined_rows.weights(a, q)
+        own = joined_rows.weights(arrays, q)
         row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = net["weights"].size, int(own.size > 1), layout.sign(own)
         net["weights"] = np.concatenate([net["weights"], own])
-    row_ends, targets, delay, local = joined_rows.synapses(a, q)
+    row_ends, targets, delay, local = joined_rows.synapses(arrays, q)
     rows = layout.split_rows(row_ends, targets, local) + net["targets"].size
     for name, column, values in (("rows", t.ROW, rows), ("targets", t.SYNAPSE, targets), ("delays", t.DELAY, delay)):
         row[column] = net[name].size
@@ -157,12 +162,12 @@ def lay_out(a: EventArrays, q: int) -> None:
     row[t.DELAY_STRIDE] = 1
 
 
-def set_buffer(a: EventArrays, buf: Floats) -> None:
+def set_buffer(arrays: EventArrays, buf: Floats) -> None:
     """Copy `buf` to aligned memory and use it for the input and the rings."""
-    rows, n = a.net["empty_input"].shape
-    a.net["buf"] = aligned_zeros(buf.size, np.float64)
-    a.net["buf"][:] = buf
-    a.net["x"] = a.net["buf"][: rows * n].reshape(rows, n)
+    rows, n = arrays.net["empty_input"].shape
+    arrays.net["buf"] = aligned_zeros(buf.size, np.float64)
+    arrays.net["buf"][:] = buf
+    arrays.net["x"] = arrays.net["buf"][: rows * n].reshape(rows, n)
 
 
 def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
@@ -177,15 +182,15 @@ def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
     return np.concatenate([np.zeros(0, dtype=dtype), *parts]).astype(dtype, copy=False)
 
 
-def list_incoming(a: EventArrays) -> None:
+def list_incoming(arrays: EventArrays) -> None:
     """List the projections into each population: those read from the spike log on arrival, then those with a ring.
 
     Currents are not listed.
     """
     incoming: list[int] = []
-    pops, rows = a.net["pops"], a.net["projections"]
-    for k, population in enumerate(a.program.populations):
-        sources = [(q, p.source) for q, p in enumerate(a.program.projections) if p.target == k]
+    pops, rows = arrays.net["pops"], arrays.net["projections"]
+    for k, population in enumerate(arrays.program.populations):
+        sources = [(q, p.source) for q, p in enumerate(arrays.program.projections) if p.target == k]
         arriving = [q for q, source in sources if pops[source, t.KIND] != t.CURRENT]
         for first, last, ringed in ((t.ARRIVALS, t.ARRIVALS_END, False), (t.RINGS, t.RINGS_END, True)):
             pops[k, first] = len(incoming)
@@ -194,11 +199,11 @@ def list_incoming(a: EventArrays) -> None:
         # The loop adds the input to the first collecting state after a step, if the model allows it and all deliveries
         # mark the few blocks where input arrives.
         model = population.model
-        alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and a.joined.isdisjoint(arriving)
+        alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and arrays.joined.isdisjoint(arriving)
         is_listed = (rows[arriving, t.LAYOUT] == t.CSR) & (rows[arriving, t.LAG] > 0) & (rows[arriving, t.RUN] < 0)
         pops[k, t.COLLECTS] = t.NONE
         every = alone and bool(np.all(is_listed & (rows[arriving, t.WAKE_ALL] > 1)))
         if every and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
             pops[k, t.COLLECTS] = [state.name for state in type(model).states].index(model.collects[0])
-    a.net["incoming"] = np.array(incoming, dtype=np.int64)
-    layout.part_joined_rows(a)
+    arrays.net["incoming"] = np.array(incoming, dtype=np.int64)
+    layout.part_joined_rows(arrays)

@@ -11,30 +11,30 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.shared_kernels import STDP, STDP_DOPA
 
 
-def add_shared(a: EventArrays) -> None:
+def add_shared(arrays: EventArrays) -> None:
     """Lay out the traces of the neurons, the changes of the weights, and the eligibilities of the synapses."""
-    program = a.program
-    learning = [q for q, p in enumerate(program.projections) if learns_shared(p)]
-    a.shared_of = {q: k for k, q in enumerate(learning)}
+    program = arrays.program
+    learning = [q for q, part in enumerate(program.projections) if learns_shared(part)]
+    arrays.shared_of = {q: k for k, q in enumerate(learning)}
     table = np.zeros((len(learning), t.SHARED_COLUMNS), dtype=np.int64)
     n_sources = n_targets = n_entries = n_positions = n_pairs = n_marks = 0
     for row, q in zip(table, learning, strict=True):
-        p = program.projections[q]
-        assert p.grid is not None
-        positions = p.grid.rows * p.grid.columns
-        row[t.SHARED_PROJECTION], row[t.SHARED_NUMBER] = q, a.shared_of[q]
-        row[t.SHARED_RULE] = STDP_DOPA if isinstance(p.synapse, stdp_dopa) else STDP
-        row[t.SHARED_MEAN] = int(p.grid.mean)
+        part = program.projections[q]
+        assert part.grid is not None
+        positions = part.grid.rows * part.grid.columns
+        row[t.SHARED_PROJECTION], row[t.SHARED_NUMBER] = q, arrays.shared_of[q]
+        row[t.SHARED_RULE] = STDP_DOPA if isinstance(part.synapse, stdp_dopa) else STDP
+        row[t.SHARED_MEAN] = int(part.grid.mean)
         row[t.SHARED_SOURCE], row[t.SHARED_TARGET], row[t.SHARED_ENTRY] = n_sources, n_targets, n_entries
         row[t.SHARED_POSITION], row[t.SHARED_PAIR], row[t.SHARED_PLACE] = n_positions, n_pairs, n_marks
-        row[t.SHARED_DOPAMINE], row[t.SHARED_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
-        row[t.SHARED_LATER] = p.dopamine_delay
-        n_sources += program.populations[p.source].size
-        n_targets += program.populations[p.target].size
-        n_entries += p.size
+        row[t.SHARED_DOPAMINE], row[t.SHARED_ONE_TO_ONE] = part.dopamine, int(part.dopamine_one_to_one)
+        row[t.SHARED_LATER] = part.dopamine_delay
+        n_sources += program.populations[part.source].size
+        n_targets += program.populations[part.target].size
+        n_entries += part.size
         n_positions += positions
-        n_pairs += positions * p.size * int(p.synapse.modulated)
-        n_marks += positions * p.size * int(p.grid.mean)
+        n_pairs += positions * part.size * int(part.synapse.modulated)
+        n_marks += positions * part.size * int(part.grid.mean)
     sizes = {
         "shared": len(learning),
         "shared_sources": n_sources,
@@ -47,14 +47,14 @@ def add_shared(a: EventArrays) -> None:
     shared = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("shared_")]
     width = max(program.projections[q].synapse.width for q in learning)
     rule = np.zeros((len(learning), width))
-    a.plastic |= {**zeros(shared, sizes), "shared_table": table, "shared_rule": rule}
+    arrays.plastic |= {**zeros(shared, sizes), "shared_table": table, "shared_rule": rule}
     for row, q in zip(table, learning, strict=True):
         target = program.projections[q].target
         tau_minus = program.populations[target].parameters["tau_minus"]
         decay = np.broadcast_to(np.exp(-program.resolution / tau_minus), program.populations[target].size)
         first = row[t.SHARED_TARGET]
-        a.plastic["shared_left_minus"][first : first + decay.size] = a.places[target].by_place(decay)
-        set_shared_rule(a, q, program.projections[q].synapse.vector())
+        arrays.plastic["shared_left_minus"][first : first + decay.size] = arrays.places[target].by_place(decay)
+        set_shared_rule(arrays, q, program.projections[q].synapse.vector())
 
 
 def learns_shared(p: Projection) -> bool:
@@ -62,9 +62,9 @@ def learns_shared(p: Projection) -> bool:
     return p.synapse.learns == "pairs" and p.grid is not None
 
 
-def set_shared_rule(a: EventArrays, projection: int, vector: Floats) -> None:
+def set_shared_rule(arrays: EventArrays, projection: int, vector: Floats) -> None:
     """Write the constants and decays that follow from the numbers of a rule."""
-    k, rule = a.shared_of[projection], a.program.projections[projection].synapse
+    k, rule = arrays.shared_of[projection], arrays.program.projections[projection].synapse
     numbers = dict(zip(rule.numbers(), vector.tolist(), strict=True))
-    a.plastic["shared_rule"][k, : rule.width] = rule.constants_of(vector, a.program.resolution)
-    a.plastic["shared_left_plus"][k] = np.exp(-a.program.resolution / numbers["tau_plus"])
+    arrays.plastic["shared_rule"][k, : rule.width] = rule.constants_of(vector, arrays.program.resolution)
+    arrays.plastic["shared_left_plus"][k] = np.exp(-arrays.program.resolution / numbers["tau_plus"])

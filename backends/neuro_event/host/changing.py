@@ -40,7 +40,7 @@ class VaryingCurrents:
     """
 
     def __init__(self, program: Program, currents: Currents, arrays: EventArrays) -> None:
-        self._program, self._currents, self._a = program, currents, arrays
+        self._program, self._currents, self._arrays = program, currents, arrays
         self._driven = driven(program)
         self._emissions: dict[int, Emission] = {}
         self._lines: list[CurrentLine] = []
@@ -85,8 +85,8 @@ class VaryingCurrents:
             return sum(each.size for each in parts[name]) - values.size
 
         started, first, span = set[int](), 0, self._steps + self._currents.longest
-        self._a.net["lines"] = np.zeros((len(self._lines), t.LINE_COLUMNS), dtype=np.int64)
-        for row, line in zip(self._a.net["lines"], self._lines, strict=True):
+        self._arrays.net["lines"] = np.zeros((len(self._lines), t.LINE_COLUMNS), dtype=np.int64)
+        for row, line in zip(self._arrays.net["lines"], self._lines, strict=True):
             p, emission = self._program.projections[line.projection], self._emissions[line.projection]
             row[t.DRIVEN], row[t.CHARGED], row[t.FIRST_VALUE], row[t.VALUES] = p.target, t.NONE, first, emission.columns
             if p.receptor is not None:
@@ -94,16 +94,16 @@ class VaryingCurrents:
                 tau = model.filters[p.receptor.name][1]
                 row[t.CHARGED], share = filtered_current(self._program, p, {tau: parameter(p.target, tau)})
                 every = np.broadcast_to(share, self._program.populations[p.target].size)
-                row[t.SHARE] = add("shares", self._a.places[p.target].by_place(every))
+                row[t.SHARE] = add("shares", self._arrays.places[p.target].by_place(every))
             elif p.target not in started:
                 row[t.BEGINS] = 1
                 started.add(p.target)
             self._connect(row, line, emission.column, add)
             first += emission.room(span) * emission.columns
         for name, values in parts.items():
-            self._a.net[name] = np.concatenate([self._a.net[name][:0], *values])
-        self._a.net["emitted"] = np.zeros(first)
-        self._a.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
+            self._arrays.net[name] = np.concatenate([self._arrays.net[name][:0], *values])
+        self._arrays.net["emitted"] = np.zeros(first)
+        self._arrays.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
     def _connect(self, row: Ints, line: CurrentLine, column: Ints, add: Callable[[str, NDArray[Any]], int]) -> None:
         """Enter the synapses of a line: one column for all neurons, one for each neuron, or a list.
@@ -111,23 +111,23 @@ class VaryingCurrents:
         A list has delays and weights by target. Example: if column 0 goes to all neurons with delay 3, `HOW` is
         `TO_ALL`, `COLUMN_AT` is 0, `LATE` is 3, and `line_ends` has no entries.
         """
-        p = self._program.projections[line.projection]
-        place, n = self._a.places[p.target], self._program.populations[p.target].size
+        part = self._program.projections[line.projection]
+        place, n = self._arrays.places[part.target], self._program.populations[part.target].size
         _, post = self._program.connections(line.projection)
         shared = bool(np.all(line.weight == line.weight[0]))
-        each = np.array_equal(post, np.arange(n)) and place.inside is None and bool(np.all(p.delay == p.delay[0]))
+        each = np.array_equal(post, np.arange(n)) and place.inside is None and bool(np.all(part.delay == part.delay[0]))
         steady = bool(np.all(column == column[0]))
         row[t.LINE_STRIDE], weight = (0, line.weight[:1]) if shared else (1, line.weight)
         if each and (steady or np.array_equal(column, column[0] + np.arange(n))):
             row[t.HOW] = t.TO_ALL if steady else t.TO_EACH
-            row[t.COLUMN_AT], row[t.LATE] = column[0], p.delay[0]
+            row[t.COLUMN_AT], row[t.LATE] = column[0], part.delay[0]
         else:
             order = np.argsort(post if place.inside is None else place.inside[post], kind="stable")
             counts = np.bincount(post, minlength=n)
             ends = np.concatenate([[0], np.cumsum(place.by_place(counts))])
             row[t.HOW] = t.AS_LISTED
             begin = add("line_columns", column[order])
-            add("line_lates", np.broadcast_to(p.delay, p.size)[order].astype(np.int64))
+            add("line_lates", np.broadcast_to(part.delay, part.size)[order].astype(np.int64))
             row[t.LINE_ENDS] = add("line_ends", ends + begin)
             weight = weight if shared else weight[order]
             row[t.LINE_WEIGHT] = add("line_weights", weight) - (0 if shared else begin)
@@ -141,14 +141,14 @@ class VaryingCurrents:
         """
         first = step - self._currents.longest + 1
         steps = np.arange(first, first + self._steps + self._currents.longest)
-        emitted, rows = self._a.net["emitted"], self._a.net["emitted_rows"]
+        emitted, rows = self._arrays.net["emitted"], self._arrays.net["emitted_rows"]
         for k, line in enumerate(self._lines):
             part = self._program.projections[line.projection]
             rows[k], values = self._emissions[line.projection].drawn(steps, self._currents.parameters(part.source))
             rows[k, (steps <= line.since) | (steps > line.until)] = 0
-            begin = self._a.net["lines"][k, t.FIRST_VALUE]
+            begin = self._arrays.net["lines"][k, t.FIRST_VALUE]
             emitted[begin : begin + values.size] = values.ravel()
-        self._a.net["emitted_from"][0] = first
+        self._arrays.net["emitted_from"][0] = first
         self._until = step + self._steps
 
 
@@ -176,7 +176,7 @@ class Changing:
     """
 
     def __init__(self, program: Program, arrays: EventArrays) -> None:
-        self._program, self._a, self._rates = program, arrays, Rates(program)
+        self._program, self._arrays, self._rates = program, arrays, Rates(program)
         self.currents = Currents(program)
         self.drives = VaryingCurrents(program, self.currents, arrays)
 
@@ -185,8 +185,8 @@ class Changing:
 
         Arguments and results are those of `VaryingCurrents.prepare`: the values are valid up to the returned step.
         """
-        apply(self.currents, self._program, self._a, view, step)
+        apply(self.currents, self._program, self._arrays, view, step)
         for k, rate in self._rates.new(step):
-            build.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
+            build.set_rate(self._arrays, k, self._arrays.places[k].by_place(rate) if rate.size > 1 else rate, step)
         until, replaced = self.drives.prepare(step, parameter)
         return min(until, self.currents.next_change(step), self._rates.next_change(step)), replaced

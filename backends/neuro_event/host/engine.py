@@ -29,18 +29,18 @@ class EventEngine(Settable):
         """Run one trial."""
         spec = self._program.trials
         assert spec is not None
-        place = self._a.places[spec.output]
+        place = self._arrays.places[spec.output]
         if self._listed.replace(spec.input, trial.ticks + (self._step + 1), trial.ids, self._step):
             self._pack()
-        self._a.net["muted"][place.begin : place.end] = trial.silenced[self._a.net["map_of"]]
-        net, start, h = self._a.net, self._step, self._program.resolution
+        self._arrays.net["muted"][place.begin : place.end] = trial.silenced[self._arrays.net["map_of"]]
+        net, start, h = self._arrays.net, self._step, self._program.resolution
         self._refuse_torn()
         self.join_rows()
         if spec.anew:
             self._synapse_reader.drop()
-            for k in self._a.plastic_of.values():
-                reading.catch_up_all(self._a, self._view, k, start)
-            learning.start_anew(self._a, start)
+            for k in self._arrays.plastic_of.values():
+                reading.catch_up_all(self._arrays, self._view, k, start)
+            learning.start_anew(self._arrays, start)
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = None
         if trial.peaks:  # the largest V_m of each neuron up to the decision, and the tick of this V_m
@@ -71,18 +71,18 @@ class EventEngine(Settable):
         If peaks are recorded, steps run one by one until the decision.
         """
         step, last = self._step + 1, self._step + 1 + spec.duration
-        groups, closed = self._a.net["groups"], self._a.net["closed"]
+        groups, closed = self._arrays.net["groups"], self._arrays.net["closed"]
         while step < last and not (spec.stop_at_decision and closed[spec.group]):
             end = last if peaks is None else step + 1
             if self._changing is not None:
                 end = min(end, self._prepare(self._changing, step - 1) + 1)
             reached = steps.run_trial(
-                self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
+                self._view, spec.group, step, end, spec.stop_at_decision, self._arrays.reach, self._program.resolution
             )
             end_if_stopped(self._stop)
             if reached == step:
                 self._drain()
-                if steps.has_room(self._view, step, 1, self._a.reach) < 1:
+                if steps.has_room(self._view, step, 1, self._arrays.reach) < 1:
                     self._grow_log()
             elif peaks is not None:
                 # Peaks need the states after each step, also those of sleeping neurons.
@@ -94,22 +94,24 @@ class EventEngine(Settable):
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
         """Apply `teach` of the rule to the inputs of a neuron, at a tick of the trial that has just run."""
-        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
-        inside = self._a.places[p.target].inside
+        part, (arithmetic, constants) = self._program.projections[projection], self._rule(projection)
+        inside = self._arrays.places[part.target].inside
         local = neuron if inside is None else int(inside[neuron])
-        spikes = self._spikes_that_teach(p.source)
+        spikes = self._spikes_that_teach(part.source)
         moment, h = self._trial_start + 1 + tick, self._program.resolution
-        late = self._a.net["late"][learning.own_delays_of(self._a, projection)] if p.synapse.delays else None
+        late = (
+            self._arrays.net["late"][learning.own_delays_of(self._arrays, projection)] if part.synapse.delays else None
+        )
         values, where = self._trial_weights(projection) if late is None else late, (spikes, moment, neuron, local)
         self._trial_updates[projection] += trial_rules.teacher(arithmetic.teach)(
-            self._view, projection, values, c, *where, lesson, h
+            self._view, projection, values, constants, *where, lesson, h
         )
         if late is not None:
-            trial_rules.round_inputs(self._view, projection, values, local, *p.delay_range(h), h)
+            trial_rules.round_inputs(self._view, projection, values, local, *part.delay_range(h), h)
         elif (settle := getattr(arithmetic, "settle", None)) is not None:
             total, where = np.zeros(1), (spikes[:1], moment, neuron, local)
             trial_rules.teacher(trial_rules.add_to_sum)(self._view, projection, values, total, *where, 0.0, h)
-            trial_rules.teacher(settle)(self._view, projection, values, c, *where, float(total[0]), h)
+            trial_rules.teacher(settle)(self._view, projection, values, constants, *where, float(total[0]), h)
 
     def _spikes_that_teach(self, population: int) -> Ints:
         """Return the steps of the spikes of each neuron in the last trial, shape (spikes, neurons).
@@ -127,8 +129,8 @@ class EventEngine(Settable):
 
     def _trial_weights(self, projection: int) -> Floats:
         """Return the weights of a projection that learns by trials in internal order, as a view."""
-        first = int(self._a.net["projections"][projection, t.WEIGHT])
-        weights: Floats = self._a.net["weights"][first : first + self._program.projections[projection].size]
+        first = int(self._arrays.net["projections"][projection, t.WEIGHT])
+        weights: Floats = self._arrays.net["weights"][first : first + self._program.projections[projection].size]
         return weights
 
     def encourage(self, projection: int, maps: Ints) -> None:
@@ -139,7 +141,7 @@ class EventEngine(Settable):
         chosen = np.zeros(spec.maps, dtype=np.bool_)
         chosen[maps] = True
         if projection not in self._weight_maps:
-            self._weight_maps[projection] = layout.map_of_weights(self._a, projection, spec.maps)
+            self._weight_maps[projection] = layout.map_of_weights(self._arrays, projection, spec.maps)
         self._trial_updates[projection] += trial_rules.grower(arithmetic.encourage)(
             self._trial_weights(projection), self._weight_maps[projection], chosen, c
         )
@@ -169,23 +171,23 @@ class EventEngine(Settable):
 
     def counts(self) -> EngineCounts:
         """Return the counts since the start or the last reset."""
-        net = self._a.net
-        build.settle(self._a)
-        events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
+        net = self._arrays.net
+        build.settle(self._arrays)
+        events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._arrays.places)
         # of a graded population the number of spikes counts, not the sum of their payloads
         names = ["events" if part.model.graded else "spikes" for part in self._program.populations]
-        spikes = tuple(p.by_id(net[n][p.begin : p.end].copy()) for n, p in zip(names, self._a.places, strict=True))
+        spikes = tuple(p.by_id(net[n][p.begin : p.end].copy()) for n, p in zip(names, self._arrays.places, strict=True))
         return EngineCounts(
             self._step, events, spikes, net["active"].sum(axis=0)[: len(events)], self._trial_updates.copy()
         )
 
     def fired(self, population: int) -> Ints:
         """Return the number of spikes of each neuron of a population since the start or the last reset."""
-        if self._a.net["pops"][population, t.COUNTS] >= 0:
-            build.settle(self._a)
-        place = self._a.places[population]
+        if self._arrays.net["pops"][population, t.COUNTS] >= 0:
+            build.settle(self._arrays)
+        place = self._arrays.places[population]
         name = "events" if self._program.populations[population].model.graded else "spikes"
-        return place.by_id(self._a.net[name][place.begin : place.end].copy())
+        return place.by_id(self._arrays.net[name][place.begin : place.end].copy())
 
     def joined(self, engines: Sequence[Any]) -> Engines:
         """Return a group that runs several engines of this network together."""
@@ -196,7 +198,7 @@ class EventEngine(Settable):
     def memory(self) -> dict[str, int]:
         """Return the bytes used by synapses, neurons and spikes."""
         counted = {"synapses": 0, "neurons": 0, "spikes": self._record.nbytes()}
-        for _, each, owner in build.declared_in(self._a):
+        for _, each, owner in build.declared_in(self._arrays):
             if not each.life.startswith(("view", "=")):
                 counted[each.account] += owner[each.name].nbytes
         return counted
@@ -209,7 +211,7 @@ class EventEngine(Settable):
         weights_before, delays_before = dict[int, Floats](), dict[int, Floats]()
         if not weights:
             parts = self._program.projections
-            as_described = joined_rows.as_described(self._a)
+            as_described = joined_rows.as_described(self._arrays)
             weights_before = {q: self.get_synapses(q, "weight") for q in range(len(parts)) if q not in as_described}
             delays_before = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
         parameters, rules = self._changed_parameters, self._rules
@@ -217,7 +219,7 @@ class EventEngine(Settable):
         for q, each in weights_before.items():
             self._write_weights(q, each)
         for q, each in delays_before.items():
-            learning.write_delays(self._a, q, each)
+            learning.write_delays(self._arrays, q, each)
         for name, values in parameters.items():
             population, _, word = name.partition(".")
             self._set(int(population), word, values)
@@ -231,11 +233,11 @@ class EventEngine(Settable):
         self._drain()
         settings = (("given", self._changed_parameters), ("rule", self._rules), ("kept", self._relay_weights))
         return {
-            **build.snapshot(self._a),
+            **build.snapshot(self._arrays),
             "engine.step": np.array(self._step),
             "engine.trial_updates": self._trial_updates.copy(),
-            "engine.edges": self._a.net["edges"].copy(),
-            "engine.joined": np.array(sorted(self._a.joined), dtype=np.int64),
+            "engine.edges": self._arrays.net["edges"].copy(),
+            "engine.joined": np.array(sorted(self._arrays.joined), dtype=np.int64),
             **{f"{part}.{key}": values.copy() for part, each in settings for key, values in each.items()},
             **self._record.snapshot(),
             **({} if self._changing is None else self._changing.currents.snapshot()),
@@ -255,7 +257,7 @@ class EventEngine(Settable):
         # A snapshot without traces of post spikes comes from an engine in which all synapses learn lazily.
         eager, joined = len(arrays["plastic.heard"]) > 0, frozenset(arrays["engine.joined"].tolist())
         self._start_over(eager, edges, joined)
-        build.restore(self._a, arrays)
+        build.restore(self._arrays, arrays)
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
         for name, value in arrays.items():
@@ -264,11 +266,11 @@ class EventEngine(Settable):
                 self._changed_parameters[key] = value.copy()
             elif part in ("rule", "kept"):
                 (self._rules if part == "rule" else self._relay_weights)[int(key)] = value.copy()
-        learning.lay_constants(self._a, self._rules)
-        for q in self._a.moves_of:
-            move_rules.set_move_rule(self._a, q, self._rules[q])
-        for q in self._a.shared_of:
-            shared_kernels.set_shared_rule(self._a, q, self._rules[q])
+        learning.lay_constants(self._arrays, self._rules)
+        for q in self._arrays.moves_of:
+            move_rules.set_move_rule(self._arrays, q, self._rules[q])
+        for q in self._arrays.shared_of:
+            shared_kernels.set_shared_rule(self._arrays, q, self._rules[q])
         self._record.restore(arrays)
         if self._changing is not None:
             self._changing.currents.restore(arrays)

@@ -20,17 +20,17 @@ class StateProbe:
     """A probe of a state of neurons, which the engine reads without updating the whole population.
 
     Args:
-        a: the arrays of the kernels.
+        arrays: the arrays of the kernels.
         probe: a probe that records a state of each neuron, not a mean.
     """
 
-    def __init__(self, a: EventArrays, probe: Probe) -> None:
-        self._a, self.every, self._population = a, probe.every, probe.population
-        part, place = a.program.populations[probe.population], a.places[probe.population]
+    def __init__(self, arrays: EventArrays, probe: Probe) -> None:
+        self._arrays, self.every, self._population = arrays, probe.every, probe.population
+        part, place = arrays.program.populations[probe.population], arrays.places[probe.population]
         self._state = [s.name for s in type(part.model).states].index(probe.record)
         ids = np.arange(part.size) if probe.ids is None else probe.ids
         self._places = place.begin + (ids if place.inside is None else np.asarray(place.inside)[ids]).astype(np.int64)
-        self._block = np.zeros((a.net["state"].shape[0] + 1, t.BLOCK))  # a copy of a sleeping block, to update
+        self._block = np.zeros((arrays.net["state"].shape[0] + 1, t.BLOCK))  # a copy of a sleeping block, to update
         self._rows = max(1, ARRAY_SIZE // ids.size)
         self._steps: list[int] = []
         self._values = [np.zeros((self._rows, ids.size))]
@@ -41,7 +41,9 @@ class StateProbe:
         if row == 0 and self._steps:
             self._values.append(np.zeros_like(self._values[0]))
         out = self._values[-1][row]
-        sample(view, self._population, self._state, self._places, step, self._a.program.resolution, self._block, out)
+        sample(
+            view, self._population, self._state, self._places, step, self._arrays.program.resolution, self._block, out
+        )
         self._steps.append(step)
 
     def take(self) -> tuple[Ints, Floats]:
@@ -52,14 +54,14 @@ class StateProbe:
         return steps, values
 
 
-def state_probes(a: EventArrays) -> dict[int, StateProbe]:
+def state_probes(arrays: EventArrays) -> dict[int, StateProbe]:
     """Return the probes that record a state of single neurons, by their number in the program."""
     probes = {}
-    for number, probe in enumerate(a.program.probes):
-        part = a.program.populations[probe.population]
+    for number, probe in enumerate(arrays.program.probes):
+        part = arrays.program.populations[probe.population]
         states = [state.name for state in type(part.model).states]
         if probe.record in states and not probe.mean and layout.computes(part):
-            probes[number] = StateProbe(a, probe)
+            probes[number] = StateProbe(arrays, probe)
     return probes
 
 
@@ -67,12 +69,12 @@ class PreSpikeRecords:
     """The states of plastic synapses at pre spikes, taken from the buffers of the kernels before these are full.
 
     Args:
-        a: the arrays of the kernels.
+        arrays: the arrays of the kernels.
     """
 
-    def __init__(self, a: EventArrays) -> None:
-        self._a = a
-        self._probes = dict(probes_of(a.program))
+    def __init__(self, arrays: EventArrays) -> None:
+        self._arrays = arrays
+        self._probes = dict(probes_of(arrays.program))
         self._records: dict[int, list[Sent]] = {number: [] for number in self._probes}
 
     def __bool__(self) -> bool:
@@ -81,23 +83,23 @@ class PreSpikeRecords:
     def make_room(self, view: int, step: int) -> bool:
         """Enlarge the buffers for the records of the spikes up to a step; return whether arrays were replaced."""
         needed: int = notes_to_come(view, step)
-        room: int = self._a.plastic["note_steps"].shape[1]
+        room: int = self._arrays.plastic["note_steps"].shape[1]
         if needed <= room:
             return False
         self.drain()
         if needed > room:
-            make_room(self._a, 2 * needed)
+            make_room(self._arrays, 2 * needed)
         return needed > room
 
     def drain(self) -> None:
         """Move the records from the buffers of all threads to the probes."""
-        a, plastic = self._a, self._a.plastic
+        arrays, plastic = self._arrays, self._arrays.plastic
         for thread, n in enumerate(plastic["note_at"][:, 0].tolist()):
             if n:
                 steps, places = plastic["note_steps"][thread, :n].copy(), plastic["note_synapses"][thread, :n]
                 for number, probe in self._probes.items():
-                    part, order = a.program.projections[probe.projection], a.synapses[probe.projection].order
-                    inside = places - int(plastic["table"][a.plastic_of[probe.projection], t.FIRST_SYNAPSE])
+                    part, order = arrays.program.projections[probe.projection], arrays.synapses[probe.projection].order
+                    inside = places - int(plastic["table"][arrays.plastic_of[probe.projection], t.FIRST_SYNAPSE])
                     rows = np.flatnonzero((inside >= 0) & (inside < part.size))
                     synapses = inside[rows] if order is None else order[inside[rows]]
                     if probe.synapses is not None:

@@ -18,8 +18,8 @@ from neuro_event.loop.tables import table_of
 class NeuronReader:
     """A copy of the states of neurons, in which sleeping neurons are updated to the present for a read."""
 
-    def __init__(self, a: EventArrays) -> None:
-        self._a = a
+    def __init__(self, arrays: EventArrays) -> None:
+        self._arrays = arrays
         self._copied: dict[str, NDArray[Any]] = {}
 
     def state(self, population: int, row: int, ids: Ints | None, step: int) -> Floats:
@@ -27,7 +27,7 @@ class NeuronReader:
 
         The time grows with the number of blocks that are read.
         """
-        place, pop = self._a.places[population], self._a.net["pops"][population]
+        place, pop = self._arrays.places[population], self._arrays.net["pops"][population]
         if ids is None:
             blocks = np.arange(pop[t.FIRST_BLOCK], pop[t.LAST_BLOCK])
             return place.by_id(self._awake(population, blocks, step)[row, place.begin : place.end].copy())
@@ -37,19 +37,19 @@ class NeuronReader:
 
     def _awake(self, population: int, blocks: Ints, step: int) -> Floats:
         """Return the rows of all states, with the given blocks as of `step`."""
-        net = self._a.net
+        net = self._arrays.net
         rows: Floats = net["state"]
         asleep = net["awake"][blocks] == 0
         if not asleep.any():
             return rows
         if not self._copied:
             self._copied = {name: np.empty_like(net[name]) for name in ("state", "awake", "busy", "fired", "scratch")}
-            self._table = table_of({**net, **self._copied}, self._a.plastic)
+            self._table = table_of({**net, **self._copied}, self._arrays.plastic)
         blocks = np.unique(blocks)
         for name, shape in (("awake", (-1, 1)), ("busy", (-1, 1)), ("fired", (-1, t.BLOCK)), ("state", (-1, t.BLOCK))):
             lead = net[name].shape[:-1]
             self._copied[name].reshape(*lead, *shape)[..., blocks, :] = net[name].reshape(*lead, *shape)[..., blocks, :]
-        steps.wake_blocks(self._table.ctypes.data, population, blocks, step, self._a.program.resolution)
+        steps.wake_blocks(self._table.ctypes.data, population, blocks, step, self._arrays.program.resolution)
         rows = self._copied["state"]
         return rows
 
@@ -57,34 +57,36 @@ class NeuronReader:
 class SynapseReader:
     """A copy of the states of synapses, in which they are updated to the present for a read."""
 
-    def __init__(self, a: EventArrays, table: Ints) -> None:
-        self._a, self._view = a, table.ctypes.data
-        self._y = np.empty_like(a.plastic["y"])
-        self._reached = np.empty_like(a.plastic["reached"])
-        self._table = table_of(a.net, {**a.plastic, "y": self._y, "reached": self._reached})
+    def __init__(self, arrays: EventArrays, table: Ints) -> None:
+        self._arrays, self._view = arrays, table.ctypes.data
+        self._y = np.empty_like(arrays.plastic["y"])
+        self._reached = np.empty_like(arrays.plastic["reached"])
+        self._table = table_of(arrays.net, {**arrays.plastic, "y": self._y, "reached": self._reached})
         self._other_view = self._table.ctypes.data
         self._updated: tuple[int, int] | None = None  # plastic projection and step of the copy
 
     def synapses(self, projection: int, name: str, step: int) -> Floats:
         """Return a state of the synapses of a plastic projection at a step, in the order of the program's weights."""
-        a = self._a
-        p, arranged = a.program.projections[projection], a.synapses[projection]
-        k = a.plastic_of[projection]
-        first = a.plastic["table"][k, t.FIRST_SYNAPSE]
-        own = slice(first, first + p.size)
+        arrays = self._arrays
+        part, arranged = arrays.program.projections[projection], arrays.synapses[projection]
+        k = arrays.plastic_of[projection]
+        first = arrays.plastic["table"][k, t.FIRST_SYNAPSE]
+        own = slice(first, first + part.size)
         if name == "n":
-            return by_id(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
+            return by_id(concentration(arrays, self._view, k, step)[arranged.targets], arranged.order)
         if name == "K_plus":
-            return by_id(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
-        if not p.synapse.modulated and name == "weight":
+            return by_id(np.repeat(trace(arrays, k, step), np.diff(arranged.row_ends)), arranged.order)
+        if not part.synapse.modulated and name == "weight":
             return by_id(self._sent(k, own, arranged.targets, arranged.row_ends), arranged.order)
-        row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
-        if a.plastic["table"][k, t.EAGER]:
-            return by_id(a.plastic["y"][row, own], arranged.order)
+        row = 0 if name == "weight" else 1 + [s.name for s in type(part.synapse).states].index(name)
+        if arrays.plastic["table"][k, t.EAGER]:
+            return by_id(arrays.plastic["y"][row, own], arranged.order)
         if self._updated != (k, step):
-            self._y[:, own] = a.plastic["y"][:, own]
-            self._reached[own] = a.plastic["reached"][own]
-            histories.catch_up(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
+            self._y[:, own] = arrays.plastic["y"][:, own]
+            self._reached[own] = arrays.plastic["reached"][own]
+            histories.catch_up(
+                self._other_view, k, arrays.program.populations[part.target].size, step, arrays.program.resolution
+            )
             self._updated = k, step
         return by_id(self._y[row, own], arranged.order)
 
@@ -93,12 +95,12 @@ class SynapseReader:
 
         The signal would have to update them otherwise.
         """
-        a, row = self._a, self._a.plastic["table"][k]
+        arrays, row = self._arrays, self._arrays.plastic["table"][k]
         if self._updated == (k, step) and row[t.MODULATED] >= 0:
             first = row[t.FIRST_SYNAPSE]
-            own = slice(first, first + a.program.projections[row[t.PROJECTION]].size)
-            a.plastic["y"][:, own] = self._y[:, own]
-            a.plastic["reached"][own] = self._reached[own]
+            own = slice(first, first + arrays.program.projections[row[t.PROJECTION]].size)
+            arrays.plastic["y"][:, own] = self._y[:, own]
+            arrays.plastic["reached"][own] = self._reached[own]
         self.drop()
 
     def drop(self) -> None:
@@ -107,32 +109,32 @@ class SynapseReader:
 
     def _sent(self, k: int, own: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
         """Return the weights at the last pre spike: stored ones if a post spike has acted since, else present ones."""
-        a = self._a
-        if a.plastic["table"][k, t.EAGER]:
-            return a.plastic["sent"][own]
-        p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
-        first_history = a.net["pops"][p.target, t.HISTORY]
-        last = learning.of_sources(a, a.plastic["table"][k], a.plastic["spiked"])[0][0]
-        applied = a.plastic["past"][first_history + targets, APPLIED]
+        arrays = self._arrays
+        if arrays.plastic["table"][k, t.EAGER]:
+            return arrays.plastic["sent"][own]
+        p = arrays.program.projections[arrays.plastic["table"][k, t.PROJECTION]]
+        first_history = arrays.net["pops"][p.target, t.HISTORY]
+        last = learning.of_sources(arrays, arrays.plastic["table"][k], arrays.plastic["spiked"])[0][0]
+        applied = arrays.plastic["past"][first_history + targets, APPLIED]
         changed_since = applied > np.repeat(last, np.diff(row_ends))
-        return np.where(changed_since, a.plastic["sent"][own], a.plastic["y"][0, own])
+        return np.where(changed_since, arrays.plastic["sent"][own], arrays.plastic["y"][0, own])
 
 
-def concentration(a: EventArrays, view: int, k: int, step: int) -> Floats:
+def concentration(arrays: EventArrays, view: int, k: int, step: int) -> Floats:
     """Return the dopamine concentration at every target of plastic projection k."""
-    projection = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
-    out = np.empty(a.program.populations[projection.target].size)
-    histories.concentrations(view, k, out, step, a.program.resolution)
+    projection = arrays.program.projections[arrays.plastic["table"][k, t.PROJECTION]]
+    out = np.empty(arrays.program.populations[projection.target].size)
+    histories.concentrations(view, k, out, step, arrays.program.resolution)
     return out
 
 
-def trace(a: EventArrays, k: int, step: int) -> Floats:
+def trace(arrays: EventArrays, k: int, step: int) -> Floats:
     """Return the trace K+ of every source of plastic projection k."""
-    row = a.plastic["table"][k]
+    row = arrays.plastic["table"][k]
     if row[t.EAGER]:
-        return learning.first_trace(a, k, step)
-    traces, times = (learning.of_sources(a, row, a.plastic[name])[0][0] for name in ("k_plus", "k_time"))
-    faded: Floats = traces * np.exp(-(step - times) * a.program.resolution / a.plastic["tau"][k, 0])
+        return learning.first_trace(arrays, k, step)
+    traces, times = (learning.of_sources(arrays, row, arrays.plastic[name])[0][0] for name in ("k_plus", "k_time"))
+    faded: Floats = traces * np.exp(-(step - times) * arrays.program.resolution / arrays.plastic["tau"][k, 0])
     return faded
 
 
@@ -145,23 +147,23 @@ def by_id(values: Floats, order: Ints | None) -> Floats:
     return out
 
 
-def weights(a: EventArrays, projection: int) -> Floats:
+def weights(arrays: EventArrays, projection: int) -> Floats:
     """Return the weights of a projection without pair learning, in the order of the program's weights."""
-    p, row = a.program.projections[projection], a.net["projections"][projection]
+    p, row = arrays.program.projections[projection], arrays.net["projections"][projection]
     first = row[t.WEIGHT]
     if first < 0:
         return np.broadcast_to(p.weight, p.size).copy()
     if p.size == 0 or row[t.WEIGHT_STRIDE] == 0:
-        return p.arriving(np.full(p.size, a.net["weights"][first]))
-    return p.arriving(by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order))
+        return p.arriving(np.full(p.size, arrays.net["weights"][first]))
+    return p.arriving(by_id(arrays.net["weights"][first : first + p.size], arrays.synapses[projection].order))
 
 
-def catch_up_all(a: EventArrays, view: int, k: int, step: int) -> None:
+def catch_up_all(arrays: EventArrays, view: int, k: int, step: int) -> None:
     """Update plastic projection k to the present before a value is set. Traces are then stored as values."""
-    if a.plastic["table"][k, t.EAGER]:
-        learning.unpack(a, k, step)
+    if arrays.plastic["table"][k, t.EAGER]:
+        learning.unpack(arrays, k, step)
         return
-    p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
-    n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
-    histories.catch_up_histories(view, p.target, n_targets, step, a.program.resolution)
-    histories.update_traces(view, k, n_sources, n_targets, step, a.program.resolution)
+    p = arrays.program.projections[arrays.plastic["table"][k, t.PROJECTION]]
+    n_sources, n_targets = arrays.program.populations[p.source].size, arrays.program.populations[p.target].size
+    histories.catch_up_histories(view, p.target, n_targets, step, arrays.program.resolution)
+    histories.update_traces(view, k, n_sources, n_targets, step, arrays.program.resolution)

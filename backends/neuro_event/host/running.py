@@ -40,40 +40,40 @@ class Running:
 
     def _start_over(self, eager: bool = True, edges: Ints | None = None, joined: frozenset[int] | None = None) -> None:
         cut = () if edges is None else (edges, joined)
-        self._a = build.build(self._program, self._n_threads, eager, *cut)
-        self._a.net["stop"] = self._stop
+        self._arrays = build.build(self._program, self._n_threads, eager, *cut)
+        self._arrays.net["stop"] = self._stop
         self._step, self._torn = 0, False
         # Values that were set: parameters by "population.name" in the order of ids, numbers of all synapse models by
         # projection, and weights onto relays. No kernel reads the weights of relays.
         self._changed_parameters: dict[str, Floats] = {}
-        self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
+        self._rules = {q: part.synapse.vector() for q, part in enumerate(self._program.projections)}
         self._relay_weights: dict[int, Floats] = {}
         self._record = RecordedSpikes()
         self._changing: Changing | None = None
-        if any(p.kind == "current" or p.schedule is not None for p in self._program.populations):
+        if any(part.kind == "current" or part.schedule is not None for part in self._program.populations):
             from neuro_event.host.changing import Changing
 
-            self._changing = Changing(self._program, self._a)
-        n_threads = self._a.net["edges"].shape[1] - 1
+            self._changing = Changing(self._program, self._arrays)
+        n_threads = self._arrays.net["edges"].shape[1] - 1
         self._threads: Threads | None = None
         if n_threads > 1:
             from neuro_event.host.threads import Threads
 
             self._threads = Threads(n_threads)
         self._lists: ListedSpikes | None = None
-        if any(p.kind == "listed" for p in self._program.populations):
+        if any(part.kind == "listed" for part in self._program.populations):
             from neuro.program.listed import ListedSpikes
 
-            begins = [place.begin for place in self._a.places]
-            self._lists = ListedSpikes(self._program, self._a.net, begins, n_threads)
+            begins = [place.begin for place in self._arrays.places]
+            self._lists = ListedSpikes(self._program, self._arrays.net, begins, n_threads)
         else:
-            self._a.net |= nothing_listed(self._program, n_threads)
+            self._arrays.net |= nothing_listed(self._program, n_threads)
         self._samples: dict[int, StateProbe] = {}
         self._pre_spike_records: PreSpikeRecords | None = None
         if self._program.probes or self._program.synapse_probes:
             from neuro_event.host.probes import PreSpikeRecords, state_probes
 
-            self._samples, self._pre_spike_records = state_probes(self._a), PreSpikeRecords(self._a)
+            self._samples, self._pre_spike_records = state_probes(self._arrays), PreSpikeRecords(self._arrays)
         self._has_probes = bool(self._samples or self._pre_spike_records)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
@@ -83,13 +83,13 @@ class Running:
 
     def _pack(self) -> None:
         """Pass the addresses of all arrays to the kernels. Must be called whenever an array is replaced by another."""
-        net = self._a.net
-        for _, each, owner in build.declared_in(self._a):
+        net = self._arrays.net
+        for _, each, owner in build.declared_in(self._arrays):
             if each.life.startswith("="):
                 owner[each.name] = owner[each.life[1:]].view(each.kind)
         net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
-        build.link(self._a)
-        self._table = t.table_of(net, self._a.plastic)
+        build.link(self._arrays)
+        self._table = t.table_of(net, self._arrays.plastic)
         self._view = self._table.ctypes.data
         self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
         self._no_flags = np.zeros_like(self._flags).tolist()
@@ -100,13 +100,13 @@ class Running:
     def _synapse_reader(self) -> SynapseReader:
         from neuro_event.host.reading import SynapseReader
 
-        return SynapseReader(self._a, self._table)
+        return SynapseReader(self._arrays, self._table)
 
     @cached_property
     def _neuron_reader(self) -> NeuronReader:
         from neuro_event.host.reading import NeuronReader
 
-        return NeuronReader(self._a)
+        return NeuronReader(self._arrays)
 
     @property
     def step(self) -> int:
@@ -128,17 +128,17 @@ class Running:
     def share_stop(self, engines: Sequence[Running]) -> Ints:
         """Let several engines stop together; return the shared stop request, see `neuro.core.interrupts`."""
         for engine in engines:
-            engine._stop = engine._a.net["stop"] = self._stop
+            engine._stop = engine._arrays.net["stop"] = self._stop
             engine._interruptible = self._interruptible
             engine._pack()
         return self._stop
 
     def join_rows(self) -> None:
         """Lay out the joined rows before a run, if weights were set. Setting many in turn costs one layout only."""
-        if self._a.parted:
-            joined_rows.join(self._a)
+        if self._arrays.parted:
+            joined_rows.join(self._arrays)
             self._pack()
-            self._a.parted = False  # set last, so that the next run repeats a layout that was interrupted
+            self._arrays.parted = False  # set last, so that the next run repeats a layout that was interrupted
 
     def _refuse_torn(self) -> None:
         """Raise an error if an interrupt has left threads at different steps."""
@@ -154,18 +154,18 @@ class Running:
 
     def _parameter(self, population: int, name: str) -> Floats:
         """Return a parameter of every neuron, or its present rate or current."""
-        p, place = self._program.populations[population], self._a.places[population]
-        if p.kind == "poisson" and name == "rate":
-            mean: Floats = self._a.net["mean"][place.begin : place.end]
+        part, place = self._program.populations[population], self._arrays.places[population]
+        if part.kind == "poisson" and name == "rate":
+            mean: Floats = self._arrays.net["mean"][place.begin : place.end]
             return mean / (self._program.resolution * 1e-3)
-        if layout.computes(p):
-            column = build.parameters(self._a, population)[:, list(p.parameters).index(name)]
-            return np.broadcast_to(place.by_id(column) if column.size > 1 else column, p.size).copy()
-        if p.kind == "current" and self._changing is not None:
+        if layout.computes(part):
+            column = build.parameters(self._arrays, population)[:, list(part.parameters).index(name)]
+            return np.broadcast_to(place.by_id(column) if column.size > 1 else column, part.size).copy()
+        if part.kind == "current" and self._changing is not None:
             value = self._changing.currents.parameter(population, name)
         else:
-            value = p.parameters[name]
-        return np.broadcast_to(value, p.size).astype(np.float64)
+            value = part.parameters[name]
+        return np.broadcast_to(value, part.size).astype(np.float64)
 
     def _run_to(self, end: int) -> None:
         first, stop = self._step + 1, self._stop
@@ -179,18 +179,25 @@ class Running:
                 last = min([last, *(-(-first // probe.every) * probe.every for probe in self._samples.values())])
             self._torn = True
             try:
-                where = self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
+                where = (
+                    self._view,
+                    first,
+                    last + 1,
+                    self._arrays.longest_slice,
+                    self._arrays.reach,
+                    self._program.resolution,
+                )
                 reached = steps.run(*where) if self._threads is None else self._threads.run(*where, stop)
                 if stop.item():
                     end_if_stopped(stop)
             except BaseException:  # Ctrl-C is raised as soon as a kernel returns
                 self._torn = self._threads is not None or int(stop[0]) == AT_ONCE
-                self._step = int(self._a.net["reached"][0]) - 1
+                self._step = int(self._arrays.net["reached"][0]) - 1
                 raise
             self._torn, self._step = False, int(reached) - 1
             if reached <= last:
                 self._drain()
-                if reached == first and steps.has_room(self._view, first, 1, self._a.reach) < 1:
+                if reached == first and steps.has_room(self._view, first, 1, self._arrays.reach) < 1:
                     self._grow_log()
             elif self._has_probes:
                 for probe in self._samples.values():
@@ -221,7 +228,7 @@ class Running:
 
     def _grow_log(self) -> None:
         """Double the size of the log of spikes under way."""
-        net = self._a.net
+        net = self._arrays.net
         old_size = net["log_ids"].shape[1]
         for name in ("log_ids", "log_counts"):
             bigger = np.zeros((net[name].shape[0], 2 * old_size), dtype=net[name].dtype)
@@ -233,9 +240,9 @@ class Running:
 
     def are_finite(self, population: int, states: Sequence[str]) -> bool:
         """Implement `neuro.program.backend.are_finite`, for sleeping neurons with the values at their last step."""
-        place, model = self._a.places[population], type(self._program.populations[population].model)
+        place, model = self._arrays.places[population], type(self._program.populations[population].model)
         names = [s.name for s in model.states]
-        rows = self._a.net["state"]
+        rows = self._arrays.net["state"]
         return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
 
     @property
@@ -251,22 +258,22 @@ class Running:
     def spikes(self, population: int, since: int) -> Spikes:
         """Return the recorded spikes with step > since."""
         self._drain()
-        place = self._a.places[population]
+        place = self._arrays.places[population]
         ids_at = None if place.inside is None else place.outside
         recorded = self._record.spikes(place.begin, place.end, since, ids_at)
         return carrying(self._program.populations[population], recorded)
 
     def _drain(self) -> None:
         """Move recorded spikes from the buffers of the loop to the record."""
-        names, lengths = ("rec_steps", "rec_ids", "rec_counts"), self._a.net["rec_at"][:, 0]
-        steps, ids, counts = (self._a.net[name] for name in names)
+        names, lengths = ("rec_steps", "rec_ids", "rec_counts"), self._arrays.net["rec_at"][:, 0]
+        steps, ids, counts = (self._arrays.net[name] for name in names)
         self._record.take((steps[k, :n], ids[k, :n], counts[k, :n]) for k, n in enumerate(lengths.tolist()))
         lengths[:] = 0
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes with step <= before."""
         if before >= self._step:
-            self._a.net["rec_at"][:, 0] = 0
+            self._arrays.net["rec_at"][:, 0] = 0
             self._record = RecordedSpikes()
             return
         self._drain()

@@ -33,101 +33,104 @@ class Settable(Running):
             self._set(population, name, each)
 
     def _set(self, population: int, name: str, values: Floats) -> None:
-        p, place = self._program.populations[population], self._a.places[population]
-        if name in p.parameters:
+        part, place = self._program.populations[population], self._arrays.places[population]
+        if name in part.parameters:
             self._changed_parameters[f"{population}.{name}"] = values.copy()
-        if p.kind == "poisson":
-            build.set_rate(self._a, population, values, self._step)
+        if part.kind == "poisson":
+            build.set_rate(self._arrays, population, values, self._step)
             return
-        if not layout.computes(p):
+        if not layout.computes(part):
             assert self._changing is not None
             self._changing.currents.set(population, name, values, self._step)
             self._changing.drives.changed()
             return
-        if p.kind == "neuron":
+        if part.kind == "neuron":
             steps.wake_population(self._view, population, self._step, self._program.resolution)
-            if self._changing is not None and any(name == tau for _, tau in getattr(p.model, "filters", {}).values()):
+            if self._changing is not None and any(
+                name == tau for _, tau in getattr(part.model, "filters", {}).values()
+            ):
                 self._changing.drives.changed()
         inner = place.by_place(values) if values.size > 1 else values
-        states = [s.name for s in type(p.model).states]
+        states = [s.name for s in type(part.model).states]
         if name in states:
-            self._a.net["state"][states.index(name), place.begin : place.end] = inner
+            self._arrays.net["state"][states.index(name), place.begin : place.end] = inner
             return
-        rows = build.parameters(self._a, population)
-        rows = np.repeat(rows, p.size, axis=0) if inner.size > len(rows) else rows.copy()
-        rows[:, list(p.parameters).index(name)] = inner
+        rows = build.parameters(self._arrays, population)
+        rows = np.repeat(rows, part.size, axis=0) if inner.size > len(rows) else rows.copy()
+        rows[:, list(part.parameters).index(name)] = inner
         if name == "tau_minus":
-            self._a.net["tau_minus"][place.begin : place.end] = inner
-        if name == "t_ref" and self._a.net["pops"][population, t.HISTORY] >= 0:
-            learning.widen_histories(self._a, population, float(inner.min()))
-        build.rebuild_constants(self._a, {population: rows})
+            self._arrays.net["tau_minus"][place.begin : place.end] = inner
+        if name == "t_ref" and self._arrays.net["pops"][population, t.HISTORY] >= 0:
+            learning.widen_histories(self._arrays, population, float(inner.min()))
+        build.rebuild_constants(self._arrays, {population: rows})
         self._pack()
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of all synapses with this signal, or teach those that learn by moves."""
-        for q, k in self._a.moves_of.items():
-            p = self._program.projections[q]
-            if signal in (p.signal, p.gate):
-                inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
-                if p.gate == signal:
-                    first = self._a.plastic["move_table"][k, t.MOVE_TARGET]
-                    self._a.plastic["move_gate"][first : first + inner.size] = inner
-                if p.signal == signal:
+        for q, k in self._arrays.moves_of.items():
+            part = self._program.projections[q]
+            if signal in (part.signal, part.gate):
+                inner = np.ascontiguousarray(self._arrays.places[part.target].by_place(values), dtype=np.float64)
+                if part.gate == signal:
+                    first = self._arrays.plastic["move_table"][k, t.MOVE_TARGET]
+                    self._arrays.plastic["move_gate"][first : first + inner.size] = inner
+                if part.signal == signal:
                     moves.teach_moves(self._view, k, inner)
-        for q, k in self._a.shared_of.items():
-            p = self._program.projections[q]
-            if p.signal == signal:
-                first = self._a.plastic["shared_table"][k, t.SHARED_TARGET]
-                own = self._a.plastic["shared_n"][first : first + self._program.populations[p.target].size]
-                own[:] = self._a.places[p.target].by_place(values)
-        for q, k in self._a.plastic_of.items():
-            p = self._program.projections[q]
-            if p.signal == signal:
-                inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
+        for q, k in self._arrays.shared_of.items():
+            part = self._program.projections[q]
+            if part.signal == signal:
+                first = self._arrays.plastic["shared_table"][k, t.SHARED_TARGET]
+                own = self._arrays.plastic["shared_n"][first : first + self._program.populations[part.target].size]
+                own[:] = self._arrays.places[part.target].by_place(values)
+        for q, k in self._arrays.plastic_of.items():
+            part = self._program.projections[q]
+            if part.signal == signal:
+                inner = np.ascontiguousarray(self._arrays.places[part.target].by_place(values), dtype=np.float64)
                 self._synapse_reader.give(k, self._step)
                 histories.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """Return a state of the synapses, in the order of the program's weights."""
-        if projection in self._a.plastic_of:
+        if projection in self._arrays.plastic_of:
             return self._synapse_reader.synapses(projection, name, self._step)
         p = self._program.projections[projection]
-        if projection in self._a.moves_of:
+        if projection in self._arrays.moves_of:
             row, own = self._move_states(projection, name)
-            return reading.by_id(self._a.plastic["move_y"][row, own], self._a.synapses[projection].order)
+            return reading.by_id(self._arrays.plastic["move_y"][row, own], self._arrays.synapses[projection].order)
         if name == "delay":
             return reading.by_id(
-                self._a.net["late"][learning.own_delays_of(self._a, projection)], self._a.synapses[projection].order
+                self._arrays.net["late"][learning.own_delays_of(self._arrays, projection)],
+                self._arrays.synapses[projection].order,
             )
-        if self._a.net["pops"][p.target, t.RELAY] == 1:
+        if self._arrays.net["pops"][p.target, t.RELAY] == 1:
             return np.broadcast_to(self._relay_weights.get(projection, p.weight), p.size).copy()
-        return reading.weights(self._a, projection)
+        return reading.weights(self._arrays, projection)
 
     def _move_states(self, projection: int, name: str) -> tuple[int, slice]:
         """Return the row and the synapses of a state in `move_y`, for a projection that learns by moves."""
         p = self._program.projections[projection]
-        first = self._a.plastic["move_table"][self._a.moves_of[projection], t.MOVE_SYNAPSE]
+        first = self._arrays.plastic["move_table"][self._arrays.moves_of[projection], t.MOVE_SYNAPSE]
         row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
         return row, slice(first, first + p.size)
 
     def set_synapses(self, projection: int, name: str, values: Floats) -> None:
         """Set a state of the synapses of a projection that learns by moves."""
         row, own = self._move_states(projection, name)
-        order = self._a.synapses[projection].order
-        self._a.plastic["move_y"][row, own] = values[order] if order is not None and values.size > 1 else values
+        order = self._arrays.synapses[projection].order
+        self._arrays.plastic["move_y"][row, own] = values[order] if order is not None and values.size > 1 else values
         if values.any():
-            moves.mark_all_live(self._view, self._a.moves_of[projection])
+            moves.mark_all_live(self._view, self._arrays.moves_of[projection])
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Set the numbers of a synapse model."""
-        if projection in self._a.moves_of:
-            move_rules.set_move_rule(self._a, projection, parameters)
-        if projection in self._a.shared_of:
-            shared_kernels.set_shared_rule(self._a, projection, parameters)
-        if projection in self._a.plastic_of:
+        if projection in self._arrays.moves_of:
+            move_rules.set_move_rule(self._arrays, projection, parameters)
+        if projection in self._arrays.shared_of:
+            shared_kernels.set_shared_rule(self._arrays, projection, parameters)
+        if projection in self._arrays.plastic_of:
             self._synapse_reader.drop()
-            reading.catch_up_all(self._a, self._view, self._a.plastic_of[projection], self._step)
-            if learning.set_numbers(self._a, projection, parameters, self._step):
+            reading.catch_up_all(self._arrays, self._view, self._arrays.plastic_of[projection], self._step)
+            if learning.set_numbers(self._arrays, projection, parameters, self._step):
                 self._pack()
         self._rules[projection] = parameters.copy()
         self._trial_rules.pop(projection, None)
@@ -135,70 +138,73 @@ class Settable(Running):
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights, or the chosen ones. Spikes under way keep the old weights."""
         part = self._program.projections[projection]
-        if self._a.net["projections"][projection, t.DENSE_COUNTS] == 1:
+        if self._arrays.net["projections"][projection, t.DENSE_COUNTS] == 1:
             # From now on the generator lists its spikes instead of keeping counts. The counts under way are delivered
             # first, because they are added with the present weight, which all synapses share.
             for q in [q for q, p in enumerate(self._program.projections) if p.source == part.source]:
                 lag = self._give_ring(q)
                 arrivals.deliver_counts(self._view, q, self._step - lag + 1, self._step)
-                self._a.net["projections"][q, t.DENSE_COUNTS] = 0
-            self._a.net["pops"][part.source, t.COUNTS] = t.NONE
+                self._arrays.net["projections"][q, t.DENSE_COUNTS] = 0
+            self._arrays.net["pops"][part.source, t.COUNTS] = t.NONE
         elif self._step > 0 and not self._learns(projection):
             # Spikes under way are delivered into a ring, with the present weights.
             last, lag = self._step - (not self._program.sends_at_once(part)), self._give_ring(projection)
             arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
-            self._a.net["set_out"][projection] = last
+            self._arrays.net["set_out"][projection] = last
         self._write_weights(projection, weights, chosen)
 
     def _learns(self, projection: int) -> bool:
         """Return whether spike pairs or moves change the weights of a projection."""
-        return any(projection in numbers for numbers in (self._a.plastic_of, self._a.moves_of, self._a.shared_of))
+        return any(
+            projection in numbers
+            for numbers in (self._arrays.plastic_of, self._arrays.moves_of, self._arrays.shared_of)
+        )
 
     def _give_ring(self, projection: int) -> int:
         """Move a projection to a ring; return the number of last steps whose spikes the ring lacks."""
-        lag = int(self._a.net["projections"][projection, t.LAG])
+        lag = int(self._arrays.net["projections"][projection, t.LAG])
         if lag == 0:
             return 1
-        projections.give_ring(self._a, projection)
+        projections.give_ring(self._arrays, projection)
         self._pack()
         return lag
 
     def _write_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        p, row = self._program.projections[projection], self._a.net["projections"][projection]
-        if p.size == 0:
+        part, row = self._program.projections[projection], self._arrays.net["projections"][projection]
+        if part.size == 0:
             return
-        if self._changing is not None and p.source in self._changing.currents:
+        if self._changing is not None and part.source in self._changing.currents:
             self._changing.currents.set_weights(projection, weights, self._step)
             self._changing.drives.changed()
-        order = self._a.synapses[projection].order
+        order = self._arrays.synapses[projection].order
         inner = weights[order] if order is not None and weights.size > 1 else weights
-        if projection in self._a.plastic_of:
-            k = self._a.plastic_of[projection]
+        if projection in self._arrays.plastic_of:
+            k = self._arrays.plastic_of[projection]
             self._synapse_reader.drop()
-            if self._a.plastic["table"][k, t.EAGER] == 0:
-                reading.catch_up_all(self._a, self._view, k, self._step)
-            first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
+            if self._arrays.plastic["table"][k, t.EAGER] == 0:
+                reading.catch_up_all(self._arrays, self._view, k, self._step)
+            first = self._arrays.plastic["table"][k, t.FIRST_SYNAPSE]
             changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
-            for array in (self._a.plastic["y"][0], self._a.plastic["sent"]):
-                array[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
+            for array in (self._arrays.plastic["y"][0], self._arrays.plastic["sent"]):
+                array[first : first + part.size][changed] = np.broadcast_to(inner, part.size)[changed]
             return
-        if self._a.net["pops"][p.target, t.RELAY] == 1:
+        if self._arrays.net["pops"][part.target, t.RELAY] == 1:
             self._relay_weights[projection] = weights.copy()
             return
-        if projection in self._a.moves_of:
-            self._a.plastic["move_y"][self._move_states(projection, "weight")] = inner
-        inner = p.arriving(inner)
-        if projections.own_weights(self._a):
+        if projection in self._arrays.moves_of:
+            self._arrays.plastic["move_y"][self._move_states(projection, "weight")] = inner
+        inner = part.arriving(inner)
+        if projections.own_weights(self._arrays):
             self._pack()
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
-        if first < 0 or (inner.size > 1 and stride == 0 and p.size > 1):
-            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, int(inner.size > 1)
-            self._a.net["weights"] = np.concatenate([self._a.net["weights"], inner])
+        if first < 0 or (inner.size > 1 and stride == 0 and part.size > 1):
+            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._arrays.net["weights"].size, int(inner.size > 1)
+            self._arrays.net["weights"] = np.concatenate([self._arrays.net["weights"], inner])
             self._pack()
         else:
-            self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
+            self._arrays.net["weights"][first : first + (part.size if stride else 1)] = inner
         if not self._learns(projection):
             row[t.SIGN] = layout.sign(inner)
-        if projection in self._a.joined and row[t.LAG] > 0 and not self._a.parted:
-            layout.part_joined_rows(self._a)
+        if projection in self._arrays.joined and row[t.LAG] > 0 and not self._arrays.parted:
+            layout.part_joined_rows(self._arrays)
             self._pack()

@@ -24,9 +24,11 @@ class EventEngines:
     def __init__(self, engines: Sequence[Any]) -> None:
         self._engines = list(engines)
         first = self._engines[0]
-        self._program, self._at = first._program, first._a
+        self._program, self._at = first._program, first._arrays
         self._reached: Ints = np.zeros(len(engines), dtype=np.int64)
-        self._plain = all(len(e._a.net["edges"][0]) == 2 and e._changing is None and not e._has_probes for e in engines)
+        self._plain = all(
+            len(e._arrays.net["edges"][0]) == 2 and e._changing is None and not e._has_probes for e in engines
+        )
         self._run = t.stage_entry("run").address()
         self._stop = first.share_stop(self._engines)
         self._addresses: list[int] = []
@@ -52,8 +54,8 @@ class EventEngines:
         if self._plain:
             for engine in self._engines:
                 engine.join_rows()
-            a = self._at
-            args = (begin + 1, last, a.longest_slice, a.reach, self._program.resolution, forget, reached)
+            arrays = self._at
+            args = (begin + 1, last, arrays.longest_slice, arrays.reach, self._program.resolution, forget, reached)
             with Interruptible(self._stop):
                 try:
                     together.run_all(self._run, self._views, *args)
@@ -144,7 +146,7 @@ class EventEngines:
 
     def merge(self, projection: int, before: Floats) -> Floats:
         """Set the weights of all engines to `before` plus the sum of the changes in all engines; return them."""
-        a, order = self._at, self._at.synapses[projection].order
+        arrays, order = self._at, self._at.synapses[projection].order
         after = before.copy() if order is None else before[order]
-        together.merge_all(self._views, a.moves_of[projection], after, np.zeros_like(after))
+        together.merge_all(self._views, arrays.moves_of[projection], after, np.zeros_like(after))
         return reading.by_id(after, order)

@@ -330,18 +330,20 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
         w = row[t.WEIGHT] + source_id * n
         if row[t.WEIGHT_STRIDE] == 0:
             weight = weights[row[t.WEIGHT]] * m
-            o = out + receptor(weight, receptors) * receptor_stride
-            targets = buf[o + lo : o + hi]
+            receptor_out = out + receptor(weight, receptors) * receptor_stride
+            targets = buf[receptor_out + lo : receptor_out + hi]
             for k in range(targets.size):
                 targets[k] += weight
         elif row[t.SIGN] != t.MIXED or receptors == 1:
-            o = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
-            targets, some = buf[o + lo : o + hi], weights[w + lo : w + hi]
+            receptor_out = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
+            targets, some = buf[receptor_out + lo : receptor_out + hi], weights[w + lo : w + hi]
             for k in range(targets.size):
                 targets[k] += some[k] * m
         else:
-            o = out + receptor_stride
-            add_by_sign(weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[o + lo : o + hi])
+            receptor_out = out + receptor_stride
+            add_by_sign(
+                weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[receptor_out + lo : receptor_out + hi]
+            )
     elif layout == t.ONE_TO_ONE:
         # The target may belong to another thread.
         if lo <= source_id < hi:
@@ -352,8 +354,8 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
     elif row[t.SIGN] == t.MIXED and receptors == 2:
         grid_add(view, row, source_id, m, thread, lo, hi, to)
     else:
-        o = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
-        grid_add(view, row, source_id, m, thread, lo, hi, Destination(o, 1, 0, mark, spot))
+        receptor_out = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
+        grid_add(view, row, source_id, m, thread, lo, hi, Destination(receptor_out, 1, 0, mark, spot))
 
 
 @kernel

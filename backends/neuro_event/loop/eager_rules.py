@@ -48,29 +48,29 @@ NOTHING = 1e-290
 
 
 @inlined
-def pre_decay(p, q, j, kind, step):
+def pre_decay(plastic, q, j, kind, step):
     """Return the decay of a pre trace since the epoch of a step began."""
     # An epoch has at most 1024 steps, and at most 64 times the shortest time constant, so that no digits are lost.
-    return p.decay[q, OWN + j, step % p.table[q, t.EPOCH]]
+    return plastic.decay[q, OWN + j, step % plastic.table[q, t.EPOCH]]
 
 
 @inlined
-def post_decay(p, q, j, kind, step):
+def post_decay(plastic, q, j, kind, step):
     """Return the decay of a post trace since the epoch of a step began."""
-    return p.decay[q, OWN + p.kinds.shape[1] // 2 + j, step % p.table[q, t.EPOCH]]
+    return plastic.decay[q, OWN + plastic.kinds.shape[1] // 2 + j, step % plastic.table[q, t.EPOCH]]
 
 
 @inlined
-def pre_value(p, j, kind, thread, own, decay, step, h):
+def pre_value(plastic, j, kind, thread, own, decay, step, h):
     """Return a pre trace at a step. Of a time trace, the step of the last spike is stored."""
-    stored = p.k_plus[thread, own + j]
+    stored = plastic.k_plus[thread, own + j]
     return (step - stored) * h if kind[TAU] == TIME else stored * decay[j]
 
 
 @inlined
-def post_value(p, j, kind, place, decay, step, h):
+def post_value(plastic, j, kind, place, decay, step, h):
     """Return a post trace at a step, which counts the spikes that arrived before."""
-    stored = p.heard[place, j]
+    stored = plastic.heard[place, j]
     return (step - stored) * h if kind[TAU] == TIME else stored * decay[j]
 
 
@@ -92,18 +92,18 @@ def stored_after(kind, stored, decay, step, m):
 
 
 @inlined
-def grow_pre(p, j, kind, thread, own, decay, step):
+def grow_pre(plastic, j, kind, thread, own, decay, step):
     """Increase a pre trace by a spike."""
-    stored = stored_after(kind, p.k_plus[thread, own + j], decay[j], step, 1)
-    p.k_plus[thread, own + j] = stored
+    stored = stored_after(kind, plastic.k_plus[thread, own + j], decay[j], step, 1)
+    plastic.k_plus[thread, own + j] = stored
     return stored
 
 
 @inlined
-def grow_post(p, j, kind, place, decay, step, m):
+def grow_post(plastic, j, kind, place, decay, step, m):
     """Increase a post trace by m spikes."""
-    stored = stored_after(kind, p.heard[place, j], decay[j], step, m)
-    p.heard[place, j] = stored
+    stored = stored_after(kind, plastic.heard[place, j], decay[j], step, m)
+    plastic.heard[place, j] = stored
     return stored
 
 
@@ -119,26 +119,26 @@ def rescale(traces, first, last, stride, decay):
 @subkernel
 def enter_epoch(view, q, thread):
     """Rescale all traces of a thread for a new epoch."""
-    net, p = net_of(view), plastic_of(view)
-    table, row = p.table[q], net.projections[p.table[q, t.PROJECTION]]
+    net, plastic = net_of(view), plastic_of(view)
+    table, row = plastic.table[q], net.projections[plastic.table[q, t.PROJECTION]]
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
-    half, stride = p.kinds.shape[1] // 2, table[t.SOURCE_STRIDE]
+    half, stride = plastic.kinds.shape[1] // 2, table[t.SOURCE_STRIDE]
     first, last = table[t.FIRST_SOURCE], table[t.FIRST_SOURCE] + (source[t.END] - source[t.BEGIN]) * stride
     for j in range(stride):
-        if p.kinds[q, j, TAU] != TIME:
-            rescale(p.k_plus[thread], first + j, last, stride, p.decay[q, OWN + j, table[t.EPOCH]])
+        if plastic.kinds[q, j, TAU] != TIME:
+            rescale(plastic.k_plus[thread], first + j, last, stride, plastic.decay[q, OWN + j, table[t.EPOCH]])
     lo = net.edges[target[t.NUMBER], thread] * t.BLOCK - target[t.BEGIN] + table[t.FIRST_TARGET]
     hi = min(net.edges[target[t.NUMBER], thread + 1] * t.BLOCK, target[t.END]) - target[t.BEGIN] + table[t.FIRST_TARGET]
-    for j in range(p.heard.shape[1]):
-        if p.kinds[q, half + j, TAU] != TIME:
-            rescale(p.heard[:, j], lo, hi, 1, p.decay[q, OWN + half + j, table[t.EPOCH]])
+    for j in range(plastic.heard.shape[1]):
+        if plastic.kinds[q, half + j, TAU] != TIME:
+            rescale(plastic.heard[:, j], lo, hi, 1, plastic.decay[q, OWN + half + j, table[t.EPOCH]])
 
 
 @subkernel
 def arrived_range(view, q, step, thread):
     """Return the range of places in a thread's log of the post spikes that reach synapses in a step."""
-    net, p = net_of(view), plastic_of(view)
-    row = net.projections[p.table[q, t.PROJECTION]]
+    net, plastic = net_of(view), plastic_of(view)
+    row = net.projections[plastic.table[q, t.PROJECTION]]
     emitted = step - np.int64(net.delays[row[t.DELAY]])
     if emitted < 1:
         # No spike is emitted before step 1.
@@ -150,10 +150,10 @@ def arrived_range(view, q, step, thread):
 @subkernel
 def prefetch_list(view, q, target):
     """Prefetch the list of the synapses onto a neuron."""
-    p = plastic_of(view)
-    begin = p.table[q, t.INCOMING] + target
-    synapses, sources = address(p.in_synapse), address(p.in_source)
-    for i in range(p.incoming[begin], p.incoming[begin + 1], PER_LINE):
+    plastic = plastic_of(view)
+    begin = plastic.table[q, t.INCOMING] + target
+    synapses, sources = address(plastic.in_synapse), address(plastic.in_source)
+    for i in range(plastic.incoming[begin], plastic.incoming[begin + 1], PER_LINE):
         prefetch(synapses + 4 * i)
         prefetch(sources + 4 * i)
 
@@ -164,29 +164,29 @@ def eager_entry(model, own_rows):
     row_of = own_row if own_rows else shared_row
     arithmetic = model.arithmetic
     learn_pre, on_post, sent_weight = compile_on_pre(model), compiled(arithmetic.on_post), compiled(model.sends())
-    pre_decays = tuple_of(pre_decay, model.pre, "p, q, {j}, {kind}, step")
-    post_decays = tuple_of(post_decay, model.post, "p, q, {j}, {kind}, step")
-    pre_values = tuple_of(pre_value, model.pre, "p, {j}, {kind}, thread, own, decay, step, h")
-    post_values = tuple_of(post_value, model.post, "p, {j}, {kind}, place, decay, step, h")
+    pre_decays = tuple_of(pre_decay, model.pre, "plastic, q, {j}, {kind}, step")
+    post_decays = tuple_of(post_decay, model.post, "plastic, q, {j}, {kind}, step")
+    pre_values = tuple_of(pre_value, model.pre, "plastic, {j}, {kind}, thread, own, decay, step, h")
+    post_values = tuple_of(post_value, model.post, "plastic, {j}, {kind}, place, decay, step, h")
     values_after = tuple_of(value_after, model.post, "{j}, {kind}, values, m")
-    grow_pres = tuple_of(grow_pre, model.pre, "p, {j}, {kind}, thread, own, decay, step")
-    grow_posts = tuple_of(grow_post, model.post, "p, {j}, {kind}, place, decay, step, m")
+    grow_pres = tuple_of(grow_pre, model.pre, "plastic, {j}, {kind}, thread, own, decay, step")
+    grow_posts = tuple_of(grow_post, model.post, "plastic, {j}, {kind}, place, decay, step, m")
 
     stride = max(1, len(model.pre))
 
     @subkernel
     def post_spike(view, q, target, next_target, m, step, thread, h):
         """Apply m spikes of a neuron that reach its synapses in a step, and prefetch weights of `next_target`."""
-        p = plastic_of(view)
-        table = p.table[q]
-        first, decay = table[t.FIRST_SYNAPSE], pre_decays(p, q, step)
+        plastic = plastic_of(view)
+        table = plastic.table[q]
+        first, decay = table[t.FIRST_SYNAPSE], pre_decays(plastic, q, step)
         # Computed once per spike, because the spike reaches all synapses of an eager projection in this step.
-        before = post_values(p, table[t.FIRST_TARGET] + target, post_decays(p, q, step), step, h)
+        before = post_values(plastic, table[t.FIRST_TARGET] + target, post_decays(plastic, q, step), step, h)
         sources = table[t.FIRST_SOURCE]
-        begin, end = p.incoming[table[t.INCOMING] + target], p.incoming[table[t.INCOMING] + target + 1]
+        begin, end = plastic.incoming[table[t.INCOMING] + target], plastic.incoming[table[t.INCOMING] + target + 1]
         # While the k-th synapse of this neuron learns, the k-th synapse of the next neuron is prefetched.
-        on, last = p.incoming[table[t.INCOMING] + next_target] - begin, p.in_synapse.shape[0] - 1
-        weights, stop = address(p.y) + 8 * first, net_of(view).stop
+        on, last = plastic.incoming[table[t.INCOMING] + next_target] - begin, plastic.in_synapse.shape[0] - 1
+        weights, stop = address(plastic.y) + 8 * first, net_of(view).stop
         for k in range(m):
             if stop[0] == t.AT_ONCE:
                 return
@@ -194,16 +194,22 @@ def eager_entry(model, own_rows):
             post = values_after(before, k)
             for i in range(np.uint64(begin), np.uint64(end)):
                 # Incoming weights are in rows by source, so each is on another cache line and must be prefetched.
-                prefetch(weights + 8 * np.int64(p.in_synapse[min(i + np.uint64(on), np.uint64(last))]))
-                z = (first + np.int64(p.in_synapse[i])) & FORWARD
-                own = (sources + np.int64(p.in_source[i]) * stride) & FORWARD
-                on_post(p.y, z, p.rule[row_of(q, table, z)], pre_values(p, thread, own, decay, step, h), post)
+                prefetch(weights + 8 * np.int64(plastic.in_synapse[min(i + np.uint64(on), np.uint64(last))]))
+                z = (first + np.int64(plastic.in_synapse[i])) & FORWARD
+                own = (sources + np.int64(plastic.in_source[i]) * stride) & FORWARD
+                on_post(
+                    plastic.y,
+                    z,
+                    plastic.rule[row_of(q, table, z)],
+                    pre_values(plastic, thread, own, decay, step, h),
+                    post,
+                )
 
     @subkernel
     def arrivals(view, q, step, thread, h):
         """Process the post spikes that reach this thread's synapses in a step. The next step adds them to traces."""
-        net, p = net_of(view), plastic_of(view)
-        table, mask = p.table[q], net.log_ids.shape[1] - 1
+        net, plastic = net_of(view), plastic_of(view)
+        table, mask = plastic.table[q], net.log_ids.shape[1] - 1
         begins = net.pops[net.projections[table[t.PROJECTION], t.TARGET], t.BEGIN]
         # The spikes of the last step enter the traces now. Post acts before pre, so a spike counts in K- from the step
         # after its arrival.
@@ -211,7 +217,7 @@ def eager_entry(model, own_rows):
         for place in range(first, last):
             target = np.int64(net.log_ids[thread, place & mask]) - begins
             m = np.int64(net.log_counts[thread, place & mask])
-            grow_posts(p, table[t.FIRST_TARGET] + target, post_decays(p, q, step - 1), step - 1, m)
+            grow_posts(plastic, table[t.FIRST_TARGET] + target, post_decays(plastic, q, step - 1), step - 1, m)
         # Epochs begin at multiples of EPOCH, independent of slices, so cutting a run changes no bit.
         if step % table[t.EPOCH] == 0:
             enter_epoch(view, q, thread)
@@ -225,21 +231,24 @@ def eager_entry(model, own_rows):
     @subkernel
     def pre_spike(view, q, source, step, nth, thread, h):
         """Process a pre spike: each synapse of this thread learns and sends; then the traces of the source grow."""
-        net, p = net_of(view), plastic_of(view)
-        table = p.table[q]
+        net, plastic = net_of(view), plastic_of(view)
+        table = plastic.table[q]
         row = net.projections[table[t.PROJECTION]]
         target_row = net.pops[row[t.TARGET]]
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
-        own, decay = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE], post_decays(p, q, step)
-        pre = pre_values(p, thread, own, pre_decays(p, q, step), step, h)
+        own, decay = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE], post_decays(plastic, q, step)
+        pre = pre_values(plastic, thread, own, pre_decays(plastic, q, step), step, h)
         line = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         first, end = net.rows[line], net.rows[line + 1]
         at = step + np.int64(net.delays[row[t.DELAY]])
         ring = row[t.RING] + (at & row[t.RING_MASK]) * receptors * row[t.RING_SIZE]
-        traces, width = address(p.heard) + 8 * p.heard.shape[1] * table[t.FIRST_TARGET], 8 * p.heard.shape[1]
+        traces, width = (
+            address(plastic.heard) + 8 * plastic.heard.shape[1] * table[t.FIRST_TARGET],
+            8 * plastic.heard.shape[1],
+        )
         slot = address(net.buf) + 8 * ring
         to_synapse, to_target, size = table[t.FIRST_SYNAPSE] - row[t.SYNAPSE], table[t.FIRST_TARGET], row[t.RING_SIZE]
-        weights, sent_weights = address(p.y) + 8 * to_synapse, address(p.sent) + 8 * to_synapse
+        weights, sent_weights = address(plastic.y) + 8 * to_synapse, address(plastic.sent) + 8 * to_synapse
         # The whole row is prefetched before its first synapse learns, eight weights per line.
         for e in range(first, end, 8):
             prefetch(weights + 8 * e)
@@ -249,11 +258,13 @@ def eager_entry(model, own_rows):
             prefetch(slot + 8 * next_target)
             prefetch(traces + width * next_target)
             z = (to_synapse + e) & FORWARD
-            target, c = np.int64(net.targets[e & FORWARD]), p.rule[row_of(q, table, z)]
-            learn_pre(p, q, z, c, step, nth, pre, post_values(p, (to_target + target) & FORWARD, decay, step, h))
+            target, c = np.int64(net.targets[e & FORWARD]), plastic.rule[row_of(q, table, z)]
+            learn_pre(
+                plastic, q, z, c, step, nth, pre, post_values(plastic, (to_target + target) & FORWARD, decay, step, h)
+            )
             # As in NEST, a read between spikes shows the last weight that was sent.
-            p.sent[z] = p.y[0, z]
-            weight = sent_weight(p.y, z, c) + 0.0  # -0.0 would be no input
+            plastic.sent[z] = plastic.y[0, z]
+            weight = sent_weight(plastic.y, z, c) + 0.0  # -0.0 would be no input
             second = size if receptors == 2 and weight < 0.0 else 0
             net.buf[(ring + second + target) & FORWARD] += 1.0 if relay == 1 else weight
         if row[t.WAKE_ALL] == 1 and first < end:
@@ -265,7 +276,7 @@ def eager_entry(model, own_rows):
             for e in range(np.uint64(first), np.uint64(end)):
                 due[place + (np.uint64(net.targets[e]) >> _BLOCK_SHIFT)] = 1
         # Updated after all synapses, because a pre spike does not count in its own trace.
-        grow_pres(p, thread, own, pre_decays(p, q, step), step)
+        grow_pres(plastic, thread, own, pre_decays(plastic, q, step), step)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

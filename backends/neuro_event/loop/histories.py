@@ -34,12 +34,14 @@ PLUS, CONCENTRATION, MINUS = range(3)
 @inlined
 def dopamine_at(view, q, target, step, h):
     """Return the dopamine concentration n of one target of a modulated projection."""
-    p = plastic_of(view)
-    place = p.table[q, t.FIRST_TARGET] + target
+    plastic = plastic_of(view)
+    place = plastic.table[q, t.FIRST_TARGET] + target
     # Most targets have never received dopamine, so they need no exponential.
-    if p.n[place] == 0.0:
+    if plastic.n[place] == 0.0:
         return 0.0
-    return p.n[place] * decay_by_index(p.decay[q, CONCENTRATION], step - p.n_time[place], h, p.tau[q], 1)
+    return plastic.n[place] * decay_by_index(
+        plastic.decay[q, CONCENTRATION], step - plastic.n_time[place], h, plastic.tau[q], 1
+    )
 
 
 @subkernel
@@ -58,17 +60,17 @@ def release(view, q, thread, target, step, amount, h):
     """Increase the dopamine concentration of one target."""
     # Synapses catch up with the old concentration first, because the integral of n c is computed between changes of n.
     catch_up_target(view, q, thread, target, step, True, h)
-    p = plastic_of(view)
-    place = p.table[q, t.FIRST_TARGET] + target
-    p.n[place] = dopamine_at(view, q, target, step, h) + amount
-    p.n_time[place] = step
+    plastic = plastic_of(view)
+    place = plastic.table[q, t.FIRST_TARGET] + target
+    plastic.n[place] = dopamine_at(view, q, target, step, h) + amount
+    plastic.n_time[place] = step
 
 
 @kernel
 def dopamine_arrivals(view, q, step, thread, h):
     """Apply the dopamine spikes that arrive in a step at this thread's targets."""
-    net, p = net_of(view), plastic_of(view)
-    table = p.table[q]
+    net, plastic = net_of(view), plastic_of(view)
+    table = plastic.table[q]
     j = step - table[t.DOPAMINE_DELAY]
     # These spikes were dropped by a trial, a reset or a restored state.
     if j <= net.clock[thread, t.HORIZON]:
@@ -80,7 +82,7 @@ def dopamine_arrivals(view, q, step, thread, h):
     slot = j & (net.log_ends.shape[1] - 1)
     mask = net.log_ids.shape[1] - 1
     # As in NEST, a spike adds 1/tau_n, so that its integral is 1 for any tau_n.
-    dose = 1.0 / p.tau[q, 1]
+    dose = 1.0 / plastic.tau[q, 1]
     total = 0.0
     for sender in range(net.edges.shape[1] - 1):
         for place in range(net.log_ends[sender, slot, population], net.log_ends[sender, slot, population + 1]):
@@ -102,15 +104,15 @@ def dopamine_arrivals(view, q, step, thread, h):
 @subkernel
 def catch_up_history(view, pop, thread, target, step, whole, h):
     """Catch up every plastic synapse onto one neuron, see `catch_up_target`; return the longest of their delays."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     longest = 0
-    for q in range(p.table.shape[0]):
+    for q in range(plastic.table.shape[0]):
         # Eager projections have processed every spike and read no history.
-        if net.projections[p.table[q, t.PROJECTION], t.TARGET] == pop and p.table[q, t.EAGER] == 0:
+        if net.projections[plastic.table[q, t.PROJECTION], t.TARGET] == pop and plastic.table[q, t.EAGER] == 0:
             # An entry is needed until it has reached the synapse with the longest delay.
-            longest = max(longest, p.table[q, t.LONGEST])
+            longest = max(longest, plastic.table[q, t.LONGEST])
             catch_up_target(view, q, thread, target, step, whole, h)
-    past = p.past[net.pops[pop, t.HISTORY] + target]
+    past = plastic.past[net.pops[pop, t.HISTORY] + target]
     # One step for all synapses onto the neuron, so that they need not store the step to which they are updated.
     past[APPLIED] = max(past[APPLIED], step)
     return longest
@@ -119,15 +121,15 @@ def catch_up_history(view, pop, thread, target, step, whole, h):
 @subkernel
 def store_others(view, pop, local, n, step, h):
     """Store the post traces that third-party rules read, with the values just before a spike of their neuron."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     history, neuron = net.pops[pop, t.HISTORY] + local, net.pops[pop, t.BEGIN] + local
-    others = p.others[history]
-    for column in range(p.columns.shape[1]):
-        q, j = p.columns[pop, column, 0], p.columns[pop, column, 1]
+    others = plastic.others[history]
+    for column in range(plastic.columns.shape[1]):
+        q, j = plastic.columns[pop, column, 0], plastic.columns[pop, column, 1]
         # Columns are filled from the front, and -1 marks the end.
         if q < 0:
             break
-        kind = p.kinds[q, p.kinds.shape[1] // 2 + j]
+        kind = plastic.kinds[q, plastic.kinds.shape[1] // 2 + j]
         value = post_value(view, q, j, kind, column - j, history, 0, neuron, step, h)
         for i in range(n, 0, -1):
             others[i, column] = others[i - 1, column]
@@ -137,8 +139,8 @@ def store_others(view, pop, local, n, step, h):
 @kernel
 def post_spike(view, pop, thread, local, m, step, processed_step, h):
     """Enter a spike of multiplicity m into a neuron's history. A full history first drops entries that it can."""
-    net, p = net_of(view), plastic_of(view)
-    past = p.past[net.pops[pop, t.HISTORY] + local]
+    net, plastic = net_of(view), plastic_of(view)
+    past = plastic.past[net.pops[pop, t.HISTORY] + local]
     n = past[ENTRIES]
     # Synapses only catch up when the history is full, so synapses of silent sources cost no memory and no time.
     if NEWEST + ENTRY * (n + 1) > past.size:
@@ -150,13 +152,13 @@ def post_spike(view, pop, thread, local, m, step, processed_step, h):
             # model that does not fire within its t_ref.
             net.clock[thread, t.OVERRUN] = pop + 1
             n -= 1
-    traces = p.traces[net.pops[pop, t.HISTORY] + local]
+    traces = plastic.traces[net.pops[pop, t.HISTORY] + local]
     trace = np.float64(m)
     if n > 0:
         age = (step - past[NEWEST]) * h
         trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, t.BEGIN] + local])
     # Stored before the entry is made, because the values are those just before the spike.
-    if p.others.shape[2] > 0:
+    if plastic.others.shape[2] > 0:
         store_others(view, pop, local, n, step, h)
     # The newest entry comes first, because synapses most often need it.
     for i in range(ENTRY * n - 1, -1, -1):
@@ -184,32 +186,34 @@ def catch_up_histories(view, pop, n_targets, step, h):
 @kernel
 def update_traces(view, q, n_sources, n_targets, step, h):
     """Update pre traces and n to the present. Post traces need no update: their time constants cannot be set."""
-    p = plastic_of(view)
-    table = p.table[q]
+    plastic = plastic_of(view)
+    table = plastic.table[q]
     for target in range(n_targets):
         place = table[t.FIRST_TARGET] + target
-        p.n[place] = dopamine_at(view, q, target, step, h)
-        p.n_time[place] = step
-    for thread in range(p.k_plus.shape[0]):
+        plastic.n[place] = dopamine_at(view, q, target, step, h)
+        plastic.n_time[place] = step
+    for thread in range(plastic.k_plus.shape[0]):
         for source in range(n_sources):
             own = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
             if table[t.RULE] >= 0:
-                p.k_plus[thread, own] *= math.exp(-(step - p.k_time[thread, own]) * h / p.tau[q, 0])
+                plastic.k_plus[thread, own] *= math.exp(-(step - plastic.k_time[thread, own]) * h / plastic.tau[q, 0])
             else:
                 for j in range(table[t.SOURCE_STRIDE]):
-                    if p.kinds[q, j, TAU] != TIME and p.kinds[q, j, TAU] != OF_NEURON:
-                        p.k_plus[thread, own + j] = pre_value(p, q, j, p.kinds[q, j], thread, own, step, h)
-            p.k_time[thread, own] = step
+                    if plastic.kinds[q, j, TAU] != TIME and plastic.kinds[q, j, TAU] != OF_NEURON:
+                        plastic.k_plus[thread, own + j] = pre_value(
+                            plastic, q, j, plastic.kinds[q, j], thread, own, step, h
+                        )
+            plastic.k_time[thread, own] = step
 
 
 @kernel
 def write_signal(view, q, values, step, h):
     """Catch up a modulated projection, then set n."""
-    p = plastic_of(view)
+    plastic = plastic_of(view)
     for target in range(values.shape[0]):
         catch_up_target(view, q, 0, target, step, True, h)
-        p.n[p.table[q, t.FIRST_TARGET] + target] = values[target]
-        p.n_time[p.table[q, t.FIRST_TARGET] + target] = step
+        plastic.n[plastic.table[q, t.FIRST_TARGET] + target] = values[target]
+        plastic.n_time[plastic.table[q, t.FIRST_TARGET] + target] = step
 
 
 @kernel

@@ -95,15 +95,17 @@ def trace_after(kind, value, m):
 
 
 @inlined
-def pre_value(p, q, j, kind, thread, own, step, h):
+def pre_value(plastic, q, j, kind, thread, own, step, h):
     """Return a pre trace at a step. Of a time trace, the step of the last spike plus 1 is stored; 0 means no spike."""
-    value = p.k_plus[thread, own + j]
+    value = plastic.k_plus[thread, own + j]
     if kind[TAU] == TIME:
         return math.inf if value == 0.0 else (step - (value - 1.0)) * h
     # A source that has not fired needs no exponential.
     if value == 0.0:
         return 0.0
-    return value * decay_over(p.decay[q, OWN + j], step - p.k_time[thread, own], h, p.kinds[q, j, TAU])
+    return value * decay_over(
+        plastic.decay[q, OWN + j], step - plastic.k_time[thread, own], h, plastic.kinds[q, j, TAU]
+    )
 
 
 @inlined
@@ -119,25 +121,25 @@ def newest_before(past, before):
 @inlined
 def post_value(view, q, j, kind, column, history, i, neuron, before, h):
     """Return a post trace at a step from entry i of a history. Without this entry there was no spike."""
-    p = plastic_of(view)
-    past = p.past[history]
+    plastic = plastic_of(view)
+    past = plastic.past[history]
     if i == past[ENTRIES]:
         return math.inf if kind[TAU] == TIME else 0.0
-    row, value = p.kinds.shape[1] // 2 + j, p.others[history, i, column + j]
+    row, value = plastic.kinds.shape[1] // 2 + j, plastic.others[history, i, column + j]
     n_steps = before - past[NEWEST + ENTRY * i]
     if kind[TAU] == TIME:
         return n_steps * h
-    tau = net_of(view).tau_minus[neuron] if kind[TAU] == OF_NEURON else p.kinds[q, row, TAU]
+    tau = net_of(view).tau_minus[neuron] if kind[TAU] == OF_NEURON else plastic.kinds[q, row, TAU]
     m = past[NEWEST + ENTRY * i + 2]
-    return trace_after(kind, value, m) * decay_over(p.decay[q, OWN + row], n_steps, h, tau)
+    return trace_after(kind, value, m) * decay_over(plastic.decay[q, OWN + row], n_steps, h, tau)
 
 
 @inlined
-def stored_value(p, j, kind, column, history, k, m):
+def stored_value(plastic, j, kind, column, history, k, m):
     """Return a post trace just before entry k of a history and after the first m of its spikes."""
     if m > 0 and kind[TAU] == TIME:
         return 0.0
-    return trace_after(kind, p.others[history, k, column + j], m)
+    return trace_after(kind, plastic.others[history, k, column + j], m)
 
 
 def tuple_of(function, traces, arguments):
@@ -167,14 +169,21 @@ def compile_on_pre(model):
     if model.draws:
 
         @subkernel
-        def learn_pre(p, q, z, c, step, nth, pre, post):
-            on_pre(p.y, z, c, pre, post, uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z]))
+        def learn_pre(plastic, q, z, c, step, nth, pre, post):
+            on_pre(
+                plastic.y,
+                z,
+                c,
+                pre,
+                post,
+                uniform(step_word(plastic.draw_keys[q], step + nth * NTH_STRIDE), plastic.drawn_as[z]),
+            )
 
     else:
 
         @subkernel
-        def learn_pre(p, q, z, c, step, nth, pre, post):
-            on_pre(p.y, z, c, pre, post)
+        def learn_pre(plastic, q, z, c, step, nth, pre, post):
+            on_pre(plastic.y, z, c, pre, post)
 
     return learn_pre
 
@@ -189,31 +198,35 @@ def rule_entry(model, own_rows):
     nearest = compiled(steps_of)
     advance, sent_weight = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     n_pre = len(model.pre)
-    pre_values = tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
+    pre_values = tuple_of(pre_value, model.pre, "plastic, q, {j}, {kind}, thread, own, step, h")
     post_values = tuple_of(post_value, model.post, "view, q, {j}, {kind}, column, history, i, neuron, before, h")
-    stored_values = tuple_of(stored_value, model.post, "p, {j}, {kind}, column, history, k, m")
+    stored_values = tuple_of(stored_value, model.post, "plastic, {j}, {kind}, column, history, k, m")
 
     if modulated:
 
         @subkernel
-        def applied_until(p, z, thread, own, past):
-            return p.reached[z]
+        def applied_until(plastic, z, thread, own, past):
+            return plastic.reached[z]
 
         @subkernel
         def pass_time(view, q, z, target, since, upto, h):
-            p = plastic_of(view)
-            place = p.table[q, t.FIRST_TARGET] + target
+            plastic = plastic_of(view)
+            place = plastic.table[q, t.FIRST_TARGET] + target
             # n is stored as of its last change. `release` and `write_signal` catch up all synapses before they change
             # it, so from `since` to `upto` it only decays.
-            n = p.n[place] * math.exp(-(since - p.n_time[place]) * h / p.tau[q, 1]) if p.n[place] != 0.0 else 0.0
-            advance(p.y, z, p.rule[q], since, upto, n, p.table[q, t.GRID_STEPS])
-            p.reached[z] = upto
+            n = (
+                plastic.n[place] * math.exp(-(since - plastic.n_time[place]) * h / plastic.tau[q, 1])
+                if plastic.n[place] != 0.0
+                else 0.0
+            )
+            advance(plastic.y, z, plastic.rule[q], since, upto, n, plastic.table[q, t.GRID_STEPS])
+            plastic.reached[z] = upto
 
     else:
 
         @subkernel
-        def applied_until(p, z, thread, own, past):
-            return max(p.k_time[thread, own], past[APPLIED])
+        def applied_until(plastic, z, thread, own, past):
+            return max(plastic.k_time[thread, own], past[APPLIED])
 
         @subkernel
         def pass_time(view, q, z, target, since, upto, h):
@@ -227,8 +240,8 @@ def rule_entry(model, own_rows):
             return 0
 
         @subkernel
-        def delivery_delay(p, q, z, delay, h):
-            return nearest(p.y[DELAY_ROW, z], h, p.table[q, t.FEWEST], p.table[q, t.MOST])
+        def delivery_delay(plastic, q, z, delay, h):
+            return nearest(plastic.y[DELAY_ROW, z], h, plastic.table[q, t.FEWEST], plastic.table[q, t.MOST])
 
     else:
 
@@ -237,18 +250,18 @@ def rule_entry(model, own_rows):
             return np.int64(net.delays[row[t.DELAY] + s * row[t.DELAY_STRIDE]])
 
         @subkernel
-        def delivery_delay(p, q, z, delay, h):
+        def delivery_delay(plastic, q, z, delay, h):
             return delay
 
     @inlined
     def apply_post_spikes(view, synapse, thread, upto, whole, h):
         """Apply the post spikes up to step `upto` to a synapse; with `whole` also advance its states to `upto`."""
-        net, p = net_of(view), plastic_of(view)
+        net, plastic = net_of(view), plastic_of(view)
         q, z, own, target, history, delay = synapse
         # A synapse reads the history of its target at its next pre spike, so 10,000 synapses onto a neuron cost nothing
         # while their sources are silent.
-        past, column = p.past[history], p.table[q, t.COLUMN]
-        since = applied_until(p, z, thread, own, past)
+        past, column = plastic.past[history], plastic.table[q, t.COLUMN]
+        since = applied_until(plastic, z, thread, own, past)
         i = 0
         # The newest entries come first, so the search ends at the first entry that was applied before.
         while i < past[ENTRIES] and past[NEWEST + ENTRY * i] + delay > since:
@@ -260,32 +273,38 @@ def rule_entry(model, own_rows):
                 break
             pass_time(view, q, z, target, since, time + delay, h)
             since = time + delay
-            pre = pre_values(p, q, thread, own, since, h)
+            pre = pre_values(plastic, q, thread, own, since, h)
             for m in range(past[NEWEST + ENTRY * k + 2]):
                 if net.stop[0] == t.AT_ONCE:
                     return
-                on_post(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, stored_values(p, column, history, k, m))
+                on_post(
+                    plastic.y,
+                    z,
+                    plastic.rule[row_of(q, plastic.table[q], z)],
+                    pre,
+                    stored_values(plastic, column, history, k, m),
+                )
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
 
     @subkernel
     def pre_spike(view, q, source, step, nth, thread, h):
-        net, p = net_of(view), plastic_of(view)
-        table, column = p.table[q], p.table[q, t.COLUMN]
+        net, plastic = net_of(view), plastic_of(view)
+        table, column = plastic.table[q], plastic.table[q, t.COLUMN]
         row = net.projections[table[t.PROJECTION]]
         target_row = net.pops[row[t.TARGET]]
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
         blocks = net.awake.shape[0]
         slots, due = slot_mask(net), net.due[thread]
         own = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
-        pre = pre_values(p, q, thread, own, step, h)
+        pre = pre_values(plastic, q, thread, own, step, h)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         end = net.rows[place + 1]
         # A row that reaches nearly all blocks marks all of them at once, unless its synapses arrive in different steps.
         marks_all = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
-        past_width, others_width = 8 * p.past.shape[1], 8 * p.others.shape[1] * p.others.shape[2]
+        past_width, others_width = 8 * plastic.past.shape[1], 8 * plastic.others.shape[1] * plastic.others.shape[2]
         slot = slot_address(net, row, receptors, step)
-        pasts, others = address(p.past), address(p.others)
+        pasts, others = address(plastic.past), address(plastic.others)
         for e in range(net.rows[place], end):
             next_target = np.int64(net.targets[min(e + AHEAD, end - 1)])
             prefetch(slot + 8 * next_target)
@@ -300,13 +319,13 @@ def rule_entry(model, own_rows):
             # that are read below.
             apply_post_spikes(view, Synapse(q, z, own, target, history, delay), thread, step, True, h)
             neuron = target_row[t.BEGIN] + target
-            newest = newest_before(p.past[history], step - delay)
+            newest = newest_before(plastic.past[history], step - delay)
             post = post_values(view, q, column, history, newest, neuron, step - delay, h)
-            c = p.rule[row_of(q, p.table[q], z)]
-            learn_pre(p, q, z, c, step, nth, pre, post)
-            weight = sent_weight(p.y, z, c) + 0.0  # -0.0 would be no input
+            c = plastic.rule[row_of(q, plastic.table[q], z)]
+            learn_pre(plastic, q, z, c, step, nth, pre, post)
+            weight = sent_weight(plastic.y, z, c) + 0.0  # -0.0 would be no input
             second = 1 if receptors == 2 and weight < 0.0 else 0
-            at = step + delivery_delay(p, q, z, delay, h)
+            at = step + delivery_delay(plastic, q, z, delay, h)
             ring = row[t.RING] + ((at & row[t.RING_MASK]) * receptors + second) * row[t.RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not marks_all:
@@ -316,28 +335,30 @@ def rule_entry(model, own_rows):
             mark_all_due(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
         # Updated after all synapses, because a pre spike does not count in the trace that its synapses read.
         for j in range(n_pre):
-            kind = p.kinds[q, j]
+            kind = plastic.kinds[q, j]
             if kind[TAU] == TIME:
-                p.k_plus[thread, own + j] = step + 1.0
+                plastic.k_plus[thread, own + j] = step + 1.0
             else:
-                p.k_plus[thread, own + j] = trace_after(kind, pre_value(p, q, j, kind, thread, own, step, h), 1)
-        p.k_time[thread, own] = step
-        p.spiked[thread, own] = step
+                plastic.k_plus[thread, own + j] = trace_after(
+                    kind, pre_value(plastic, q, j, kind, thread, own, step, h), 1
+                )
+        plastic.k_time[thread, own] = step
+        plastic.spiked[thread, own] = step
 
     @subkernel
     def catch_up(view, q, target, step, thread, whole, h):
-        net, p = net_of(view), plastic_of(view)
-        table = p.table[q]
+        net, plastic = net_of(view), plastic_of(view)
+        table = plastic.table[q]
         row = net.projections[table[t.PROJECTION]]
         history = net.pops[row[t.TARGET], t.HISTORY] + target
         begin = table[t.INCOMING] + target
-        for i in range(p.incoming[begin], p.incoming[begin + 1]):
-            z = table[t.FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
-            own = table[t.FIRST_SOURCE] + np.int64(p.in_source[i]) * table[t.SOURCE_STRIDE]
-            if not modulated and p.past[history, APPLIED] <= p.spiked[thread, own]:
+        for i in range(plastic.incoming[begin], plastic.incoming[begin + 1]):
+            z = table[t.FIRST_SYNAPSE] + np.int64(plastic.in_synapse[i])
+            own = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i]) * table[t.SOURCE_STRIDE]
+            if not modulated and plastic.past[history, APPLIED] <= plastic.spiked[thread, own]:
                 # A read shows the weight of the last pre spike, as in NEST, so it is stored before post spikes change
                 # it (see `lazy_stdp`).
-                p.sent[z] = p.y[0, z]
+                plastic.sent[z] = plastic.y[0, z]
             delay = post_delay(net, row, z - table[t.FIRST_SYNAPSE])
             apply_post_spikes(view, Synapse(q, z, own, target, history, delay), thread, step, whole, h)
 

@@ -83,23 +83,23 @@ def _modulated(model, on_post):
     @subkernel
     def apply_post_spikes(view, q, z, own, thread, target, past, upto, delay, h):
         """Apply the post spikes that synapse z has not processed, up to `upto`; return the arrival of the last one."""
-        p = plastic_of(view)
+        plastic = plastic_of(view)
         c, grid = (
-            p.rule[q],
-            p.table[q, t.GRID_STEPS],
+            plastic.rule[q],
+            plastic.table[q, t.GRID_STEPS],
         )  # constants of the projection, since dopamine acts equally on all synapses
-        k_plus, last, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
+        k_plus, last, since = plastic.k_plus[thread, own], plastic.k_time[thread, own], plastic.reached[z]
         for i in range(count_arrived_since(past, since, delay) - 1, -1, -1):
             arrival = past[NEWEST + ENTRY * i] + delay
             # Entries are sorted by time, so the first one that has not arrived ends the loop.
             if arrival > upto:
                 break
-            advance(p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
+            advance(plastic.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
             since = arrival
             # Without a pre trace a post spike changes nothing, but dopamine is integrated up to it.
             if k_plus != 0.0:
-                k = k_plus * decay_by_index(p.decay[q, PLUS], arrival - last, h, p.tau[q], 0)
-                repeat(view, p.y, z, c, k, past[NEWEST + ENTRY * i + 2])
+                k = k_plus * decay_by_index(plastic.decay[q, PLUS], arrival - last, h, plastic.tau[q], 0)
+                repeat(view, plastic.y, z, c, k, past[NEWEST + ENTRY * i + 2])
         return since
 
     @inlined
@@ -109,17 +109,17 @@ def _modulated(model, on_post):
         With `whole` dopamine is also integrated from the last spike to `upto`. An integration clips the weight at its
         end, so `whole` is for events and reads only, not for making room in a history.
         """
-        p, (q, z, own, target, _, delay) = plastic_of(view), synapse
-        since = p.reached[z]
+        plastic, (q, z, own, target, _, delay) = plastic_of(view), synapse
+        since = plastic.reached[z]
         # Without a new post spike there is no call.
         if past[ENTRIES] > 0 and past[NEWEST] + delay > since:
             since = apply_post_spikes(view, q, z, own, thread, target, past, upto, delay, h)
         if whole and since < upto:
             n = dopamine_at(view, q, target, since, h)
-            advance(p.y, z, p.rule[q], since, upto, n, p.table[q, t.GRID_STEPS])
+            advance(plastic.y, z, plastic.rule[q], since, upto, n, plastic.table[q, t.GRID_STEPS])
             since = upto
         # Stored for each synapse, because dopamine also acts between spikes, from the last integration on.
-        p.reached[z] = since
+        plastic.reached[z] = since
 
     @inlined
     def catch_up_one(view, synapse, c, past, thread, upto, whole, h):
@@ -154,10 +154,10 @@ def _plain(model, on_post):
     @inlined
     def catch_up_one(view, synapse, c, past, thread, upto, whole, h):
         """Catch up a synapse."""
-        p, q, z, own = plastic_of(view), synapse.q, synapse.z, synapse.own
-        if past[APPLIED] <= p.spiked[thread, own]:
-            p.sent[z] = p.y[0, z]
-        trace = Trace(p.decay[q, PLUS], p.tau[q], p.k_plus[thread, own], p.k_time[thread, own])
+        plastic, q, z, own = plastic_of(view), synapse.q, synapse.z, synapse.own
+        if past[APPLIED] <= plastic.spiked[thread, own]:
+            plastic.sent[z] = plastic.y[0, z]
+        trace = Trace(plastic.decay[q, PLUS], plastic.tau[q], plastic.k_plus[thread, own], plastic.k_time[thread, own])
         learn(view, synapse, c, past, trace, thread, upto, whole, h)
 
     return learn, catch_up_one
@@ -173,24 +173,27 @@ def lazy_entry(model, own_rows):
     @subkernel
     def pre_spike(view, q, source, step, thread, h):
         """Process a pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
-        net, p = net_of(view), plastic_of(view)
-        table, y = p.table[q], p.y
+        net, plastic = net_of(view), plastic_of(view)
+        table, y = plastic.table[q], plastic.y
         # K+ and K- are two numbers that stay in registers. Reading them from memory for each synapse, as `lazy_rules`
         # does for third-party traces, would be slower, so this pass is separate.
-        minus = p.decay[q, MINUS]
+        minus = plastic.decay[q, MINUS]
         row = net.projections[table[t.PROJECTION]]
         target_row = net.pops[row[t.TARGET]]
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
         blocks = net.awake.shape[0]
         slots, due = slot_mask(net), net.due[thread]
         own = table[t.FIRST_SOURCE] + source
-        k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
-        pre_trace = Trace(p.decay[q, PLUS], p.tau[q], k_plus, last)
+        k_plus, last = plastic.k_plus[thread, own], plastic.k_time[thread, own]
+        pre_trace = Trace(plastic.decay[q, PLUS], plastic.tau[q], k_plus, last)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         marks_all = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
         end = net.rows[place + 1]
         slot = slot_address(net, row, receptors, step)
-        histories, width = address(p.past) + 8 * p.past.shape[1] * target_row[t.HISTORY], 8 * p.past.shape[1]
+        histories, width = (
+            address(plastic.past) + 8 * plastic.past.shape[1] * target_row[t.HISTORY],
+            8 * plastic.past.shape[1],
+        )
         # Loaded into locals, because the compiler must assume that a store into `buf` may change the tables.
         first, to_synapse = row[t.SYNAPSE], table[t.FIRST_SYNAPSE] - row[t.SYNAPSE]
         delay_at, delay_stride = row[t.DELAY], row[t.DELAY_STRIDE]
@@ -205,8 +208,8 @@ def lazy_entry(model, own_rows):
             target = np.int64(net.targets[e])
             delay = np.int64(net.delays[delay_at + (e - first) * delay_stride])
             synapse = Synapse(q, z, own, target, history + target, delay)
-            past, traces = p.past[synapse.history], p.traces[synapse.history]
-            rule = p.rule[row_of(q, table, z)]
+            past, traces = plastic.past[synapse.history], plastic.traces[synapse.history]
+            rule = plastic.rule[row_of(q, table, z)]
             learn(view, synapse, rule, past, pre_trace, thread, step, True, h)
             # Post acts before pre: post spikes that arrive in this step have potentiated above, and are not in K-.
             k_minus = post_trace(minus, past, traces, step - delay, h, net.tau_minus, neuron + target)
@@ -223,25 +226,25 @@ def lazy_entry(model, own_rows):
             mark_all_due(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
         trace = 1.0
         if k_plus != 0.0:
-            trace += k_plus * math.exp(-(step - last) * h / p.tau[q, 0])
-        p.k_plus[thread, own] = trace
-        p.k_time[thread, own] = step
-        p.spiked[thread, own] = step
+            trace += k_plus * math.exp(-(step - last) * h / plastic.tau[q, 0])
+        plastic.k_plus[thread, own] = trace
+        plastic.k_time[thread, own] = step
+        plastic.spiked[thread, own] = step
 
     @subkernel
     def catch_up(view, q, target, step, thread, whole, h):
         """Catch up every synapse onto one target. `catch_up_history` does so for all projections, and sets APPLIED."""
-        net, p = net_of(view), plastic_of(view)
-        table = p.table[q]
+        net, plastic = net_of(view), plastic_of(view)
+        table = plastic.table[q]
         row = net.projections[table[t.PROJECTION]]
         history = net.pops[row[t.TARGET], t.HISTORY] + target
-        past = p.past[history]
+        past = plastic.past[history]
         begin = table[t.INCOMING] + target
-        for i in range(p.incoming[begin], p.incoming[begin + 1]):
-            z = table[t.FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
-            own = table[t.FIRST_SOURCE] + np.int64(p.in_source[i])
+        for i in range(plastic.incoming[begin], plastic.incoming[begin + 1]):
+            z = table[t.FIRST_SYNAPSE] + np.int64(plastic.in_synapse[i])
+            own = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i])
             delay = np.int64(net.delays[row[t.DELAY] + (z - table[t.FIRST_SYNAPSE]) * row[t.DELAY_STRIDE]])
-            c = p.rule[own_row(q, table, z)]
+            c = plastic.rule[own_row(q, table, z)]
             catch_up_one(view, Synapse(q, z, own, target, history, delay), c, past, thread, step, whole, h)
 
     @kernel

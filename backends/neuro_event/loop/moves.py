@@ -28,9 +28,9 @@ LIT, LIVE = range(2)
 
 
 @inlined
-def trace_of(p, j, kind, thread, own):
+def trace_of(plastic, j, kind, thread, own):
     """Return a pre trace of a source in the present step."""
-    return p.move_x[thread, own + j]
+    return plastic.move_x[thread, own + j]
 
 
 @inlined
@@ -77,50 +77,54 @@ def first_synapse_onto(net, row, source, first, end, target):
 
 
 @subkernel
-def activate(p, k, thread, source):
+def activate(plastic, k, thread, source):
     """Add a source, whose traces are 0, to both lists."""
-    place = p.move_table[k, t.MOVE_SOURCE] + source
-    if p.move_is_lit[thread, place] == 0:
-        p.move_is_lit[thread, place] = 1
-        p.move_lists[thread, LIT, p.move_table[k, t.MOVE_SOURCE] + p.move_count[thread, k, LIT]] = source
-        p.move_count[thread, k, LIT] += 1
-    if p.move_is_live[thread, place] == 0:
-        p.move_is_live[thread, place] = 1
-        p.move_lists[thread, LIVE, p.move_table[k, t.MOVE_SOURCE] + p.move_count[thread, k, LIVE]] = source
-        p.move_count[thread, k, LIVE] += 1
+    place = plastic.move_table[k, t.MOVE_SOURCE] + source
+    if plastic.move_is_lit[thread, place] == 0:
+        plastic.move_is_lit[thread, place] = 1
+        plastic.move_lists[thread, LIT, plastic.move_table[k, t.MOVE_SOURCE] + plastic.move_count[thread, k, LIT]] = (
+            source
+        )
+        plastic.move_count[thread, k, LIT] += 1
+    if plastic.move_is_live[thread, place] == 0:
+        plastic.move_is_live[thread, place] = 1
+        plastic.move_lists[thread, LIVE, plastic.move_table[k, t.MOVE_SOURCE] + plastic.move_count[thread, k, LIVE]] = (
+            source
+        )
+        plastic.move_count[thread, k, LIVE] += 1
 
 
 @cache
 def move_entry(model):
     """Compile the passes of one rule."""
     gather, teach = compiled(model.arithmetic.gather), compiled(model.arithmetic.teach)
-    traces = tuple_of(trace_of, model.pre, "p, {j}, {kind}, thread, own")
+    traces = tuple_of(trace_of, model.pre, "plastic, {j}, {kind}, thread, own")
     n_pre, n_states = len(model.pre), len(model.states)
 
     @subkernel
     def update_traces(view, k, step, thread):
         """Let the traces decay by a step, and increase them by the spikes that arrive."""
-        net, p = net_of(view), plastic_of(view)
-        row = net.projections[p.move_table[k, t.MOVE_PROJECTION]]
-        first, lit = p.move_table[k, t.MOVE_SOURCE], p.move_lists[thread, LIT]
-        n, at = p.move_count[thread, k, LIT], 0
+        net, plastic = net_of(view), plastic_of(view)
+        row = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]]
+        first, lit = plastic.move_table[k, t.MOVE_SOURCE], plastic.move_lists[thread, LIT]
+        n, at = plastic.move_count[thread, k, LIT], 0
         while at < n:
             source = lit[first + at]
             own, is_active = (first + source) * t.MOVE_TRACES, False
             for j in range(n_pre):
-                x = p.move_x[thread, own + j] * p.move_left[k, j]
-                p.move_x[thread, own + j] = x
-                is_active |= abs(x) >= p.move_x_min[k]
+                x = plastic.move_x[thread, own + j] * plastic.move_left[k, j]
+                plastic.move_x[thread, own + j] = x
+                is_active |= abs(x) >= plastic.move_x_min[k]
             if is_active:
                 at += 1
                 continue
             for j in range(n_pre):
-                p.move_x[thread, own + j] = 0.0
-            p.move_is_lit[thread, first + source] = 0
+                plastic.move_x[thread, own + j] = 0.0
+            plastic.move_is_lit[thread, first + source] = 0
             n -= 1
             # The order of the list has no effect, because synapses of different sources are independent.
             lit[first + at] = lit[first + n]
-        p.move_count[thread, k, LIT] = n
+        plastic.move_count[thread, k, LIT] = n
         emitted = step - 1
         if emitted <= net.clock[thread, t.HORIZON]:
             return
@@ -131,31 +135,39 @@ def move_entry(model):
                 net.log_ends[sender, slot, row[t.SOURCE]], net.log_ends[sender, slot, row[t.SOURCE] + 1]
             ):
                 source = net.log_ids[sender, place & mask] - begin
-                activate(p, k, thread, source)
+                activate(plastic, k, thread, source)
                 own = (first + source) * t.MOVE_TRACES
                 for j in range(n_pre):
-                    p.move_x[thread, own + j] += p.move_adds[k, j] * net.log_counts[sender, place & mask]
+                    plastic.move_x[thread, own + j] += plastic.move_adds[k, j] * net.log_counts[sender, place & mask]
 
     @subkernel
     def gather_from(view, k, source, thread, n):
         """Gather the eligibility of the synapses from a lit source onto the n concerned targets."""
-        net, p = net_of(view), plastic_of(view)
-        row, c = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_rule[k]
-        to_target, to = p.move_table[k, t.MOVE_TARGET], p.move_table[k, t.MOVE_SYNAPSE]
-        pre = traces(p, thread, (p.move_table[k, t.MOVE_SOURCE] + source) * t.MOVE_TRACES)
+        net, plastic = net_of(view), plastic_of(view)
+        row, c = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_rule[k]
+        to_target, to = plastic.move_table[k, t.MOVE_TARGET], plastic.move_table[k, t.MOVE_SYNAPSE]
+        pre = traces(plastic, thread, (plastic.move_table[k, t.MOVE_SOURCE] + source) * t.MOVE_TRACES)
         first, end = synapse_range(net, row, source, thread)
         lo, hi = targets_of(net, net.pops[row[t.TARGET]], thread)
-        y = p.move_y
+        y = plastic.move_y
         if row[t.LAYOUT] == t.DENSE and DENSE_FROM * n >= hi - lo:
             # `gather` does nothing for the other targets. With vector instructions four synapses take the time of one.
             s_0, i_0 = np.uint64(to + first), np.uint64(to_target + lo)
             for e in range(np.uint64(hi - lo)):
-                gather(y, s_0 + e, c, pre, p.move_spikes[i_0 + e], p.move_seen[i_0 + e], p.move_gate[i_0 + e])
+                gather(
+                    y,
+                    s_0 + e,
+                    c,
+                    pre,
+                    plastic.move_spikes[i_0 + e],
+                    plastic.move_seen[i_0 + e],
+                    plastic.move_gate[i_0 + e],
+                )
             return
         for at in range(n):
-            target = p.move_concerned[to_target + lo + at]
+            target = plastic.move_concerned[to_target + lo + at]
             place = to_target + target
-            spikes, seen, gate = p.move_spikes[place], p.move_seen[place], p.move_gate[place]
+            spikes, seen, gate = plastic.move_spikes[place], plastic.move_seen[place], plastic.move_gate[place]
             if row[t.LAYOUT] == t.DENSE:  # the synapse follows from the target without a search
                 gather(y, np.uint64(to + first + target - lo), c, pre, spikes, seen, gate)
                 continue
@@ -167,58 +179,58 @@ def move_entry(model):
     @subkernel
     def gather_all(view, k, step, thread):
         """Gather the eligibility of a step of the target population."""
-        net, p = net_of(view), plastic_of(view)
-        row = net.projections[p.move_table[k, t.MOVE_PROJECTION]]
-        target_row, state = net.pops[row[t.TARGET]], p.move_table[k, t.MOVE_SEEN]
-        begin, to, number = target_row[t.BEGIN], p.move_table[k, t.MOVE_TARGET], target_row[t.NUMBER]
+        net, plastic = net_of(view), plastic_of(view)
+        row = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]]
+        target_row, state = net.pops[row[t.TARGET]], plastic.move_table[k, t.MOVE_SEEN]
+        begin, to, number = target_row[t.BEGIN], plastic.move_table[k, t.MOVE_TARGET], target_row[t.NUMBER]
         update_traces(view, k, step, thread)
-        if p.move_count[thread, k, LIT] == 0:
+        if plastic.move_count[thread, k, LIT] == 0:
             return
         mask = net.log_ids.shape[1] - 1
         lo, n = net.edges[number, thread] * t.BLOCK - begin, 0
         first, last = net.log_ends[thread, step & (net.log_ends.shape[1] - 1), number], net.log_at[thread, 0]
         for place in range(first, last):
             target = np.int64(net.log_ids[thread, place & mask]) - begin
-            p.move_spikes[to + target] = net.log_counts[thread, place & mask]
+            plastic.move_spikes[to + target] = net.log_counts[thread, place & mask]
             if state < 0:
-                p.move_concerned[to + lo + n] = target
+                plastic.move_concerned[to + lo + n] = target
                 n += 1
         if state >= 0:
             # The rule also reads the state of neurons that did not spike.
             for target in range(lo, min(net.edges[number, thread + 1] * t.BLOCK, target_row[t.END]) - begin):
-                p.move_seen[to + target] = net.state[state, begin + target]
-                if p.move_seen[to + target] != 0.0 or p.move_spikes[to + target] != 0.0:
-                    p.move_concerned[to + lo + n] = target
+                plastic.move_seen[to + target] = net.state[state, begin + target]
+                if plastic.move_seen[to + target] != 0.0 or plastic.move_spikes[to + target] != 0.0:
+                    plastic.move_concerned[to + lo + n] = target
                     n += 1
         if n == 0:
             return
-        for at in range(p.move_count[thread, k, LIT]):
+        for at in range(plastic.move_count[thread, k, LIT]):
             if net.stop[0] == t.AT_ONCE:
                 return
-            gather_from(view, k, p.move_lists[thread, LIT, p.move_table[k, t.MOVE_SOURCE] + at], thread, n)
+            gather_from(view, k, plastic.move_lists[thread, LIT, plastic.move_table[k, t.MOVE_SOURCE] + at], thread, n)
         for at in range(n):
-            p.move_spikes[to + p.move_concerned[to + lo + at]] = 0.0
+            plastic.move_spikes[to + plastic.move_concerned[to + lo + at]] = 0.0
 
     @subkernel
     def teach_row(view, k, source, thread):
         """Apply the signal to the synapses of a source; return whether any still has a state that is not 0."""
-        net, p = net_of(view), plastic_of(view)
-        row, c = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_rule[k]
+        net, plastic = net_of(view), plastic_of(view)
+        row, c = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_rule[k]
         first, end = synapse_range(net, row, source, thread)
-        n, y, sign, some = np.uint64(end - first), p.move_y, p.move_sign[k], False
-        z, w = np.uint64(p.move_table[k, t.MOVE_SYNAPSE] + first), np.uint64(row[t.WEIGHT] + first)
-        signals = np.uint64(p.move_table[k, t.MOVE_TARGET])
+        n, y, sign, some = np.uint64(end - first), plastic.move_y, plastic.move_sign[k], False
+        z, w = np.uint64(plastic.move_table[k, t.MOVE_SYNAPSE] + first), np.uint64(row[t.WEIGHT] + first)
+        signals = np.uint64(plastic.move_table[k, t.MOVE_TARGET])
         if n == 0:
             return False
         if row[t.LAYOUT] == t.DENSE:
             # The signals are contiguous, so the loop is vectorised.
             signals += np.uint64(target_of(net, row, source, first))
             for e in range(n):
-                teach(y, z + e, c, p.move_signal[signals + e])
+                teach(y, z + e, c, plastic.move_signal[signals + e])
         else:
             for e in range(n):
                 target = target_of(net, row, source, first + np.int64(e))
-                teach(y, z + e, c, p.move_signal[signals + np.uint64(target)])
+                teach(y, z + e, c, plastic.move_signal[signals + np.uint64(target)])
         for e in range(n):
             net.weights[w + e] = sign * y[0, z + e] + 0.0  # -0.0 would be no input
         for state in range(1, 1 + n_states):
@@ -228,19 +240,19 @@ def move_entry(model):
 
     @subkernel
     def teach_all(view, k):
-        p = plastic_of(view)
-        first = p.move_table[k, t.MOVE_SOURCE]
-        for thread in range(p.move_lists.shape[0]):
-            live, n, at = p.move_lists[thread, LIVE], p.move_count[thread, k, LIVE], 0
+        plastic = plastic_of(view)
+        first = plastic.move_table[k, t.MOVE_SOURCE]
+        for thread in range(plastic.move_lists.shape[0]):
+            live, n, at = plastic.move_lists[thread, LIVE], plastic.move_count[thread, k, LIVE], 0
             while at < n:
                 source = live[first + at]
-                if teach_row(view, k, source, thread) or p.move_is_lit[thread, first + source] == 1:
+                if teach_row(view, k, source, thread) or plastic.move_is_lit[thread, first + source] == 1:
                     at += 1
                     continue
-                p.move_is_live[thread, first + source] = 0
+                plastic.move_is_live[thread, first + source] = 0
                 n -= 1
                 live[first + at] = live[first + n]
-            p.move_count[thread, k, LIVE] = n
+            plastic.move_count[thread, k, LIVE] = n
 
     @kernel
     def run(view, k, operation, index, step, thread, h):
@@ -256,52 +268,52 @@ def move_entry(model):
 @kernel
 def gather_moves(view, thread, pop, step, h):
     """Gather the eligibility of all synapses onto a population that learn by moves, after a step of it."""
-    net, p = net_of(view), plastic_of(view)
-    for k in range(p.move_table.shape[0]):
-        if net.projections[p.move_table[k, t.MOVE_PROJECTION], t.TARGET] == pop:
+    net, plastic = net_of(view), plastic_of(view)
+    for k in range(plastic.move_table.shape[0]):
+        if net.projections[plastic.move_table[k, t.MOVE_PROJECTION], t.TARGET] == pop:
             call_moves(view, k, GATHER, 0, step, thread, h)
 
 
 @kernel
 def teach_moves(view, k, values):
     """Apply a signal, one value per target, to a projection."""
-    p = plastic_of(view)
-    first = p.move_table[k, t.MOVE_TARGET]
+    plastic = plastic_of(view)
+    first = plastic.move_table[k, t.MOVE_TARGET]
     for target in range(values.shape[0]):  # a loop, because numba copies the values before it assigns a slice
-        p.move_signal[first + target] = values[target]
+        plastic.move_signal[first + target] = values[target]
     call_moves(view, k, TEACH, 0, 0, 0, 0.0)
 
 
 @kernel
 def clear_moves(view, k):
     """Set all states of a projection to 0. Only live rows have others."""
-    net, p = net_of(view), plastic_of(view)
-    row, first = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_table[k, t.MOVE_SOURCE]
-    to = p.move_table[k, t.MOVE_SYNAPSE]
+    net, plastic = net_of(view), plastic_of(view)
+    row, first = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_table[k, t.MOVE_SOURCE]
+    to = plastic.move_table[k, t.MOVE_SYNAPSE]
     for thread in range(net.edges.shape[1] - 1):
-        n, at = p.move_count[thread, k, LIVE], 0
+        n, at = plastic.move_count[thread, k, LIVE], 0
         while at < n:
-            source = p.move_lists[thread, LIVE, first + at]
+            source = plastic.move_lists[thread, LIVE, first + at]
             begin, end = synapse_range(net, row, source, thread)
-            for state in range(1, p.move_y.shape[0]):
-                p.move_y[state, to + begin : to + end] = 0.0
-            if p.move_is_lit[thread, first + source] == 1:
+            for state in range(1, plastic.move_y.shape[0]):
+                plastic.move_y[state, to + begin : to + end] = 0.0
+            if plastic.move_is_lit[thread, first + source] == 1:
                 at += 1
                 continue
-            p.move_is_live[thread, first + source] = 0
+            plastic.move_is_live[thread, first + source] = 0
             n -= 1
-            p.move_lists[thread, LIVE, first + at] = p.move_lists[thread, LIVE, first + n]
-        p.move_count[thread, k, LIVE] = n
+            plastic.move_lists[thread, LIVE, first + at] = plastic.move_lists[thread, LIVE, first + n]
+        plastic.move_count[thread, k, LIVE] = n
 
 
 @kernel
 def mark_all_live(view, k):
     """Add all sources of a projection to the live list, after states were set."""
-    net, p = net_of(view), plastic_of(view)
-    row, first = net.projections[p.move_table[k, t.MOVE_PROJECTION]], p.move_table[k, t.MOVE_SOURCE]
+    net, plastic = net_of(view), plastic_of(view)
+    row, first = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_table[k, t.MOVE_SOURCE]
     source_row = net.pops[row[t.SOURCE]]
     for thread in range(net.edges.shape[1] - 1):
         for source in range(source_row[t.END] - source_row[t.BEGIN]):
-            p.move_lists[thread, LIVE, first + source] = source
-            p.move_is_live[thread, first + source] = 1
-        p.move_count[thread, k, LIVE] = source_row[t.END] - source_row[t.BEGIN]
+            plastic.move_lists[thread, LIVE, first + source] = source
+            plastic.move_is_live[thread, first + source] = 1
+        plastic.move_count[thread, k, LIVE] = source_row[t.END] - source_row[t.BEGIN]

@@ -28,30 +28,30 @@ potentiation, depression, within = map(compiled, (pairs.potentiation, pairs.depr
 
 
 @subkernel
-def add_change(p, table, entry, pair, amount, step):
+def add_change(plastic, table, entry, pair, amount, step):
     """Add to the change of a weight. For a mean, count the place once per step."""
     if amount == 0.0:
         return
-    p.shared_change[table[t.SHARED_ENTRY] + entry] += amount
+    plastic.shared_change[table[t.SHARED_ENTRY] + entry] += amount
     if table[t.SHARED_MEAN] == 1:
         place = table[t.SHARED_PLACE] + pair
-        if p.shared_last[place] != step:
-            p.shared_last[place] = step
-            p.shared_places[table[t.SHARED_ENTRY] + entry] += 1
+        if plastic.shared_last[place] != step:
+            plastic.shared_last[place] = step
+            plastic.shared_places[table[t.SHARED_ENTRY] + entry] += 1
 
 
 @subkernel
-def add_eligibility(p, table, c, position, pair, amount):
+def add_eligibility(plastic, table, c, position, pair, amount):
     """Add to the eligibility of a synapse, which has the lower bound c_min, and mark its place as live."""
     place = table[t.SHARED_PAIR] + pair
-    p.shared_c[place] = max(p.shared_c[place] + amount, c[modulated.C_MIN])
-    p.shared_live[table[t.SHARED_POSITION] + position] = 1
+    plastic.shared_c[place] = max(plastic.shared_c[place] + amount, c[modulated.C_MIN])
+    plastic.shared_live[table[t.SHARED_POSITION] + position] = 1
 
 
 @subkernel
 def add_dopamine(view, table, step):
     """Increase n by the dopamine spikes that arrive in a step."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     emitted = step - table[t.SHARED_LATER]
     if emitted < 1:
         return
@@ -63,44 +63,44 @@ def add_dopamine(view, table, step):
         m = net.log_counts[0, place & mask]
         all_doses += m
         if table[t.SHARED_ONE_TO_ONE] == 1:
-            p.shared_dose[first + net.order[np.int64(net.log_ids[0, place & mask])]] += m
+            plastic.shared_dose[first + net.order[np.int64(net.log_ids[0, place & mask])]] += m
     if all_doses == 0:
         return
-    tau_n = p.shared_rule[table[t.SHARED_NUMBER], modulated.TAU_N]
+    tau_n = plastic.shared_rule[table[t.SHARED_NUMBER], modulated.TAU_N]
     for i in range(n):
         m = all_doses
         if table[t.SHARED_ONE_TO_ONE] == 1:
             place = first + net.order[target[t.BEGIN] + i]
-            m = p.shared_dose[place]
-            p.shared_dose[place] = 0.0
-        p.shared_n[first + i] += m / tau_n
+            m = plastic.shared_dose[place]
+            plastic.shared_dose[place] = 0.0
+        plastic.shared_n[first + i] += m / tau_n
 
 
 @subkernel
 def integrate(view, table, c, step):
     """Integrate dopamine over the step that ends, for the synapses of all places with an eligibility."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     maps, size = row[t.MAPS], row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]
     for position in range(row[t.ROWS] * row[t.COLUMNS]):
         to = table[t.SHARED_TARGET] + position * maps
-        if p.shared_live[table[t.SHARED_POSITION] + position] == 1:
+        if plastic.shared_live[table[t.SHARED_POSITION] + position] == 1:
             first = table[t.SHARED_PAIR] + position * size
-            eligibility = p.shared_c[first : first + size]
+            eligibility = plastic.shared_c[first : first + size]
             for entry in range(size):
                 if eligibility[entry] != 0.0:
-                    n = p.shared_n[to + entry % maps]
+                    n = plastic.shared_n[to + entry % maps]
                     gain = n * c[modulated.TAU] * c[LOST_BOTH] - c[modulated.B] * c[modulated.TAU_C] * c[LOST_C]
-                    add_change(p, table, entry, position * size + entry, eligibility[entry] * gain, step)
+                    add_change(plastic, table, entry, position * size + entry, eligibility[entry] * gain, step)
                     eligibility[entry] *= c[LEFT_C]
         for m in range(maps):
-            p.shared_n[to + m] *= c[LEFT_N]
+            plastic.shared_n[to + m] *= c[LEFT_N]
 
 
 @subkernel
 def learn_from_post(view, table, c, target, m, step):
     """Apply m post spikes of a target (internal place) that arrive at its synapses."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     maps, columns = row[t.MAPS], row[t.COLUMNS]
     position, own = target // maps, target % maps
@@ -111,23 +111,25 @@ def learn_from_post(view, table, c, target, m, step):
             for j in range(row[t.KERNEL_WIDTH]):
                 if not (0 <= y + i < row[t.CHANNEL_HEIGHT] and 0 <= x + j < row[t.CHANNEL_WIDTH]):
                     continue
-                k_plus = p.shared_k_plus[table[t.SHARED_SOURCE] + source_place(row, first + channel, y + i, x + j)]
+                k_plus = plastic.shared_k_plus[
+                    table[t.SHARED_SOURCE] + source_place(row, first + channel, y + i, x + j)
+                ]
                 if k_plus == 0.0:
                     continue
                 entry = ((channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j) * maps + own
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
-                    add_eligibility(p, table, c, position, pair, m * (c[modulated.A_PLUS] * k_plus))
+                    add_eligibility(plastic, table, c, position, pair, m * (c[modulated.A_PLUS] * k_plus))
                 else:
                     w = net.weights[row[t.WEIGHT] + entry]
-                    add_change(p, table, entry, pair, m * potentiation(w, k_plus, c), step)
-    p.shared_heard[table[t.SHARED_TARGET] + target] += m
+                    add_change(plastic, table, entry, pair, m * potentiation(w, k_plus, c), step)
+    plastic.shared_heard[table[t.SHARED_TARGET] + target] += m
 
 
 @subkernel
 def learn_from_pre(view, table, c, source, m, step):
     """Apply m pre spikes of a source (internal place) to its synapses; then increase its trace."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, columns, stride, inside = row[t.MAPS], row[t.COLUMNS], row[t.STRIDE], row[t.CHANNELS_INSIDE]
@@ -140,28 +142,28 @@ def learn_from_pre(view, table, c, source, m, step):
             place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - s * stride
             position = r * columns + s
             for own in range(first_map, first_map + row[t.REACH]):
-                k_minus = p.shared_k_minus[table[t.SHARED_TARGET] + position * maps + own]
+                k_minus = plastic.shared_k_minus[table[t.SHARED_TARGET] + position * maps + own]
                 if k_minus == 0.0:
                     continue
                 entry = place * maps + own
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
-                    add_eligibility(p, table, c, position, pair, -m * (c[modulated.A_MINUS] * k_minus))
+                    add_eligibility(plastic, table, c, position, pair, -m * (c[modulated.A_MINUS] * k_minus))
                 else:
                     w = net.weights[row[t.WEIGHT] + entry]
-                    add_change(p, table, entry, pair, m * depression(w, k_minus, c), step)
-    p.shared_k_plus[table[t.SHARED_SOURCE] + source] += m
+                    add_change(plastic, table, entry, pair, m * depression(w, k_minus, c), step)
+    plastic.shared_k_plus[table[t.SHARED_SOURCE] + source] += m
 
 
 @subkernel
 def apply_changes(view, table, c):
     """Apply the changes of a step to the weights."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     first = table[t.SHARED_ENTRY]
     for entry in range(row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]):
-        amount, places = p.shared_change[first + entry], p.shared_places[first + entry]
-        p.shared_change[first + entry], p.shared_places[first + entry] = 0.0, 0
+        amount, places = plastic.shared_change[first + entry], plastic.shared_places[first + entry]
+        plastic.shared_change[first + entry], plastic.shared_places[first + entry] = 0.0, 0
         if amount == 0.0:
             continue
         if table[t.SHARED_MEAN] == 1:
@@ -180,19 +182,21 @@ def learn_kernels(view, step, done_arrivals, arrivals_only, h):
 
     Networks in which the kernels of a grid learn have one thread.
     """
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     slot, mask = step & (net.log_ends.shape[1] - 1), net.log_ids.shape[1] - 1
-    for q in range(p.shared_table.shape[0]):
-        table, c = p.shared_table[q], p.shared_rule[q]
+    for q in range(plastic.shared_table.shape[0]):
+        table, c = plastic.shared_table[q], plastic.shared_rule[q]
         row = net.projections[table[t.SHARED_PROJECTION]]
         source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
         if step > done_arrivals:
             for i in range(source[t.END] - source[t.BEGIN]):
-                p.shared_k_plus[table[t.SHARED_SOURCE] + i] *= p.shared_left_plus[q]
+                plastic.shared_k_plus[table[t.SHARED_SOURCE] + i] *= plastic.shared_left_plus[q]
             for i in range(target[t.END] - target[t.BEGIN]):
                 to = table[t.SHARED_TARGET] + i
-                p.shared_k_minus[to] = (p.shared_k_minus[to] + p.shared_heard[to]) * p.shared_left_minus[to]
-                p.shared_heard[to] = 0.0
+                plastic.shared_k_minus[to] = (
+                    plastic.shared_k_minus[to] + plastic.shared_heard[to]
+                ) * plastic.shared_left_minus[to]
+                plastic.shared_heard[to] = 0.0
             if table[t.SHARED_RULE] == STDP_DOPA:
                 integrate(view, table, c, step)
                 if table[t.SHARED_DOPAMINE] >= 0:

@@ -347,17 +347,17 @@ def drop_all(view, step):
 @subkernel
 def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
     """Apply the pair learning of one step: first arrivals of post and dopamine spikes, then the emitted pre spikes."""
-    net, p = net_of(view), plastic_of(view)
-    for q in range(p.table.shape[0]):
+    net, plastic = net_of(view), plastic_of(view)
+    for q in range(plastic.table.shape[0]):
         if step > done_arrivals:
-            if p.table[q, t.DOPAMINE] >= 0:
+            if plastic.table[q, t.DOPAMINE] >= 0:
                 dopamine_arrivals(view, q, step, thread, h)
-            elif p.table[q, t.EAGER] == 1:
-                call_rule(view, p.table[q], ARRIVE, 0, step, thread, h)
+            elif plastic.table[q, t.EAGER] == 1:
+                call_rule(view, plastic.table[q], ARRIVE, 0, step, thread, h)
         if arrivals_only:
             continue
         # Pre spikes act at emission, after all arrivals of the step. So post acts before pre, as in NEST.
-        source = net.projections[p.table[q, t.PROJECTION], t.SOURCE]
+        source = net.projections[plastic.table[q, t.PROJECTION], t.SOURCE]
         slot = step & (net.log_ends.shape[1] - 1)
         mask = net.log_ids.shape[1] - 1
         for sender in range(net.edges.shape[1] - 1):
@@ -366,6 +366,6 @@ def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
                 for nth in range(net.log_counts[sender, place & mask]):
                     if net.stop[0] == t.AT_ONCE:
                         return
-                    call_rule(view, p.table[q], PRE_SPIKE + nth, local, step, thread, h)
-                    if p.table[q, t.NOTED] == 1:
+                    call_rule(view, plastic.table[q], PRE_SPIKE + nth, local, step, thread, h)
+                    if plastic.table[q, t.NOTED] == 1:
                         note(view, q, local, step, thread)

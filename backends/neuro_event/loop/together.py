@@ -83,9 +83,9 @@ def teach_all(views, q, values):
 def gate_all(views, q, values):
     """Set the gate of a projection that learns by moves, (engines, targets)."""
     for k in range(views.shape[0]):
-        p = plastic_of(views[k])
+        plastic = plastic_of(views[k])
         for i in range(values.shape[1]):
-            p.move_gate[p.move_table[q, t.MOVE_TARGET] + i] = values[k, i]
+            plastic.move_gate[plastic.move_table[q, t.MOVE_TARGET] + i] = values[k, i]
 
 
 @kernel
@@ -111,57 +111,57 @@ def merge_all(views, q, weights, gained):
     change are not written, since writing would load all of them into the cache.
     """
     for k in range(views.shape[0]):
-        p = plastic_of(views[k])
-        first = np.uint64(p.move_table[q, t.MOVE_SYNAPSE])
+        plastic = plastic_of(views[k])
+        first = np.uint64(plastic.move_table[q, t.MOVE_SYNAPSE])
         for s in range(np.uint64(weights.shape[0])):
-            gained[s] += p.move_y[0, first + s] - weights[s]
+            gained[s] += plastic.move_y[0, first + s] - weights[s]
     for s in range(weights.shape[0]):
         weights[s] += gained[s]
     for k in range(views.shape[0]):
-        net, p = net_of(views[k]), plastic_of(views[k])
-        first = np.uint64(p.move_table[q, t.MOVE_SYNAPSE])
-        to = np.uint64(net.projections[p.move_table[q, t.MOVE_PROJECTION], t.WEIGHT])
+        net, plastic = net_of(views[k]), plastic_of(views[k])
+        first = np.uint64(plastic.move_table[q, t.MOVE_SYNAPSE])
+        to = np.uint64(net.projections[plastic.move_table[q, t.MOVE_PROJECTION], t.WEIGHT])
         for s in range(np.uint64(weights.shape[0])):
-            if p.move_y[0, first + s] != weights[s]:
-                p.move_y[0, first + s] = weights[s]
-                net.weights[to + s] = p.move_sign[q] * weights[s] + 0.0
+            if plastic.move_y[0, first + s] != weights[s]:
+                plastic.move_y[0, first + s] = weights[s]
+                net.weights[to + s] = plastic.move_sign[q] * weights[s] + 0.0
 
 
 @kernel
 def note(view, q, source, step, thread):
     """Record the states of this thread's synapses of a source after its spike."""
-    net, p = net_of(view), plastic_of(view)
-    row = net.projections[p.table[q, t.PROJECTION]]
+    net, plastic = net_of(view), plastic_of(view)
+    row = net.projections[plastic.table[q, t.PROJECTION]]
     place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
-    at = p.note_at[thread, 0]
+    at = plastic.note_at[thread, 0]
     for e in range(net.rows[place], net.rows[place + 1]):
-        z = p.table[q, t.FIRST_SYNAPSE] + e - row[t.SYNAPSE]
+        z = plastic.table[q, t.FIRST_SYNAPSE] + e - row[t.SYNAPSE]
         # A row has thousands of synapses, so testing a byte for each is faster than searching those of a probe.
-        if p.note_this[z] == 1:
-            p.note_steps[thread, at] = step
-            p.note_synapses[thread, at] = z
-            for r in range(p.y.shape[0]):
-                p.note_y[thread, r, at] = p.y[r, z]
+        if plastic.note_this[z] == 1:
+            plastic.note_steps[thread, at] = step
+            plastic.note_synapses[thread, at] = z
+            for r in range(plastic.y.shape[0]):
+                plastic.note_y[thread, r, at] = plastic.y[r, z]
             at += 1
-    p.note_at[thread, 0] = at
+    plastic.note_at[thread, 0] = at
 
 
 @kernel
 def notes_to_come(view, upto):
     """Return an upper bound of the records per thread that the spikes up to a step will make."""
-    net, p = net_of(view), plastic_of(view)
+    net, plastic = net_of(view), plastic_of(view)
     threads = net.edges.shape[1] - 1
     mask = net.log_ids.shape[1] - 1
     most = np.int64(0)
     for thread in range(threads):
         # With an upper bound before the step, no pre spike has to test whether the buffer is full.
-        number = p.note_at[thread, 0]
+        number = plastic.note_at[thread, 0]
         for step in range(net.clock[thread, t.DONE] + 1, upto + 1):
             slot = step & (net.log_ends.shape[1] - 1)
-            for q in range(p.table.shape[0]):
-                if p.table[q, t.NOTED] == 0:
+            for q in range(plastic.table.shape[0]):
+                if plastic.table[q, t.NOTED] == 0:
                     continue
-                row = net.projections[p.table[q, t.PROJECTION]]
+                row = net.projections[plastic.table[q, t.PROJECTION]]
                 source = row[t.SOURCE]
                 for sender in range(threads):
                     for i in range(net.log_ends[sender, slot, source], net.log_ends[sender, slot, source + 1]):
