@@ -28,7 +28,13 @@ from neuro_event.building import (
     thread_partition,
 )
 from neuro_event.building.layout import EventArrays, aligned_zeros, zeros
-from neuro_event.building.projections import add_projections, lay_out, list_incoming, own_weights, set_buffer
+from neuro_event.building.projections import (
+    add_projections,
+    copy_shared_weights,
+    leave_joined_rows,
+    list_incoming,
+    set_buffer,
+)
 from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import QUEUE
 from neuro_event.loop.generators import wake_emitting
@@ -59,8 +65,8 @@ def build(
     if joined is None:
         joined = joined_rows.choose(program) if any(map(layout.is_timed, program.projections)) else frozenset()
     every = range(len(program.projections))
-    arranged = list(mapped(lambda q: layout.synapses(program, q, places, joined), every, threads))
-    learning = [q for q, part in enumerate(program.projections) if layout.learns_pairs(part)]
+    arranged = list(mapped(lambda q: layout.arrange(program, q, places, joined), every, threads))
+    learning = [q for q, part in enumerate(program.projections) if layout.learns_from_pairs(part)]
     delays = [part.delay_range(program.resolution)[1] for part in program.projections]
     longest = max([1, *delays, *(part.dopamine_delay for part in program.projections if part.dopamine >= 0)])
     if edges is None and threads == 1:
@@ -102,9 +108,9 @@ def _nothing_learns(threads: int) -> dict[str, Any]:
 
 def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int) -> dict[str, int]:
     """Return the sizes of the arrays by the names in `tables.NET`."""
-    n, groups, trials = layout.total(program), program.groups, program.trials
+    n, groups, trials = layout.neuron_places(program), program.groups, program.trials
     most = int((np.diff(edges, axis=1).sum(axis=0) * t.BLOCK).max())
-    states = [len(type(p.model).states) for p in program.populations if layout.computes(p)]
+    states = [len(type(p.model).states) for p in program.populations if layout.has_states(p)]
     return {
         "threads": edges.shape[1] - 1,
         "neurons": n,
@@ -114,8 +120,8 @@ def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int)
         "spots": n // LANES,
         "marks": layout.power_of_two(2 * longest + 2) * (n // t.BLOCK),
         "states": max([1, *states]),
-        "receptors": layout.receptors(program),
-        "width": layout.width(program),
+        "receptors": layout.input_rows(program),
+        "width": layout.constants_width(program),
         "populations": len(program.populations),
         "projections": len(program.projections),
         "activity": len(program.populations) + LINE,
@@ -163,7 +169,7 @@ def _populations(arrays: EventArrays) -> None:
         row[t.RECORD] = int(part.records)
         row[t.START], row[t.STOP] = part.start, part.stop
         row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = 1, 0, 0
-        if layout.computes(part):
+        if layout.has_states(part):
             own: Any = type(part.model)
             arrays.request(row, t.ENTRY, partial(entry if part.kind == "neuron" else generator_entry, own))
         if isinstance(part.model, Neuron):
@@ -176,7 +182,7 @@ def _populations(arrays: EventArrays) -> None:
     pops[:, t.CARRIED] = 0
     pops[[part.target for part in arrays.program.projections if part.carries == "current"], t.CARRIED] = 1
     arrays.net["pops"] = pops
-    computed = (k for k, part in enumerate(arrays.program.populations) if layout.computes(part))
+    computed = (k for k, part in enumerate(arrays.program.populations) if layout.has_states(part))
     rebuild_constants(
         arrays, {k: layout.parameter_rows(arrays.program.populations[k], arrays.places[k]) for k in computed}
     )
@@ -187,15 +193,15 @@ def rebuild_constants(arrays: EventArrays, changed: Mapping[int, Floats]) -> Non
     rows = [
         changed[k] if k in changed else parameters(arrays, k)
         for k, p in enumerate(arrays.program.populations)
-        if layout.computes(p)
+        if layout.has_states(p)
     ]
-    width = layout.width(arrays.program)
+    width = layout.constants_width(arrays.program)
     arrays.net["parameters"] = np.concatenate(
         [np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in rows] or [np.zeros((1, width))]
     )
     arrays.net["constants"] = np.zeros_like(arrays.net["parameters"])
     at = 0
-    computed = (k for k, p in enumerate(arrays.program.populations) if layout.computes(p))
+    computed = (k for k, p in enumerate(arrays.program.populations) if layout.has_states(p))
     for k, each in zip(computed, rows, strict=True):
         arrays.net["pops"][k, t.CONSTANT], arrays.net["pops"][k, t.CONSTANT_STRIDE] = at, int(len(each) > 1)
         compute: Any = type(arrays.program.populations[k].model).arithmetic.constants  # type: ignore[attr-defined]
@@ -262,7 +268,7 @@ def snapshot(arrays: EventArrays) -> dict[str, NDArray[Any]]:
 def restore(arrays: EventArrays, saved: Mapping[str, NDArray[Any]]) -> None:
     """Replace the arrays of step 0 by those of a snapshot."""
     if not np.array_equal(saved["net.weights"], arrays.net["weights"]):
-        own_weights(arrays)
+        copy_shared_weights(arrays)
     for name, each, owner in declared_in(arrays, "run", "columns"):
         if each.life == "columns":
             owner[each.name][:, t.CHANGING[each.name]] = saved[name]
@@ -273,7 +279,7 @@ def restore(arrays: EventArrays, saved: Mapping[str, NDArray[Any]]) -> None:
     rings = [q for q in range(len(arrays.program.projections)) if arrays.net["projections"][q, t.LAG] == 0]
     arrays.net["at_emission"] = np.array([q for q in rings if q not in arrays.plastic_of], dtype=np.int64)
     for q in arrays.joined.intersection(rings):
-        lay_out(arrays, q)
+        leave_joined_rows(arrays, q)
     set_buffer(arrays, arrays.net["buf"])
     list_incoming(arrays)
     tabulate(arrays)

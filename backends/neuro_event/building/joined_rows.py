@@ -59,10 +59,10 @@ def choose(program: Program) -> frozenset[int]:
         model = program.populations[p.target].model
         if p.size and layout.is_timed(p) and isinstance(model, Neuron) and model.receptors <= _RECEPTORS:
             candidates.add(q)
-    attempts = [_rows(program, _stretches(program, candidates))]
+    attempts = [_group_rows(program, _series(program, candidates))]
     while unfit := {q for row in attempts[-1] if _is_sparse(program, row) for q in row if not _in_runs(program, q)}:
         candidates -= unfit
-        attempts.append(_rows(program, _stretches(program, candidates)))
+        attempts.append(_group_rows(program, _series(program, candidates)))
     best = attempts[0] if len(attempts) == 1 else min(attempts, key=partial(_expected_ns, program))
     return frozenset(q for row in best for q in row)
 
@@ -75,7 +75,7 @@ def _expected_ns(program: Program, rows: list[Row]) -> float:
     looks = adds = 0.0
     for row in [*rows, *([q] for q in separate if _in_runs(program, q))]:
         neurons = program.populations[program.projections[row[0]].source].size
-        looks += _runs(program, row) * (LOOK_NS + TEST_NS * steps / neurons)
+        looks += _n_runs(program, row) * (LOOK_NS + TEST_NS * steps / neurons)
         adds += ADD_NS * sum(program.projections[q].size for q in row)
     for q in separate:
         if not _in_runs(program, q):
@@ -85,14 +85,14 @@ def _expected_ns(program: Program, rows: list[Row]) -> float:
     return looks + adds
 
 
-def _stretches(program: Program, candidates: set[int]) -> list[Row]:
+def _series(program: Program, candidates: set[int]) -> list[Row]:
     """Return for each target its longest series of candidates that are neighbours in the order of the target's sum.
 
     Inputs are added in the order of projections, so all other projections must come before or after the joined ones.
     """
     arriving: dict[int, Row] = {}
     for q, p in enumerate(program.projections):
-        ringed = layout.learns_pairs(p) or (layout.own_delays(p) and not layout.in_runs(program, p))
+        ringed = layout.learns_from_pairs(p) or (layout.has_own_delays(p) and not layout.in_runs(program, p))
         if p.size and p.carries == "spikes" and (q in candidates or not ringed):
             arriving.setdefault(p.target, []).append(q)
     series = (
@@ -102,7 +102,7 @@ def _stretches(program: Program, candidates: set[int]) -> list[Row]:
     return [max(stretches, key=len) for stretches in series if stretches]
 
 
-def _rows(program: Program, stretches: list[Row]) -> list[Row]:
+def _group_rows(program: Program, stretches: list[Row]) -> list[Row]:
     """Group the series of all targets into joined rows, in an order that keeps the order of every sum."""
     rank: dict[tuple[int, bool], int] = {}
     rows: dict[tuple[int, int], Row] = {}
@@ -125,14 +125,14 @@ def _by_sign(program: Program, q: int) -> bool:
 
 def _is_sparse(program: Program, row: Row) -> bool:
     """Return whether most runs of a row are empty."""
-    return _runs(program, row) > sum(program.projections[q].size for q in row)
+    return _n_runs(program, row) > sum(program.projections[q].size for q in row)
 
 
 def _in_runs(program: Program, q: int) -> bool:
     return layout.in_runs(program, program.projections[q])
 
 
-def _runs(program: Program, row: Row) -> int:
+def _n_runs(program: Program, row: Row) -> int:
     """Return the number of runs of a row: source neurons x delays."""
     spans = [program.projections[q].delay_span for q in row]
     delays = max(longest for _, longest in spans) - min(shortest for shortest, _ in spans) + 1
@@ -144,7 +144,7 @@ def join(arrays: EventArrays) -> None:
 
     In a network of very many synapses the rows are the only copy: the program's arrays are freed row by row.
     """
-    layout.part_joined_rows(arrays)
+    layout.clear_joined_rows(arrays)
     stretches = []
     for pop in arrays.net["pops"]:
         arriving = arrays.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()
@@ -152,8 +152,8 @@ def join(arrays: EventArrays) -> None:
         if places:
             pop[t.JOINED], pop[t.JOINED_END] = places[0], places[-1] + 1
             stretches.append([q for q in arriving if q in arrays.joined])
-    rows = _rows(arrays.program, stretches)
-    shared = _IN_PLACE.get(arrays.program)
+    rows = _group_rows(arrays.program, stretches)
+    shared = _SHARED_ROWS.get(arrays.program)
     unchanged = as_described(arrays).issuperset(q for row in rows for q in row)
     if shared is not None and unchanged and shared.rows == rows and np.array_equal(shared.edges, arrays.net["edges"]):
         arrays.net |= shared.net
@@ -175,12 +175,14 @@ def join(arrays: EventArrays) -> None:
         targets = arrays.net["pops"][[part.target for part in parts]]
         blocks = (targets[:, t.LAST_BLOCK] - targets[:, t.FIRST_BLOCK]).sum()
         # With two synapses per block nearly all blocks are marked, so marking all is cheaper.
-        columns[t.WAKE_ALL] = 1 + 2 * blocks * _runs(arrays.program, row) // sum(part.size for part in parts)
+        columns[t.WAKE_ALL] = 1 + 2 * blocks * _n_runs(arrays.program, row) // sum(part.size for part in parts)
         reach[k, [part.target for part in parts]] = 1
-        n_runs += _runs(arrays.program, row) * _threads(arrays) + 1
+        n_runs += _n_runs(arrays.program, row) * _threads(arrays) + 1
     arrays.net |= {"joined": table, "joined_bases": bases, "joined_reach": reach}
     arrays.net["joined_runs"] = np.zeros(n_runs, dtype=np.uint32)
-    sizes = np.array([_count(arrays, columns, row) for columns, row in zip(table, rows, strict=True)], dtype=np.int64)
+    sizes = np.array(
+        [_lay_runs(arrays, columns, row) for columns, row in zip(table, rows, strict=True)], dtype=np.int64
+    )
     table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
     for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
         own = sizes * (table[:, t.SINGLE] == single)
@@ -189,11 +191,11 @@ def join(arrays: EventArrays) -> None:
     arrays.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
     # Each row frees the arrays that it replaces, since two copies of a large network would not fit into memory.
     for columns, row in zip(table, rows, strict=True):
-        _lay(arrays, columns, row)
-    _leave(arrays, rows)
+        _lay_row(arrays, columns, row)
+    _discard_rows(arrays, rows)
     if unchanged and any(isinstance(part, CompactProjection) for part in arrays.program.projections):
         names = (*layout.JOINED_ARRAYS, *layout.JOINED_TABLES)
-        _IN_PLACE[arrays.program] = LaidRows(rows, arrays.net["edges"], {name: arrays.net[name] for name in names})
+        _SHARED_ROWS[arrays.program] = LaidRows(rows, arrays.net["edges"], {name: arrays.net[name] for name in names})
 
 
 def as_described(arrays: EventArrays) -> frozenset[int]:
@@ -214,7 +216,7 @@ def _threads(arrays: EventArrays) -> int:
     return int(arrays.net["edges"].shape[1] - 1)
 
 
-def _begin(arrays: EventArrays, q: int) -> int:
+def _first_place(arrays: EventArrays, q: int) -> int:
     """Return the place in the input of the first target of a projection.
 
     If negative weights go to a second receptor, its places follow those of the first.
@@ -229,16 +231,16 @@ def _row_runs(arrays: EventArrays, columns: Ints) -> NDArray[np.uint32]:
     return row_runs
 
 
-def _count(arrays: EventArrays, columns: Ints, row: Row) -> int:
+def _lay_runs(arrays: EventArrays, columns: Ints, row: Row) -> int:
     """Compute the ends of the runs of a joined row; return its number of entries (synapses and steps between them)."""
     runs = _row_runs(arrays, columns)
     # The first place of each thread among the targets of the row.
     bases = np.full(_threads(arrays), np.iinfo(np.int64).max)
     for q in row:
         edges = layout.edges_of(arrays, q)
-        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _begin(arrays, q) + edges[:-1], bases))
+        bases = np.minimum(bases, np.where(edges[1:] > edges[:-1], _first_place(arrays, q) + edges[:-1], bases))
     arrays.net["joined_bases"][columns[t.ROW]] = np.where(bases == np.iinfo(np.int64).max, 0, bases)
-    _walk(arrays, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
+    _lay_synapses(arrays, columns, row, runs[1:], np.zeros(0, dtype=np.uint16), np.zeros(0))
     if (size := int(runs.sum(dtype=np.int64))) > MOST:
         name = arrays.program.populations[int(columns[t.SOURCE])].name
         message = f"population '{name}' has {size:,} synapses that are delivered together: expected at most {MOST:,}"
@@ -247,13 +249,13 @@ def _count(arrays: EventArrays, columns: Ints, row: Row) -> int:
     return int(runs[-1])
 
 
-def _lay(arrays: EventArrays, columns: Ints, row: Row) -> None:
+def _lay_row(arrays: EventArrays, columns: Ints, row: Row) -> None:
     """Lay out a joined row, which replaces the program's arrays if these are compact."""
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
     steps, row_weights = arrays.net["joined_steps"][columns[t.SYNAPSE] :], arrays.net[weights_of][columns[t.WEIGHT] :]
-    following, replaced = _row_runs(arrays, columns)[:-1].copy(), _taken_over(arrays, row)
+    following, replaced = _row_runs(arrays, columns)[:-1].copy(), _replaced_projections(arrays, row)
     try:
-        _walk(arrays, columns, row, following, steps, row_weights, [*replaced.values()])
+        _lay_synapses(arrays, columns, row, following, steps, row_weights, [*replaced.values()])
     except BaseException:
         for p in replaced.values():
             if p.has_arrays:
@@ -262,16 +264,16 @@ def _lay(arrays: EventArrays, columns: Ints, row: Row) -> None:
     net = {name: arrays.net[name] for name in layout.JOINED_ARRAYS}
     for q, p in replaced.items():
         n, negated = arrays.program.populations[p.target].size, p.receptor is not None and p.receptor.negated
-        p.release(partial(_made_anew, p.row_ends, p.kinds, net, columns, _begin(arrays, q), n, negated))
+        p.release(partial(_restored_synapses, p.row_ends, p.kinds, net, columns, _first_place(arrays, q), n, negated))
 
 
-def _leave(arrays: EventArrays, rows: list[Row]) -> None:
+def _discard_rows(arrays: EventArrays, rows: list[Row]) -> None:
     """Discard earlier rows that replaced the program's arrays. Projections outside the new rows get arrays again."""
-    replaced = {q for row in rows for q in _taken_over(arrays, row)}
+    replaced = {q for row in rows for q in _replaced_projections(arrays, row)}
     for q, p in enumerate(arrays.program.projections):
         if isinstance(p, CompactProjection) and not p.has_arrays and q not in replaced:
             p.retain()
-    _IN_PLACE.pop(arrays.program, None)
+    _SHARED_ROWS.pop(arrays.program, None)
 
 
 def _refuse(name: str) -> StoredSynapses:
@@ -281,7 +283,7 @@ def _refuse(name: str) -> StoredSynapses:
     )
 
 
-def _taken_over(arrays: EventArrays, row: Row) -> dict[int, CompactProjection]:
+def _replaced_projections(arrays: EventArrays, row: Row) -> dict[int, CompactProjection]:
     """Return the projections whose arrays a joined row replaces, by index."""
     parts = {q: p for q in row if isinstance(p := arrays.program.projections[q], CompactProjection)}
     return {q: p for q, p in parts.items() if _is_as_listed(arrays, q)}
@@ -295,7 +297,7 @@ def _is_as_listed(arrays: EventArrays, q: int) -> bool:
     return bool(as_listed and arrays.net["pops"][p.target, t.RELAY] == 0)
 
 
-def _walk(
+def _lay_synapses(
     arrays: EventArrays,
     columns: Ints,
     row: Row,
@@ -318,8 +320,8 @@ def _walk(
     span = int(columns[t.SHORTEST]), int(columns[t.DELAYS])
     at = np.tile(arrays.net["joined_bases"][columns[t.ROW]], following.size // _threads(arrays))
     parts = []
-    for q in sorted(row, key=partial(_begin, arrays)):
-        edges, begin = layout.edges_of(arrays, q), _begin(arrays, q)
+    for q in sorted(row, key=partial(_first_place, arrays)):
+        edges, begin = layout.edges_of(arrays, q), _first_place(arrays, q)
         for block in synapse_blocks(arrays, q):
             synapse_arrays = block.row_ends, block.targets, block.delay, edges, *span, block.weight
             parts.append(Listed(*synapse_arrays, int(block.weight.size > 1), begin))
@@ -375,10 +377,10 @@ class LaidRows:
     net: dict[str, NDArray[Any]]
 
 
-_IN_PLACE: WeakKeyDictionary[Program, LaidRows] = WeakKeyDictionary()
+_SHARED_ROWS: WeakKeyDictionary[Program, LaidRows] = WeakKeyDictionary()
 
 
-def _made_anew(
+def _restored_synapses(
     row_ends: Ints,
     kinds: Mapping[str, np.dtype[Any]],
     net: Mapping[str, NDArray[Any]],

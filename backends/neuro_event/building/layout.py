@@ -69,24 +69,24 @@ def places(program: Program) -> list[PopulationPlace]:
     return all_places
 
 
-def total(program: Program) -> int:
+def neuron_places(program: Program) -> int:
     """Return the number of neurons of all populations, with the gaps between them."""
     return max(WORD, sum(-(-p.size // WORD) * WORD for p in program.populations))
 
 
-def computes(population: Population) -> bool:
+def has_states(population: Population) -> bool:
     """Return whether a population has constants and states: neurons, and generators with their own `emit`."""
     return population.kind in ("neuron", "generator")
 
 
-def receptors(program: Program) -> int:
+def input_rows(program: Program) -> int:
     """Return the number of rows of the input: the most receptors of any neuron, at least 2."""
     return max([2, *(p.model.receptors for p in program.populations if isinstance(p.model, Neuron))])
 
 
-def width(program: Program) -> int:
+def constants_width(program: Program) -> int:
     """Return the width of a row of parameters or constants, which is enough for each model of the program."""
-    return max([Model.width, *(p.model.width for p in program.populations if computes(p))])
+    return max([Model.width, *(p.model.width for p in program.populations if has_states(p))])
 
 
 def parameter_rows(population: Population, place: PopulationPlace) -> Floats:
@@ -119,7 +119,7 @@ _NO_INTS = np.zeros(0, dtype=np.int64)
 _NO_TARGETS = np.zeros(0, dtype=np.int32)
 
 
-def own_delays(p: Projection) -> bool:
+def has_own_delays(p: Projection) -> bool:
     """Return whether the synapses of a projection differ in delay, or may do so later."""
     if p.synapse.delays:
         return True
@@ -129,7 +129,7 @@ def own_delays(p: Projection) -> bool:
 
 def is_timed(p: Projection) -> bool:
     """Return whether the synapses of a projection are static and differ in delay."""
-    return not p.synapse.learns and p.carries == "spikes" and p.grid is None and own_delays(p)
+    return not p.synapse.learns and p.carries == "spikes" and p.grid is None and has_own_delays(p)
 
 
 def in_runs(program: Program, p: Projection) -> bool:
@@ -143,12 +143,12 @@ def in_runs(program: Program, p: Projection) -> bool:
     return program.populations[p.source].size * (longest - shortest + 1) <= max(p.size, _FEW_RUNS)
 
 
-def learns_pairs(p: Projection) -> bool:
+def learns_from_pairs(p: Projection) -> bool:
     """Return whether spike pairs change each weight of a projection; kernels of grids learn in `shared_kernels`."""
     return p.synapse.learns == "pairs" and p.grid is None
 
 
-def synapses(
+def arrange(
     program: Program, index: int, where: list[PopulationPlace], joined: frozenset[int] = frozenset()
 ) -> ArrangedSynapses:
     """Arrange a projection for the kernels: as CSR if it learns, has several delays, or has a permuted population.
@@ -163,7 +163,7 @@ def synapses(
         assert part.grid is not None
         k = np.arange(part.size, dtype=np.int64).reshape(part.grid.maps, -1)
         return ArrangedSynapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
-    plain = not (permuted or own_delays(part) or learns_pairs(part))
+    plain = not (permuted or has_own_delays(part) or learns_from_pairs(part))
     if plain and part.layout in ("dense", "one_to_one"):
         return ArrangedSynapses(t.DENSE if part.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
     if index in joined and part.layout == "csr" and not permuted:
@@ -260,7 +260,7 @@ class EventArrays:
         eager: whether synapses may learn eagerly. If false, all learn lazily; tests compare the two.
         joined: the projections in joined rows.
         requests: pending requests for addresses of compiled functions, as (row of a table, column, function).
-        parted: whether the joined rows must be laid out before the next step.
+        rows_outdated: whether the joined rows must be laid out before the next step.
     """
 
     program: Program
@@ -276,7 +276,7 @@ class EventArrays:
     moves_of: dict[int, int] = field(default_factory=dict)
     shared_of: dict[int, int] = field(default_factory=dict)
     requests: list[tuple[Ints, int, Callable[[], Entry]]] = field(default_factory=list)
-    parted: bool = True
+    rows_outdated: bool = True
 
     def request(self, row: Ints, column: int, entry: Callable[[], Entry]) -> None:
         """Request the address of a compiled function for a row of a table. All requests are compiled together later."""
@@ -325,9 +325,9 @@ def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any
     return new_arrays
 
 
-def part_joined_rows(arrays: EventArrays) -> None:
+def clear_joined_rows(arrays: EventArrays) -> None:
     """Remove the joined rows. The next run must lay them out again before its first step."""
-    arrays.parted = bool(arrays.joined)
+    arrays.rows_outdated = bool(arrays.joined)
     pops = arrays.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
     empty = [each for each in t.NET_ARRAYS if each.name in (*JOINED_ARRAYS, *JOINED_TABLES)]

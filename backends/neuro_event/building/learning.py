@@ -32,7 +32,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
     """
     program, pops, threads = arrays.program, arrays.net["pops"], arrays.net["edges"].shape[1] - 1
     parts, arranged = [program.projections[q] for q in learning], [arrays.synapses[q] for q in learning]
-    eager = [acts_at_once(arrays, part) for part in parts]
+    eager = [learns_eagerly(arrays, part) for part in parts]
     # Lazy `stdp` and `stdp_dopa` only use K+ and K-, so they need no rows in `kinds`.
     read = [
         part.synapse for part, at_once in zip(parts, eager, strict=True) if at_once or type(part.synapse) not in RULES
@@ -99,9 +99,9 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
         )
         states[1 : 1 + len(initial), own] = in_order
         if rule.delays:
-            states[DELAY, own] = arrays.net["delays"][own_delays_of(arrays, q)] * program.resolution
-        for trace, value, each in zip(rule.pre, rule.first_traces(), of_sources(arrays, row, k_plus), strict=False):
-            each[:] = first_kept(trace, value) if row[t.EAGER] else value
+            states[DELAY, own] = arrays.net["delays"][delay_slice(arrays, q)] * program.resolution
+        for trace, value, each in zip(rule.pre, rule.first_traces(), source_traces(arrays, row, k_plus), strict=False):
+            each[:] = first_stored(trace, value) if row[t.EAGER] else value
     t_refs = [program.populations[part.target].parameters.get("t_ref", 0.0) for part in parts]
     t_ref_of = {q: float(np.min(t_ref)) for q, t_ref in zip(learning, t_refs, strict=True)}
     draws = any(part.synapse.draws for part in parts)
@@ -123,7 +123,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
         "incoming": np.concatenate(incoming) if learning else np.zeros(1, dtype=np.int64),
         "in_synapse": np.concatenate(in_synapse),
         "in_source": np.concatenate(in_source),
-        "heard": no_spikes(arrays, learning, table, int(targets.sum())),
+        "heard": initial_post_traces(arrays, learning, table, int(targets.sum())),
         "past": aligned_table(max(1, n_history), _history_width(arrays, t_ref_of)),
         "kinds": kinds,
         "columns": _columns(arrays, learning, table),
@@ -133,11 +133,11 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
         "drawn_as": np.concatenate([np.zeros(0, dtype=np.int64), *numbers]),
     }
     arrays.plastic["others"] = np.zeros(_others_shape(arrays))
-    add_notes(arrays, learning)
-    lay_constants(arrays, {q: program.projections[q].synapse.vector() for q in learning})
+    mark_recorded_synapses(arrays, learning)
+    write_constants(arrays, {q: program.projections[q].synapse.vector() for q in learning})
 
 
-def start_anew(arrays: EventArrays, step: int) -> None:
+def reset_states(arrays: EventArrays, step: int) -> None:
     """Reset all neurons, traces, eligibilities and dopamine to step 0. Weights, updated to `step` before, stay."""
     net, plastic = arrays.net, arrays.plastic
     net["state"][:] = net["initial"]
@@ -154,7 +154,7 @@ def start_anew(arrays: EventArrays, step: int) -> None:
     plastic["sent"][:] = plastic["y"][0]
 
 
-def of_sources(arrays: EventArrays, row: Ints, traces: Floats) -> list[Floats]:
+def source_traces(arrays: EventArrays, row: Ints, traces: Floats) -> list[Floats]:
     """Return each pre trace of a plastic projection as a view of shape (threads, sources)."""
     first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
     end = first + arrays.program.populations[arrays.program.projections[row[t.PROJECTION]].source].size * stride
@@ -222,14 +222,14 @@ def _history_width(arrays: EventArrays, t_ref_of: Mapping[int, float]) -> int:
     entries, trials = [7], arrays.program.trials
     for q, t_ref in t_ref_of.items():
         p = arrays.program.projections[q]
-        if p.delay.size and not acts_at_once(arrays, p):
+        if p.delay.size and not learns_eagerly(arrays, p):
             released = trials is not None and p.target == trials.output and "V_m" in trials.reset
             entries.append(int(2 * p.delay.max() / (1 if released else int(t_ref / arrays.program.resolution) + 1)) + 4)
     lines = -(-(NEWEST + ENTRY * max(entries)) // 8)
     return 8 * (lines + 1 - lines % 2)
 
 
-def lay_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
+def write_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
     """Lay out the constants of all rules: one row per projection, then rows of synapses with their own numbers.
 
     Args:
@@ -242,7 +242,7 @@ def lay_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
         row = arrays.plastic["table"][k]
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = k, 0
         set_constants(arrays, q, rules[q])
-        row[t.EPOCH] = length(arrays.plastic["decay"][k, OWN:])
+        row[t.EPOCH] = epoch_length(arrays.plastic["decay"][k, OWN:])
 
 
 def set_constants(arrays: EventArrays, projection: int, vector: Floats) -> bool:
@@ -280,7 +280,7 @@ def set_numbers(arrays: EventArrays, projection: int, vector: Floats, step: int)
     replaced = set_constants(arrays, projection, vector)
     set_traces(tau, table, decay, kinds, common(vector), p.synapse, arrays.program)
     if table[t.EAGER]:
-        pack(arrays, k, step)
+        to_stored(arrays, k, step)
     return replaced
 
 
@@ -307,11 +307,11 @@ def _decay(tau: float, h: float) -> Floats:
     return decays
 
 
-ROOM = 1 << 14
+FIRST_RECORDS = 1 << 14
 """Initial size of the buffers for records of pre spikes."""
 
 
-def add_notes(arrays: EventArrays, learning: list[int]) -> None:
+def mark_recorded_synapses(arrays: EventArrays, learning: list[int]) -> None:
     """Mark the plastic projections and synapses that probes record at pre spikes."""
     probes = probes_of(arrays.program)
     marked = {probe.projection for _, probe in probes}
@@ -323,7 +323,7 @@ def add_notes(arrays: EventArrays, learning: list[int]) -> None:
         order = arrays.synapses[probe.projection].order
         inside = np.arange(marks.size) if order is None else np.argsort(order)
         marks[inside if probe.synapses is None else inside[probe.synapses]] = 1
-    make_room(arrays, ROOM if marked else 0)
+    make_record_buffers(arrays, FIRST_RECORDS if marked else 0)
 
 
 def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
@@ -335,7 +335,7 @@ def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
     ]
 
 
-def make_room(arrays: EventArrays, room: int) -> None:
+def make_record_buffers(arrays: EventArrays, room: int) -> None:
     """Allocate buffers for `room` records of pre spikes for each thread."""
     buffers = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("note_") and each.shape[0] == "threads"]
     sizes = {"threads": arrays.net["edges"].shape[1] - 1, "room": room, "states": len(arrays.plastic["y"])}
@@ -349,53 +349,53 @@ LEAST = math.exp(-64.0)
 """Least decay of a trace over an epoch. With a smaller one, stored traces would lose digits."""
 
 
-def acts_at_once(arrays: EventArrays, p: Projection) -> bool:
+def learns_eagerly(arrays: EventArrays, p: Projection) -> bool:
     """Return whether a plastic projection learns eagerly: no modulator, and one delay and one tau_minus for all."""
     tau_minus = np.ravel(arrays.program.populations[p.target].parameters["tau_minus"])
     same_tau = bool(np.all(tau_minus == tau_minus[0])) or all(trace.tau != "tau_minus" for trace in p.synapse.post)
-    return arrays.eager and same_tau and not p.synapse.modulated and not layout.own_delays(p)
+    return arrays.eager and same_tau and not p.synapse.modulated and not layout.has_own_delays(p)
 
 
-def first_kept(trace: Trace, value: float) -> float:
+def first_stored(trace: Trace, value: float) -> float:
     """Return what is stored of a trace at step 0: its value, or for the time since a spike the step of that spike."""
     return value if trace.tau else -math.inf
 
 
-def length(decays: Floats) -> int:
+def epoch_length(decays: Floats) -> int:
     """Return the number of steps of an epoch, from the decay of each trace after 0, 1, ... steps."""
     used = decays[decays[:, 0] == 1.0, : LONGEST + 1]
     return max(1, int(np.min((used > LEAST).sum(axis=1), initial=LONGEST + 1)) - 1)
 
 
-def no_spikes(arrays: EventArrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
+def initial_post_traces(arrays: EventArrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
     """Return the stored post traces of eager projections at step 0, (targets, traces)."""
     eager = [(row, arrays.program.projections[q]) for row, q in zip(table, learning, strict=True) if row[t.EAGER]]
     traces = np.zeros((n_targets if eager else 0, max((len(p.synapse.post) for _, p in eager), default=0)))
     for row, p in eager:
         first, size = row[t.FIRST_TARGET], arrays.program.populations[p.target].size
         for j, trace in enumerate(p.synapse.post):
-            traces[first : first + size, j] = first_kept(trace, 0.0)
+            traces[first : first + size, j] = first_stored(trace, 0.0)
     return traces
 
 
 def first_trace(arrays: EventArrays, k: int, step: int) -> Floats:
     """Return the values of the first pre trace of plastic projection k at a step."""
     row = arrays.plastic["table"][k]
-    stored = of_sources(arrays, row, arrays.plastic["k_plus"])[0][0]
+    stored = source_traces(arrays, row, arrays.plastic["k_plus"])[0][0]
     values: Floats = stored * arrays.plastic["decay"][k, OWN, step % row[t.EPOCH]]
     decays = arrays.program.projections[row[t.PROJECTION]].synapse.pre[0].tau
     return values if decays else (step - stored) * arrays.program.resolution
 
 
-def unpack(arrays: EventArrays, k: int, step: int) -> None:
+def to_values(arrays: EventArrays, k: int, step: int) -> None:
     """Replace the stored traces of plastic projection k by their values at a step."""
     for stored, decay in _traces(arrays, k, step):
         stored *= decay
 
 
-def pack(arrays: EventArrays, k: int, step: int) -> None:
+def to_stored(arrays: EventArrays, k: int, step: int) -> None:
     """Replace the values at a step by stored traces, with the present time constants."""
-    arrays.plastic["table"][k, t.EPOCH] = length(arrays.plastic["decay"][k, OWN:])
+    arrays.plastic["table"][k, t.EPOCH] = epoch_length(arrays.plastic["decay"][k, OWN:])
     for stored, decay in _traces(arrays, k, step):
         stored *= 1.0 / decay if decay > 0.0 else 0.0
 
@@ -409,7 +409,7 @@ def _traces(arrays: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, fl
     row, half = arrays.plastic["table"][k], arrays.plastic["kinds"].shape[1] // 2
     p = arrays.program.projections[row[t.PROJECTION]]
     decays = arrays.plastic["decay"][k, OWN:, step % row[t.EPOCH]]
-    for j, each in enumerate(of_sources(arrays, row, arrays.plastic["k_plus"])[: len(p.synapse.pre)]):
+    for j, each in enumerate(source_traces(arrays, row, arrays.plastic["k_plus"])[: len(p.synapse.pre)]):
         if p.synapse.pre[j].tau:
             yield each, decays[j]
     first, size = row[t.FIRST_TARGET], arrays.program.populations[p.target].size
@@ -418,7 +418,7 @@ def _traces(arrays: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, fl
             yield arrays.plastic["heard"][first : first + size, j], decays[half + j]
 
 
-def own_delays_of(arrays: EventArrays, q: int) -> slice:
+def delay_slice(arrays: EventArrays, q: int) -> slice:
     """Return the range of the synapses of a projection in `delays` and, in ms, in `late`.
 
     Delays that spike pairs change are a row of the synapses' states. Delays that rules for trials change are in `late`,
@@ -436,12 +436,12 @@ def write_delays(arrays: EventArrays, q: int, delays: Floats) -> None:
         first = arrays.plastic["table"][arrays.plastic_of[q], t.FIRST_SYNAPSE]
         arrays.plastic["y"][DELAY, first : first + delays.size] = inner
     else:
-        arrays.net["late"][own_delays_of(arrays, q)] = inner
+        arrays.net["late"][delay_slice(arrays, q)] = inner
         round_delays(arrays, q)
 
 
 def round_delays(arrays: EventArrays, q: int) -> None:
     """Write the delays of a rule for trials into the table of delays in steps."""
-    h, own = arrays.program.resolution, own_delays_of(arrays, q)
+    h, own = arrays.program.resolution, delay_slice(arrays, q)
     fewest, most = arrays.program.projections[q].delay_range(h)
     arrays.net["delays"][own] = [steps_of(delay, h, fewest, most) for delay in arrays.net["late"][own].tolist()]

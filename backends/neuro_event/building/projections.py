@@ -33,11 +33,11 @@ def add_projections(arrays: EventArrays) -> None:
         return ends[name] - values.size
 
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    n_runs, ring = 0, layout.receptors(program) * arrays.net["empty_input"].shape[1]
+    n_runs, ring = 0, layout.input_rows(program) * arrays.net["empty_input"].shape[1]
     at_emission = []
     for q, (part, arranged, row) in enumerate(zip(program.projections, arrays.synapses, table, strict=True)):
         shortest, longest = part.delay_range(h)
-        in_runs, own_delays = layout.in_runs(program, part), layout.own_delays(part)
+        in_runs, own_delays = layout.in_runs(program, part), layout.has_own_delays(part)
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = part.source, part.target, arranged.layout
         row[t.RECEPTOR] = t.NONE if part.receptor is None else part.receptor.index
         row[t.LAG], row[t.WAKE_ALL], row[t.DENSE_COUNTS] = longest, NEVER, 0
@@ -82,19 +82,19 @@ def add_projections(arrays: EventArrays) -> None:
         elif arranged.targets.size:
             row[t.WAKE_ALL] = 1 + 2 * blocks * (arranged.row_ends.size - 1) // arranged.targets.size
         if not in_runs and (q in arrays.plastic_of or learns_shared(part) or own_delays):
-            ring = _give_ring(arrays, row, longest, ring)
+            ring = _place_ring(arrays, row, longest, ring)
             if q not in arrays.plastic_of:
                 at_emission.append(q)
         elif not in_runs:
             row[t.LAG] = int(delay[0]) if delay.size else 1
     kinds = {each.name: each.kind for each in t.NET_ARRAYS}
-    arrays.net |= {name: _joined(values, np.dtype(kinds[name])) for name, values in parts.items()}
+    arrays.net |= {name: _concatenated(values, np.dtype(kinds[name])) for name, values in parts.items()}
     arrays.net |= {"projections": table, "runs": np.zeros(n_runs, dtype=np.uint32)}
     arrays.net["set_out"][:] = t.NONE
     threads = arrays.net["edges"].shape[1] - 1
     list(mapped(partial(_fill_runs, arrays), np.flatnonzero(table[:, t.RUN] >= 0).tolist(), threads))
     if any(part.synapse.learns in ("moves", "trials") or learns_shared(part) for part in program.projections):
-        own_weights(arrays)
+        copy_shared_weights(arrays)
     if any(part.synapse.delays and part.synapse.learns == "trials" for part in program.projections):
         arrays.net["late"] = arrays.net["delays"] * h
     arrays.net["at_emission"] = np.array(at_emission, dtype=np.int64)
@@ -116,7 +116,7 @@ def _fill_runs(arrays: EventArrays, q: int) -> None:
     fill_runs(s.row_ends, s.targets, delay, edges, int(row[t.SHORTEST]), int(row[t.DELAYS]), runs)
 
 
-def own_weights(arrays: EventArrays) -> bool:
+def copy_shared_weights(arrays: EventArrays) -> bool:
     """Copy the weights before they change, if the array is the program's; return whether it was."""
     shared = any(
         np.may_share_memory(arrays.net["weights"], p.weight)
@@ -128,7 +128,7 @@ def own_weights(arrays: EventArrays) -> bool:
     return shared
 
 
-def _give_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
+def _place_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
     """Give a projection a ring at a place of the buffer; return the end of the ring."""
     slots, n = layout.power_of_two(longest + arrays.longest_slice + 1), arrays.program.populations[row[t.TARGET]].size
     row[t.LAG] = 0
@@ -139,15 +139,15 @@ def _give_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
 def give_ring(arrays: EventArrays, q: int) -> None:
     """Give a projection a new ring, into which it delivers at emission from now on."""
     if q in arrays.joined:
-        lay_out(arrays, q)
+        leave_joined_rows(arrays, q)
     row, buf = arrays.net["projections"][q], arrays.net["buf"]
-    end = _give_ring(arrays, row, arrays.program.projections[q].delay_range(arrays.program.resolution)[1], buf.size)
+    end = _place_ring(arrays, row, arrays.program.projections[q].delay_range(arrays.program.resolution)[1], buf.size)
     set_buffer(arrays, np.concatenate([buf, np.full(end - buf.size, -0.0)]))
     arrays.net["at_emission"] = np.append(arrays.net["at_emission"], q)
     list_incoming(arrays)
 
 
-def lay_out(arrays: EventArrays, q: int) -> None:
+def leave_joined_rows(arrays: EventArrays, q: int) -> None:
     """Move a projection out of the joined rows, because a projection with a ring needs rows of its own."""
     row, net = arrays.net["projections"][q], arrays.net
     if row[t.WEIGHT] < 0:
@@ -170,7 +170,7 @@ def set_buffer(arrays: EventArrays, buf: Floats) -> None:
     arrays.net["x"] = arrays.net["buf"][: rows * n].reshape(rows, n)
 
 
-def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
+def _concatenated(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
     """Concatenate arrays without a copy, if they are neighbouring views of one array."""
     non_empty = [p for p in parts if p.size]
     whole = non_empty[0] if len(non_empty) == 1 else (non_empty[0].base if non_empty else None)
@@ -206,4 +206,4 @@ def list_incoming(arrays: EventArrays) -> None:
         if every and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
             pops[k, t.COLLECTS] = [state.name for state in type(model).states].index(model.collects[0])
     arrays.net["incoming"] = np.array(incoming, dtype=np.int64)
-    layout.part_joined_rows(arrays)
+    layout.clear_joined_rows(arrays)

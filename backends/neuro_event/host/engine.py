@@ -40,7 +40,7 @@ class EventEngine(Settable):
             self._synapse_reader.drop()
             for k in self._arrays.plastic_of.values():
                 reading.catch_up_all(self._arrays, self._view, k, start)
-            learning.start_anew(self._arrays, start)
+            learning.reset_states(self._arrays, start)
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = None
         if trial.peaks:  # the largest V_m of each neuron up to the decision, and the tick of this V_m
@@ -99,9 +99,7 @@ class EventEngine(Settable):
         local = neuron if inside is None else int(inside[neuron])
         spikes = self._spikes_that_teach(part.source)
         moment, h = self._trial_start + 1 + tick, self._program.resolution
-        late = (
-            self._arrays.net["late"][learning.own_delays_of(self._arrays, projection)] if part.synapse.delays else None
-        )
+        late = self._arrays.net["late"][learning.delay_slice(self._arrays, projection)] if part.synapse.delays else None
         values, where = self._trial_weights(projection) if late is None else late, (spikes, moment, neuron, local)
         self._trial_updates[projection] += trial_rules.teacher(arithmetic.teach)(
             self._view, projection, values, constants, *where, lesson, h
@@ -266,7 +264,7 @@ class EventEngine(Settable):
                 self._changed_parameters[key] = value.copy()
             elif part in ("rule", "kept"):
                 (self._rules if part == "rule" else self._relay_weights)[int(key)] = value.copy()
-        learning.lay_constants(self._arrays, self._rules)
+        learning.write_constants(self._arrays, self._rules)
         for q in self._arrays.moves_of:
             move_rules.set_move_rule(self._arrays, q, self._rules[q])
         for q in self._arrays.shared_of:

@@ -8,7 +8,7 @@ from neuro.program.backend import Sent
 from neuro.program.program import Floats, Ints, Probe
 from neuro_event.building import layout
 from neuro_event.building.layout import EventArrays
-from neuro_event.building.learning import make_room, probes_of
+from neuro_event.building.learning import make_record_buffers, probes_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.together import notes_to_come, sample
 
@@ -60,7 +60,7 @@ def state_probes(arrays: EventArrays) -> dict[int, StateProbe]:
     for number, probe in enumerate(arrays.program.probes):
         part = arrays.program.populations[probe.population]
         states = [state.name for state in type(part.model).states]
-        if probe.record in states and not probe.mean and layout.computes(part):
+        if probe.record in states and not probe.mean and layout.has_states(part):
             probes[number] = StateProbe(arrays, probe)
     return probes
 
@@ -88,7 +88,7 @@ class PreSpikeRecords:
             return False
         self.drain()
         if needed > room:
-            make_room(self._arrays, 2 * needed)
+            make_record_buffers(self._arrays, 2 * needed)
         return needed > room
 
     def drain(self) -> None:

@@ -77,7 +77,7 @@ class SynapseReader:
         if name == "K_plus":
             return by_id(np.repeat(trace(arrays, k, step), np.diff(arranged.row_ends)), arranged.order)
         if not part.synapse.modulated and name == "weight":
-            return by_id(self._sent(k, own, arranged.targets, arranged.row_ends), arranged.order)
+            return by_id(self._sent_weights(k, own, arranged.targets, arranged.row_ends), arranged.order)
         row = 0 if name == "weight" else 1 + [s.name for s in type(part.synapse).states].index(name)
         if arrays.plastic["table"][k, t.EAGER]:
             return by_id(arrays.plastic["y"][row, own], arranged.order)
@@ -90,7 +90,7 @@ class SynapseReader:
             self._updated = k, step
         return by_id(self._y[row, own], arranged.order)
 
-    def give(self, k: int, step: int) -> None:
+    def keep_read(self, k: int, step: int) -> None:
         """Copy states that a read in this step has updated back to the kernels, before a signal acts.
 
         The signal would have to update them otherwise.
@@ -107,14 +107,14 @@ class SynapseReader:
         """Discard the copy, because a state or a weight was set."""
         self._updated = None
 
-    def _sent(self, k: int, own: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
+    def _sent_weights(self, k: int, own: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
         """Return the weights at the last pre spike: stored ones if a post spike has acted since, else present ones."""
         arrays = self._arrays
         if arrays.plastic["table"][k, t.EAGER]:
             return arrays.plastic["sent"][own]
         p = arrays.program.projections[arrays.plastic["table"][k, t.PROJECTION]]
         first_history = arrays.net["pops"][p.target, t.HISTORY]
-        last = learning.of_sources(arrays, arrays.plastic["table"][k], arrays.plastic["spiked"])[0][0]
+        last = learning.source_traces(arrays, arrays.plastic["table"][k], arrays.plastic["spiked"])[0][0]
         applied = arrays.plastic["past"][first_history + targets, APPLIED]
         changed_since = applied > np.repeat(last, np.diff(row_ends))
         return np.where(changed_since, arrays.plastic["sent"][own], arrays.plastic["y"][0, own])
@@ -133,7 +133,7 @@ def trace(arrays: EventArrays, k: int, step: int) -> Floats:
     row = arrays.plastic["table"][k]
     if row[t.EAGER]:
         return learning.first_trace(arrays, k, step)
-    traces, times = (learning.of_sources(arrays, row, arrays.plastic[name])[0][0] for name in ("k_plus", "k_time"))
+    traces, times = (learning.source_traces(arrays, row, arrays.plastic[name])[0][0] for name in ("k_plus", "k_time"))
     faded: Floats = traces * np.exp(-(step - times) * arrays.program.resolution / arrays.plastic["tau"][k, 0])
     return faded
 
@@ -161,7 +161,7 @@ def weights(arrays: EventArrays, projection: int) -> Floats:
 def catch_up_all(arrays: EventArrays, view: int, k: int, step: int) -> None:
     """Update plastic projection k to the present before a value is set. Traces are then stored as values."""
     if arrays.plastic["table"][k, t.EAGER]:
-        learning.unpack(arrays, k, step)
+        learning.to_values(arrays, k, step)
         return
     p = arrays.program.projections[arrays.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = arrays.program.populations[p.source].size, arrays.program.populations[p.target].size

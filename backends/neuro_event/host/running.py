@@ -135,10 +135,10 @@ class Running:
 
     def join_rows(self) -> None:
         """Lay out the joined rows before a run, if weights were set. Setting many in turn costs one layout only."""
-        if self._arrays.parted:
+        if self._arrays.rows_outdated:
             joined_rows.join(self._arrays)
             self._pack()
-            self._arrays.parted = False  # set last, so that the next run repeats a layout that was interrupted
+            self._arrays.rows_outdated = False  # set last, so that the next run repeats a layout that was interrupted
 
     def _refuse_torn(self) -> None:
         """Raise an error if an interrupt has left threads at different steps."""
@@ -158,7 +158,7 @@ class Running:
         if part.kind == "poisson" and name == "rate":
             mean: Floats = self._arrays.net["mean"][place.begin : place.end]
             return mean / (self._program.resolution * 1e-3)
-        if layout.computes(part):
+        if layout.has_states(part):
             column = build.parameters(self._arrays, population)[:, list(part.parameters).index(name)]
             return np.broadcast_to(place.by_id(column) if column.size > 1 else column, part.size).copy()
         if part.kind == "current" and self._changing is not None:

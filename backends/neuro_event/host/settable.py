@@ -20,7 +20,7 @@ class Settable(Running):
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """Return a state or parameter of all neurons or of some. Sleeping neurons are updated in a copy."""
         p = self._program.populations[population]
-        if layout.computes(p):
+        if layout.has_states(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
                 return self._neuron_reader.state(population, states.index(name), ids, self._step)
@@ -39,7 +39,7 @@ class Settable(Running):
         if part.kind == "poisson":
             build.set_rate(self._arrays, population, values, self._step)
             return
-        if not layout.computes(part):
+        if not layout.has_states(part):
             assert self._changing is not None
             self._changing.currents.set(population, name, values, self._step)
             self._changing.drives.changed()
@@ -86,7 +86,7 @@ class Settable(Running):
             part = self._program.projections[q]
             if part.signal == signal:
                 inner = np.ascontiguousarray(self._arrays.places[part.target].by_place(values), dtype=np.float64)
-                self._synapse_reader.give(k, self._step)
+                self._synapse_reader.keep_read(k, self._step)
                 histories.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
@@ -99,7 +99,7 @@ class Settable(Running):
             return reading.by_id(self._arrays.plastic["move_y"][row, own], self._arrays.synapses[projection].order)
         if name == "delay":
             return reading.by_id(
-                self._arrays.net["late"][learning.own_delays_of(self._arrays, projection)],
+                self._arrays.net["late"][learning.delay_slice(self._arrays, projection)],
                 self._arrays.synapses[projection].order,
             )
         if self._arrays.net["pops"][p.target, t.RELAY] == 1:
@@ -142,13 +142,13 @@ class Settable(Running):
             # From now on the generator lists its spikes instead of keeping counts. The counts under way are delivered
             # first, because they are added with the present weight, which all synapses share.
             for q in [q for q, p in enumerate(self._program.projections) if p.source == part.source]:
-                lag = self._give_ring(q)
+                lag = self._place_ring(q)
                 arrivals.deliver_counts(self._view, q, self._step - lag + 1, self._step)
                 self._arrays.net["projections"][q, t.DENSE_COUNTS] = 0
             self._arrays.net["pops"][part.source, t.COUNTS] = t.NONE
         elif self._step > 0 and not self._learns(projection):
             # Spikes under way are delivered into a ring, with the present weights.
-            last, lag = self._step - (not self._program.sends_at_once(part)), self._give_ring(projection)
+            last, lag = self._step - (not self._program.sends_at_once(part)), self._place_ring(projection)
             arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
             self._arrays.net["set_out"][projection] = last
         self._write_weights(projection, weights, chosen)
@@ -160,7 +160,7 @@ class Settable(Running):
             for numbers in (self._arrays.plastic_of, self._arrays.moves_of, self._arrays.shared_of)
         )
 
-    def _give_ring(self, projection: int) -> int:
+    def _place_ring(self, projection: int) -> int:
         """Move a projection to a ring; return the number of last steps whose spikes the ring lacks."""
         lag = int(self._arrays.net["projections"][projection, t.LAG])
         if lag == 0:
@@ -194,7 +194,7 @@ class Settable(Running):
         if projection in self._arrays.moves_of:
             self._arrays.plastic["move_y"][self._move_states(projection, "weight")] = inner
         inner = part.arriving(inner)
-        if projections.own_weights(self._arrays):
+        if projections.copy_shared_weights(self._arrays):
             self._pack()
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
         if first < 0 or (inner.size > 1 and stride == 0 and part.size > 1):
@@ -205,6 +205,6 @@ class Settable(Running):
             self._arrays.net["weights"][first : first + (part.size if stride else 1)] = inner
         if not self._learns(projection):
             row[t.SIGN] = layout.sign(inner)
-        if projection in self._arrays.joined and row[t.LAG] > 0 and not self._arrays.parted:
-            layout.part_joined_rows(self._arrays)
+        if projection in self._arrays.joined and row[t.LAG] > 0 and not self._arrays.rows_outdated:
+            layout.clear_joined_rows(self._arrays)
             self._pack()
