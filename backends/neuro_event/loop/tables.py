@@ -35,32 +35,32 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 
 # populations
 (
-    KIND,
-    BEGIN,
+    KIND,  # index in KINDS
+    BEGIN,  # first neuron among all
     END,
-    FIRST_BLOCK,
-    LAST_BLOCK,
-    CONSTANT,
-    CONSTANT_STRIDE,
-    RECEPTORS,
-    RELAY,
-    LINEAR,
-    RECORD,
-    GROUP,
-    HISTORY,
-    ARRIVALS,
+    FIRST_BLOCK,  # first block among all
+    LAST_BLOCK,  # end of the blocks
+    CONSTANT,  # first row of `constants`
+    CONSTANT_STRIDE,  # 1: one row per neuron; 0: one row for all
+    RECEPTORS,  # number of receptors
+    RELAY,  # 1: repeats arriving spikes, without states
+    LINEAR,  # 1: the model can make many steps at once
+    RECORD,  # 1: spikes are recorded
+    GROUP,  # number of the group, or NONE
+    HISTORY,  # row of the first neuron in `past`, or NONE
+    ARRIVALS,  # entries of `incoming` that are delivered on arrival
     ARRIVALS_END,
-    RINGS,
+    RINGS,  # entries of `incoming` with a ring
     RINGS_END,
-    COUNTS,
-    COUNTS_STEPS,
-    TABLE,
-    START,
+    COUNTS,  # place in `counts` of a generator that keeps counts, or NONE
+    COUNTS_STEPS,  # steps of the ring of counts, a power of two
+    TABLE,  # row of `cumulative`, or NONE if rates differ
+    START,  # a generator emits in the steps START < step <= STOP
     STOP,
-    NUMBER,
-    ENTRY,
-    CARRIED,
-    COLLECTS,
+    NUMBER,  # index of the population
+    ENTRY,  # address of the model's operations
+    CARRIED,  # 1: a projection carries a current to the population
+    COLLECTS,  # state to which `step_collecting` adds the input, or NONE
     GATHERS,  # 1: synapses onto the population learn by moves
     JOINED,  # first entry of `incoming` in joined rows
     JOINED_END,
@@ -70,23 +70,23 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 
 # projections
 (
-    SOURCE,
-    TARGET,
-    LAYOUT,
-    LAG,
-    RING,
-    RING_MASK,
-    RING_SIZE,
-    ROW,
-    SYNAPSE,
-    WEIGHT,
-    WEIGHT_STRIDE,
-    DELAY,
-    DELAY_STRIDE,
-    SIGN,
-    WAKE_ALL,
-    DENSE_COUNTS,
-    CHANNEL_HEIGHT,
+    SOURCE,  # source population
+    TARGET,  # target population
+    LAYOUT,  # ONE_TO_ONE, DENSE, CSR or GRID
+    LAG,  # steps after which the log is read; 0: the projection has a ring
+    RING,  # place of the ring in `buf`
+    RING_MASK,  # slots of the ring - 1
+    RING_SIZE,  # targets of a slot
+    ROW,  # place in `rows`
+    SYNAPSE,  # place in `targets`
+    WEIGHT,  # place in `weights`
+    WEIGHT_STRIDE,  # 1: one weight per synapse; 0: one for all
+    DELAY,  # place in `delays`
+    DELAY_STRIDE,  # 1: one delay per synapse; 0: one for all
+    SIGN,  # POSITIVE, NEGATIVE or MIXED weights
+    WAKE_ALL,  # spikes of a step from which on all blocks are marked
+    DENSE_COUNTS,  # 1: the source keeps counts
+    CHANNEL_HEIGHT,  # this and the next columns: a grid, see `deliver.grid_add`
     CHANNEL_WIDTH,
     MAPS,
     ROWS,
@@ -97,70 +97,70 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     TOP,
     LEFT,
     DEPTH,
-    REACH,
-    CHANNELS_INSIDE,
-    RECEPTOR,
-    RUN,
-    SHORTEST,
-    DELAYS,
+    REACH,  # maps that a channel reaches
+    CHANNELS_INSIDE,  # channels of a source with the channels innermost, else 0
+    RECEPTOR,  # named receptor, or NONE
+    RUN,  # place in `runs`, or NONE
+    SHORTEST,  # shortest delay of the runs
+    DELAYS,  # number of delays of the runs
     SINGLE,  # 1: the weights of a joined row have 32 bits
     PROJECTION_COLUMNS,
 ) = range(35)
 
 # plastic projections
 (
-    PROJECTION,
-    RULE,
-    MODULATED,
-    FIRST_SYNAPSE,
-    FIRST_SOURCE,
-    FIRST_TARGET,
-    INCOMING,
-    DOPAMINE,
-    DOPAMINE_ONE_TO_ONE,
-    DOPAMINE_DELAY,
-    GRID_STEPS,
-    LONGEST,
-    RULE_NUMBER,
-    RULE_ENTRY,
-    SOURCE_STRIDE,
-    COLUMN,
-    FEWEST,
-    MOST,
-    NOTED,
-    CONSTANTS,
-    CONSTANTS_STRIDE,
-    EAGER,
-    EPOCH,
+    PROJECTION,  # index of the projection
+    RULE,  # index in `operations.RULES`, or NONE
+    MODULATED,  # 0: a rule of RULES with dopamine; else NONE
+    FIRST_SYNAPSE,  # place in `y`
+    FIRST_SOURCE,  # place in `k_plus`
+    FIRST_TARGET,  # place in `n`
+    INCOMING,  # place in `incoming`
+    DOPAMINE,  # dopamine population, or NONE
+    DOPAMINE_ONE_TO_ONE,  # 1: each dopamine neuron has one target
+    DOPAMINE_DELAY,  # steps
+    GRID_STEPS,  # interval of the integration of dopamine, steps
+    LONGEST,  # longest delay, steps
+    RULE_NUMBER,  # row of this table
+    RULE_ENTRY,  # address of the rule's operations
+    SOURCE_STRIDE,  # pre traces per source
+    COLUMN,  # first column of the rule in `others`
+    FEWEST,  # shortest possible delay, steps
+    MOST,  # longest possible delay, steps
+    NOTED,  # 1: probes record at pre spikes
+    CONSTANTS,  # row of `rule` for synapse 0
+    CONSTANTS_STRIDE,  # 1: one row per synapse; 0: one for all
+    EAGER,  # 1: learns eagerly
+    EPOCH,  # steps of an epoch, see `eager_rules`
     PLASTIC_COLUMNS,
 ) = range(24)
 
 # projections that learn by moves
 (
-    MOVE_PROJECTION,
-    MOVE_SYNAPSE,
-    MOVE_SOURCE,
-    MOVE_TARGET,
-    MOVE_SEEN,
-    MOVE_ENTRY,
+    MOVE_PROJECTION,  # index of the projection
+    MOVE_SYNAPSE,  # place in `move_y`
+    MOVE_SOURCE,  # place in `move_x` and in the lists
+    MOVE_TARGET,  # place in `move_gate` and other arrays of targets
+    MOVE_SEEN,  # state of the target that the rule reads, or NONE
+    MOVE_ENTRY,  # address of the rule's operations
     MOVE_COLUMNS,
 ) = range(7)
 
 # shared kernels that learn
 (
-    SHARED_PROJECTION,
-    SHARED_NUMBER,
-    SHARED_RULE,
-    SHARED_MEAN,
-    SHARED_SOURCE,
-    SHARED_TARGET,
-    SHARED_ENTRY,
-    SHARED_POSITION,
-    SHARED_PAIR,
-    SHARED_PLACE,
-    SHARED_DOPAMINE,
-    SHARED_ONE_TO_ONE,
-    SHARED_LATER,
+    SHARED_PROJECTION,  # index of the projection
+    SHARED_NUMBER,  # row of this table
+    SHARED_RULE,  # STDP or STDP_DOPA of `shared_kernels`
+    SHARED_MEAN,  # 1: the mean over the places that changed; 0: the sum
+    SHARED_SOURCE,  # place in `shared_k_plus`
+    SHARED_TARGET,  # place in `shared_k_minus` and other arrays of targets
+    SHARED_ENTRY,  # place in `shared_change`
+    SHARED_POSITION,  # place in `shared_live`
+    SHARED_PAIR,  # place in `shared_c`
+    SHARED_PLACE,  # place in `shared_last`
+    SHARED_DOPAMINE,  # dopamine population, or NONE
+    SHARED_ONE_TO_ONE,  # 1: each dopamine neuron has one target
+    SHARED_LATER,  # delay of dopamine, steps
     SHARED_COLUMNS,
 ) = range(14)
 
@@ -169,18 +169,18 @@ MOVE_TRACES = 4
 
 # lines of currents that change at every step
 (
-    DRIVEN,
-    CHARGED,
-    BEGINS,
-    HOW,
-    FIRST_VALUE,
-    VALUES,
-    COLUMN_AT,
-    LATE,
-    LINE_WEIGHT,
-    LINE_STRIDE,
-    LINE_ENDS,
-    SHARE,
+    DRIVEN,  # target population
+    CHARGED,  # state to which a receptor's current is added, or NONE
+    BEGINS,  # 1: first line into its population, so the current starts at 0
+    HOW,  # TO_ALL, TO_EACH or AS_LISTED
+    FIRST_VALUE,  # place in `emitted`
+    VALUES,  # columns of a row of `emitted`
+    COLUMN_AT,  # first column, unless listed
+    LATE,  # delay in steps, unless listed
+    LINE_WEIGHT,  # place in `line_weights`
+    LINE_STRIDE,  # 1: one weight per synapse; 0: one for all
+    LINE_ENDS,  # place in `line_ends`, if listed
+    SHARE,  # place in `shares`
     LINE_COLUMNS,
 ) = range(13)
 
@@ -189,14 +189,21 @@ TO_ALL, TO_EACH, AS_LISTED = range(3)
 
 # columns of `clock`, for each thread
 DONE, DONE_DOPAMINE, HORIZON, OVERRUN, UNCOUNTED = range(5)
+"""The columns hold:
 
-# groups
+- DONE, DONE_DOPAMINE: last step whose spikes have acted at emission, and whose post and dopamine spikes have acted.
+- HORIZON: step up to which spikes under way were dropped.
+- OVERRUN, UNCOUNTED: 1 + population of which a history or a spike count overflowed, else 0.
+"""
+
+# columns of `groups`, after the population: 1 if the first winner decides, 1 in a trial, the winner and its step, the
+# number of rivals of which one fires, and their distance in places
 FIRST_TO_FIRE, IN_TRIAL, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(1, 8)
 
-# groups with several winners; RADIUS is NONE for other groups
+# columns of `local`, for groups with several winners; RADIUS is NONE for other groups
 RADIUS, PER_MAP, LOCAL_MAPS, LOCAL_ROWS, LOCAL_COLUMNS, NEXT_MAP, NEXT_PLACE, LOCAL_ENTRIES = range(8)
 
-# columns of `standing`
+# columns of `standing`: neurons that may still win, and wins of the trial
 OPEN, WINS = range(2)
 
 # bits of `muted`: the neuron is left out of a trial, blocked by a winner, or has won
