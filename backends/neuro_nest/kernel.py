@@ -97,7 +97,7 @@ def mark_as_ours(nest: Any) -> None:
 
 
 def set_nodes(nest: Any, nodes: Any, words: list[dict[str, Any]]) -> None:
-    """Set parameters of nodes: one dictionary for all, or one for each.
+    """Set parameters of nodes: a dictionary for all, or a dictionary per node.
 
     `nodes.set` calls the same function, but first asks for the location of each node, which takes twenty times as long.
     """
@@ -191,7 +191,7 @@ def check_mpi(with_mpi: bool) -> None:
 
 
 def end_all(message: str) -> NoReturn:
-    """End all processes with one message. If one process ended alone, the other processes would wait for it for ever.
+    """End all processes with one message. If a process ended alone, the other processes would wait for ever.
 
     If all fail in the same way, the first prints the message, and the other processes give it time to do so.
     """

@@ -148,7 +148,8 @@ class NestNetwork:
                 self.nest.Simulate(self.clock.ms(to - self.step))
         except ModelError as error:
             self._failed = True
-            # The message names a model. Report its populations with states beyond NEST's bounds, else all of them.
+            # The message names a model. Report the model's populations with states beyond NEST's bounds, else all its
+            # populations.
             text = error.message.rstrip(".")
             cells = [c for c in self.cells if text.endswith(f" {NODES[c.part.model.name]}")]
             beyond = [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())]
@@ -186,7 +187,7 @@ class NestNetwork:
     def words(self, synapses: NestProjection) -> dict[str, Any]:
         """Return the numbers of a synapse model by NEST's names, and the initial states of the synapses.
 
-        Each entry has one value for all synapses, or one per synapse.
+        Each entry has a value for all synapses, or a value per synapse.
         """
         not_passed = {"deliver_interval", "c_min", *OF_TARGET, *FIXED_TRUE}
         rules = self.rules[synapses.index]
@@ -368,7 +369,7 @@ SYNAPSES_AT_ONCE = 1 << 20
 
 
 class NestRecord:
-    """The spikes of one population by stretch, and its counts.
+    """The spikes of a population by stretch, and spike counts.
 
     Args:
         size: number of neurons.

@@ -1,4 +1,4 @@
-"""One projection as connections of NEST, or as a rule by which NEST draws connections.
+"""A projection as connections of NEST, or as a rule by which NEST draws connections.
 
 NEST identifies connections by their two nodes and a label. So the synapses between the same two neurons are in
 different layers, and each layer of a projection has its own label. NEST lists connections in its own order.
@@ -109,7 +109,7 @@ class NestProjection:
         cut = self.part.share.number > 1
         source, target, slot = program.own_synapses(index)
         self.delay = np.broadcast_to(self.part.delay, len(source))
-        # If the program has all synapses, this process only has those onto its own neurons.
+        # If the program has all synapses, this process only has the synapses onto its own neurons.
         self._own: Ints | None = None
         if program.share.number > 1 and not cut:
             begin, end = program.share.of(self.n_target)
@@ -198,7 +198,7 @@ class NestProjection:
         return self.index * DEEPEST + layer
 
     def each(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the value of every synapse of this process, from one for all or one for each weight of the program."""
+        """Return the value of every synapse of this process, from a value for all or for each weight of the program."""
         if len(values) == 1:
             return np.broadcast_to(values, (len(self.source), *values.shape[1:]))
         return values[self.slot]

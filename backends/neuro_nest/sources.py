@@ -24,7 +24,7 @@ NONE: Ints = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InjectedTrain:
-    """Spikes sorted by step, then neuron. A multiplicity above 1 is several spikes of one neuron in one step."""
+    """Spikes sorted by step, then neuron. A multiplicity above 1 is several spikes of a neuron in the same step."""
 
     steps: Ints
     ids: Ints
@@ -135,7 +135,7 @@ def is_noise(part: Population) -> bool:
 
 
 def nodes_of(program: Program, population: int) -> int:
-    """Return the number of nodes of a population: one per neuron, or for individual noise one per connection."""
+    """Return the number of nodes of a population: one per neuron, but for individual noise a node per connection."""
     part = program.populations[population]
     if not (is_noise(part) and generator_of(part).individual):
         return part.size

@@ -2,8 +2,8 @@
 
 Pair learning is eager here: every synapse processes every event. A spike of the target reaches a synapse after the
 delay of the synapse, or at once if the delay learns. So each synapse has its own K-, the trace of the post spikes that
-have reached it, see `Traces`. A kernel of a grid learns from all its places together, see `SharedLearning`. By moves,
-eligibility is gathered step by step, and a signal applies it to the weights.
+have reached this synapse, see `Traces`. A kernel of a grid learns from all its places together, see `SharedLearning`.
+By moves, eligibility is gathered step by step, and a signal applies it to the weights.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""All populations and projections of a program, and one step of them."""
+"""All populations and projections of a program, which advance step by step."""
 
 from __future__ import annotations
 
@@ -254,7 +254,7 @@ def rivals(shape: tuple[int, ...], axis: int) -> Ints:
 
 
 class SpikeRecord:
-    """Recorded spikes of one population, in the order of steps, and its counts.
+    """Recorded spikes of a population, in the order of steps, and spike counts.
 
     Args:
         size: number of neurons.

@@ -13,7 +13,7 @@ from neuro.program.program import Floats, Ints, Population, drawn_for
 
 
 class ReferencePopulation:
-    """States and parameters of a population, and one step of it.
+    """States and parameters of a population, which advance step by step.
 
     Args:
         part: the population.

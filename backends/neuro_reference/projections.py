@@ -1,4 +1,4 @@
-"""The synapses of one projection and the spikes under way along them."""
+"""The synapses of a projection, and the spikes under way."""
 
 from __future__ import annotations
 
@@ -76,11 +76,11 @@ class ReferenceProjection:
         return slice(int(self.row_ends[source]), int(self.row_ends[source + 1]))
 
     def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool) -> None:
-        """Send a spike of one source, emitted in `step`, with the given weights of its synapses."""
+        """Send a spike of a source, emitted in `step`, with given weights of the source's synapses."""
         row = self.row(source)
         at, to = (step + self.delay[row]) % self.slots, self.target[row]
         amount = np.full(len(to), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity
-        # The receptor is the named one, else one of two by the sign of the weight.
+        # The receptor is the named receptor, or else follows from the sign of the weight.
         if self.part.receptor is not None:
             receptors = np.full(len(amount), self.part.receptor.index)
         else:

@@ -211,7 +211,7 @@ def rebuild_constants(arrays: EventArrays, changed: Mapping[int, Floats]) -> Non
 
 
 def parameters(arrays: EventArrays, k: int) -> Floats:
-    """Return the present parameters of a population: one row, or one row per neuron in internal order."""
+    """Return the present parameters of a population: a single row, or a row per neuron in internal order."""
     first, stride = arrays.net["pops"][k, [t.CONSTANT, t.CONSTANT_STRIDE]].tolist()
     n = arrays.program.populations[k].size if stride else 1
     rows: Floats = arrays.net["parameters"][first : first + n, : len(arrays.program.populations[k].parameters)]
@@ -375,7 +375,8 @@ def settle(arrays: EventArrays) -> None:
 def _keeps_counts(arrays: EventArrays, k: int) -> bool:
     """Return whether a generator keeps counts instead of a list of spikes.
 
-    The generator must have only static one-to-one projections with one weight each, and more than 0.05 spikes a step.
+    The generator must have only static one-to-one projections, each with a single weight, and more than 0.05 spikes a
+    step.
     """
     outgoing = [q for q, p in enumerate(arrays.program.projections) if p.source == k]
     is_dopamine = any(p.dopamine == k for p in arrays.program.projections)
@@ -395,7 +396,7 @@ def _keeps_counts(arrays: EventArrays, k: int) -> bool:
 
 
 def set_rate(arrays: EventArrays, k: int, rate: Floats, step: int) -> None:
-    """Set the rate of a poisson_generator in Hz, one value or one per neuron, after a step."""
+    """Set the rate of a poisson_generator in Hz, for all neurons or for each, after a step."""
     place, row = arrays.places[k], arrays.net["pops"][k]
     net, own = arrays.net, slice(place.begin, place.end)
     mean, nothing = net["mean"][own], net["nothing"][own]

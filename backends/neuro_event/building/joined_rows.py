@@ -219,7 +219,7 @@ def _threads(arrays: EventArrays) -> int:
 def _first_place(arrays: EventArrays, q: int) -> int:
     """Return the place in the input of the first target of a projection.
 
-    If negative weights go to a second receptor, its places follow those of the first.
+    Places of a second receptor, for negative weights, follow the places of the first receptor.
     """
     receptor = max(int(arrays.net["projections"][q, t.RECEPTOR]), 0)
     return arrays.places[arrays.program.projections[q].target].begin + receptor * int(arrays.net["x"].shape[1])
@@ -232,7 +232,7 @@ def _row_runs(arrays: EventArrays, columns: Ints) -> NDArray[np.uint32]:
 
 
 def _lay_runs(arrays: EventArrays, columns: Ints, row: Row) -> int:
-    """Compute the ends of the runs of a joined row; return its number of entries (synapses and steps between them)."""
+    """Compute the ends of the runs of a joined row; return the number of entries, with steps without a synapse."""
     runs = _row_runs(arrays, columns)
     # The first place of each thread among the targets of the row.
     bases = np.full(_threads(arrays), np.iinfo(np.int64).max)

@@ -90,7 +90,7 @@ def constants_width(program: Program) -> int:
 
 
 def parameter_rows(population: Population, place: PopulationPlace) -> Floats:
-    """Return the parameters of a population: one row, or one row per neuron if they differ."""
+    """Return the parameters of a population: a single row, or a row per neuron if parameters differ."""
     columns = [np.atleast_1d(values) for values in population.parameters.values()]
     n = max(c.size for c in columns)
     return np.stack([np.broadcast_to(place.by_place(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(
@@ -326,7 +326,7 @@ def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any
 
 
 def clear_joined_rows(arrays: EventArrays) -> None:
-    """Remove the joined rows. The next run must lay them out again before its first step."""
+    """Remove the joined rows. The next run lays out new ones before the first step."""
     arrays.rows_outdated = bool(arrays.joined)
     pops = arrays.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]

@@ -230,7 +230,7 @@ def _history_width(arrays: EventArrays, t_ref_of: Mapping[int, float]) -> int:
 
 
 def write_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
-    """Lay out the constants of all rules: one row per projection, then rows of synapses with their own numbers.
+    """Lay out the constants of all rules: a row per projection, then a row per synapse with individual numbers.
 
     Args:
         arrays: all arrays.
@@ -350,7 +350,7 @@ LEAST = math.exp(-64.0)
 
 
 def learns_eagerly(arrays: EventArrays, p: Projection) -> bool:
-    """Return whether a plastic projection learns eagerly: no modulator, and one delay and one tau_minus for all."""
+    """Return whether a plastic projection learns eagerly: no modulator, equal delays, equal tau_minus."""
     tau_minus = np.ravel(arrays.program.populations[p.target].parameters["tau_minus"])
     same_tau = bool(np.all(tau_minus == tau_minus[0])) or all(trace.tau != "tau_minus" for trace in p.synapse.post)
     return arrays.eager and same_tau and not p.synapse.modulated and not layout.has_own_delays(p)

@@ -171,7 +171,7 @@ def set_buffer(arrays: EventArrays, buf: Floats) -> None:
 
 
 def _concatenated(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
-    """Concatenate arrays without a copy, if they are neighbouring views of one array."""
+    """Concatenate arrays, without a copy if all are neighbouring views of the same array."""
     non_empty = [p for p in parts if p.size]
     whole = non_empty[0] if len(non_empty) == 1 else (non_empty[0].base if non_empty else None)
     if whole is not None and whole.dtype == dtype and whole.size == sum(p.size for p in non_empty):
@@ -183,7 +183,7 @@ def _concatenated(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
 
 
 def list_incoming(arrays: EventArrays) -> None:
-    """List the projections into each population: those read from the spike log on arrival, then those with a ring.
+    """List the projections into each population: first those read from the spike log on arrival, then with a ring.
 
     Currents are not listed.
     """

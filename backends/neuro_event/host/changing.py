@@ -106,7 +106,7 @@ class VaryingCurrents:
         self._arrays.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
     def _connect(self, row: Ints, line: CurrentLine, column: Ints, add: Callable[[str, NDArray[Any]], int]) -> None:
-        """Enter the synapses of a line: one column for all neurons, one for each neuron, or a list.
+        """Enter the synapses of a line: a single column for all neurons, a column per neuron, or a list.
 
         A list has delays and weights by target. Example: if column 0 goes to all neurons with delay 3, `HOW` is
         `TO_ALL`, `COLUMN_AT` is 0, `LATE` is 3, and `line_ends` has no entries.
@@ -137,7 +137,7 @@ class VaryingCurrents:
     def _fill(self, step: int) -> None:
         """Compute the emitted values up to the end of the stretch.
 
-        Values emitted up to one delay before the next step are included, because they have not arrived yet.
+        Values that were emitted before, but have not arrived yet, are included.
         """
         first = step - self._currents.longest + 1
         steps = np.arange(first, first + self._steps + self._currents.longest)

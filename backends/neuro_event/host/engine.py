@@ -68,7 +68,7 @@ class EventEngine(Settable):
     def _run_trial(self, spec: Trials, peaks: tuple[Floats, Ints] | None) -> int:
         """Run a trial that has begun up to its end or decision; return its number of ticks.
 
-        If peaks are recorded, steps run one by one until the decision.
+        To record peaks, each step until the decision is a separate run.
         """
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups, closed = self._arrays.net["groups"], self._arrays.net["closed"]

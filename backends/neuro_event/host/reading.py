@@ -108,7 +108,7 @@ class SynapseReader:
         self._updated = None
 
     def _sent_weights(self, k: int, own: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
-        """Return the weights at the last pre spike: stored ones if a post spike has acted since, else present ones."""
+        """Return the weights at the last pre spike: stored ones if a post spike has acted since, else the present."""
         arrays = self._arrays
         if arrays.plastic["table"][k, t.EAGER]:
             return arrays.plastic["sent"][own]

@@ -171,7 +171,7 @@ class Running:
         first, stop = self._step + 1, self._stop
         while first <= end:
             last = end
-            if self._pre_spike_records:  # steps run one by one, because each needs buffers for its records
+            if self._pre_spike_records:  # each step is a separate run, with buffers for the records of that step
                 if self._pre_spike_records.make_room(self._view, first - 1):
                     self._pack()
                 last = first

@@ -135,7 +135,7 @@ class Threads:
         return int(self._progress[0, 0])
 
     def _work(self, thread: int, view: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> None:
-        """Run the part of one thread, which sleeps if it has to wait for long."""
+        """Run the part of a thread. A thread that waits for long sleeps."""
         while not steps.share(view, self._progress, thread, last, longest, reach, h):
             time.sleep(REST)
             if thread == 0:  # handlers of signals have run during the sleep

@@ -1,4 +1,4 @@
-"""Several engines of one network, which are advanced, read and set with one call of a kernel each."""
+"""Several engines of the same network, which are advanced, read and set together by a call of a kernel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from neuro_event.loop import tables as t, together
 
 
 class EventEngines:
-    """Engines of one network that differ in their seeds; see `neuro.program.together.Engines`.
+    """Engines of the same network with different seeds; see `neuro.program.together.Engines`.
 
     Cases that the kernels do not support run engine by engine: several threads, currents that change, and probes that
     are read during the run.

@@ -1,17 +1,17 @@
 """Delivery at arrival, for projections whose synapses are sorted by source, then delay, and for joined rows.
 
-The synapses of one source with one delay are a run. A step adds to its input the runs of all spikes whose age equals
+A run is the synapses of a source with the same delay. A step adds to its input the runs of all spikes whose age equals
 the delay. The input of one step stays in the cache; a ring of all future steps would not. Spikes are added by age, the
 oldest first, then by id, and the targets of a run ascend. So the order of all sums is that of the reference. The order
 is the same for any number of threads, because each target belongs to one thread.
 
 If each projection has few synapses, runs are short and most are empty, but a step looks for a run of each projection
 and delay. In a joined row a run holds the synapses of a source neuron onto all targets, of many projections, so a step
-looks for one run per source population and delay. A joined row reaches each target by one projection, and rows follow
-the order of projections (see `building.joined_rows`), so each sum keeps its order. A synapse of a joined row takes six
-bytes: the synapses of a run are sorted by place, so 16 bits store the distance to the next place, and a weight that
-fits into 32 bits is stored in 32 bits. Memory bandwidth sets the time: rows of six bytes take half the time of rows of
-twelve.
+looks for one run per source population and delay. A joined row reaches each target by a single projection, and rows
+follow the order of projections (see `building.joined_rows`), so the order of each sum stays. A synapse of a joined row
+takes six bytes: the synapses of a run are sorted by place, so 16 bits store the distance to the next place, and a
+weight that fits into 32 bits is stored in 32 bits. Memory bandwidth sets the time: rows of six bytes take half the time
+of rows of twelve.
 """
 
 # mypy: ignore-errors
@@ -132,8 +132,8 @@ def gather_runs(view, row, runs, step, thread, add):
     first_source = net.pops[row[t.SOURCE], t.BEGIN]
     blocks = net.awake.shape[0]
     slot = (step & slot_mask(net)) * blocks
-    # The input of one step stays in the cache. A ring of a large network would not, and a write into it cost 42 ns an
-    # event. Runs are short and scattered in memory, so they are gathered first and prefetched.
+    # The input of a step stays in the cache. A ring of a large network would not, and a write into a ring cost 42 ns an
+    # # event. Runs are short and scattered in memory, so they are gathered first and prefetched.
     queue = net.queue[thread]
     mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
     n = total = 0
@@ -220,7 +220,7 @@ def owner(edges, block):
 def deliver_counts(view, q, first, last):
     """Write the spike counts of the steps first..last of a poisson_generator into the ring of a projection.
 
-    The projection is one-to-one, and each step has its own slot in the ring.
+    The projection is one-to-one, and each step has a slot in the ring.
     """
     net = net_of(view)
     row = net.projections[q]

@@ -93,7 +93,7 @@ def first_csr_row(view, projection, first_source, thread, sender, log_slot, othe
 
 @inlined
 def add_weight(targets, first, last, value, buf, out, prefetch_at):
-    """Add one value to the targets first:last, and prefetch those of the next spike at the address `prefetch_at`."""
+    """Add a value to the targets first:last, and prefetch the next spike's targets at the address `prefetch_at`."""
     begin = np.uint64(out)  # unsigned indices: numba emits no check for negative ones
     # Whole cache lines of 16 targets, with one prefetch each.
     whole = first + (last - first) // TARGETS_PER_LINE * TARGETS_PER_LINE
@@ -222,7 +222,7 @@ def csr_own(view, first, last, w, m, thread, to):
         begin, shift = np.uint64(to.out), np.uint64(w) - np.uint64(first)
         for e in range(np.uint64(first), np.uint64(last)):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
-    # A separate loop keeps the one above free of other stores, and these few bytes stay in the cache.
+    # A separate loop keeps the loop above free of other stores, and these few bytes stay in the cache.
     if to.mark >= 0:
         for e in range(first, last):
             due[to.mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
@@ -266,7 +266,7 @@ def grid_add(view, row, source, m, thread, lo, hi, to):
     weights, buf, due = net.weights, net.buf, net.due[thread]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
-    # A source that is a grid has its channels innermost. An input has them outermost, in the order of its ids.
+    # A source that is a grid has the channels innermost. An input has the channels outermost, in the order of ids.
     inside = row[t.CHANNELS_INSIDE]
     channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
     y, x = pixel // width + row[t.TOP], pixel % width + row[t.LEFT]
@@ -314,7 +314,7 @@ def add_by_sign(weights, m, first, second):
 
 @subkernel
 def scatter(view, q, source_id, m, thread, lo, hi, n, to):
-    """Deliver one spike of multiplicity m over a projection with one delay, to the targets lo:hi of n."""
+    """Deliver a spike of multiplicity m over a projection with a single delay, to the targets lo:hi of n."""
     net, (out, receptors, receptor_stride, mark, spot) = net_of(view), to
     row, buf, weights = net.projections[q], net.buf, net.weights
     layout = row[t.LAYOUT]
@@ -362,8 +362,8 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
 def deliver_log(view, q, sent_step, now, begin, stop, ring):
     """Deliver the spikes of step `sent_step` over projection q, to the targets of the threads begin:stop.
 
-    With `ring` they are written to the projection's ring at their step of arrival, if it is later than `now`. Without
-    it they are added to the input of step `now`.
+    With `ring` the spikes are written to the projection's ring at the step of arrival, if this step is later than
+    `now`. Without `ring` the spikes are added to the input of step `now`.
     """
     net = net_of(view)
     row = net.projections[q]

@@ -1,4 +1,4 @@
-"""Eager pair learning: a post spike acts on all synapses onto its neuron when it reaches them, a pre spike on its row.
+"""Eager pair learning: a post spike acts on all synapses onto the neuron on arrival, a pre spike on a row.
 
 This is possible if a spike reaches all synapses of a projection in the same step, so that no history is stored and
 searched. The rule must have no modulator, the synapses must share one delay that does not learn, and the rule must not
@@ -160,7 +160,7 @@ def prefetch_list(view, q, target):
 
 @cache
 def eager_entry(model, own_rows):
-    """Compile the eager pass of one rule, whose synapses share a row of constants or have their own."""
+    """Compile the eager pass of a rule, with a row of constants for all synapses or for each."""
     row_of = own_row if own_rows else shared_row
     arithmetic = model.arithmetic
     learn_pre, on_post, sent_weight = compile_on_pre(model), compiled(arithmetic.on_post), compiled(model.sends())

@@ -1,4 +1,4 @@
-"""One step of a generator of spikes or currents."""
+"""A step of a generator of spikes or currents."""
 
 # mypy: ignore-errors
 
@@ -145,7 +145,7 @@ def draw_counts(view, thread, pop, step):
 
 @subkernel
 def draw_some(view, thread, row, base, lo, hi, counts):
-    """Draw the counts of the neurons lo:hi of a generator for one step, and add them to the tallies."""
+    """Draw the counts of the neurons lo:hi of a generator in a step, and update the tallies."""
     net = net_of(view)
     begin, end = row[t.BEGIN] + lo, row[t.BEGIN] + hi
     if row[t.TABLE] >= 0:
@@ -163,7 +163,7 @@ def draw_some(view, thread, row, base, lo, hi, counts):
         m = np.uint32(counts[k])
         tally[k] += m + (_EVENT if m > 0 else np.uint32(0))
         full |= tally[k]
-    # A tally takes four bytes per neuron instead of sixteen. One test finds an overflow of any of them.
+    # A tally takes four bytes per neuron instead of sixteen. A single test finds an overflow of any tally.
     if full & _FULL:
         settle_tally(tally, net.events[begin:end], net.spikes[begin:end])
 
@@ -179,7 +179,7 @@ def settle_tally(tally, events, spikes):
 
 @kernel
 def add_counts(view, thread, q, step, n_all, slots, blocks):
-    """Add one-to-one input from a poisson_generator that keeps counts."""
+    """Add the counts of a poisson_generator to the input of its targets."""
     net = net_of(view)
     row = net.projections[q]
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
@@ -267,7 +267,7 @@ def add_line(view, number, row, lo, hi, step, out):
         for i in range(lo, hi):
             arrived = net.emitted[first + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]
             out[i] += net.shares[line[t.SHARE] + i - begin] * arrived
-    # One value for all neurons is multiplied once.
+    # A value for all neurons is multiplied once.
     elif each == 0 and stride == 0:
         arrived = net.emitted[first] * net.line_weights[weight]
         for i in range(lo, hi):

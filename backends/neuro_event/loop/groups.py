@@ -20,7 +20,7 @@ def settle(view, thread, pop, n, step, at, processed_step, h):
         return settle_locally(view, thread, pop, row, n, step, at, processed_step, h)
     if net.groups[group, t.RIVALS] > 0:
         return settle_rivals(view, thread, pop, row, n, step, at, processed_step, h)
-    # A group belongs to one thread, so all its candidates are in this thread's list.
+    # A group belongs to a single thread, so all candidates are in this thread's list.
     winner = choose(view, group, row, net.candidates[thread], n, step)
     if net.groups[group, t.IN_TRIAL] == 1 and net.groups[group, t.WINNER] < 0:
         # Recorded before any reset, so that the potentials of the maps are those at the decision.
@@ -104,7 +104,7 @@ def first_rival(view, row, i):
     """Return the first neuron among the rivals of neuron i, including i. Only one of the rivals fires."""
     net = net_of(view)
     distance = net.groups[row[t.GROUP], t.APART]
-    # Rivals differ along one axis, so they are at equal distances `distance`.
+    # Rivals differ along a single axis, so neighbours have equal distances.
     before = (i - row[t.BEGIN]) // distance % net.groups[row[t.GROUP], t.RIVALS]
     return i - before * distance
 
@@ -148,7 +148,7 @@ def settle_rivals(view, thread, pop, row, n, step, at, processed_step, h):
             winners += 1
     for k in range(winners):
         i = net.candidates[thread, k]
-        # The winner is reset with its rivals, then its spike is logged once.
+        # The winner is reset with its rivals, and then the spike is logged once.
         reset_rivals(view, thread, row, i, step, h)
         at = emit_candidate(view, thread, pop, k, step, at, processed_step, h)
     return at

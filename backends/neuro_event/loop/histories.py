@@ -72,7 +72,7 @@ def dopamine_arrivals(view, q, step, thread, h):
     net, plastic = net_of(view), plastic_of(view)
     table = plastic.table[q]
     j = step - table[t.DOPAMINE_DELAY]
-    # These spikes were dropped by a trial, a reset or a restored state.
+    # A trial, a reset or a restored state has dropped these spikes.
     if j <= net.clock[thread, t.HORIZON]:
         return
     target_row = net.pops[net.projections[table[t.PROJECTION], t.TARGET]]
@@ -113,7 +113,7 @@ def catch_up_history(view, pop, thread, target, step, whole, h):
             longest = max(longest, plastic.table[q, t.LONGEST])
             catch_up_target(view, q, thread, target, step, whole, h)
     past = plastic.past[net.pops[pop, t.HISTORY] + target]
-    # One step for all synapses onto the neuron, so that they need not store the step to which they are updated.
+    # A single step for all synapses onto the neuron, instead of a step per synapse.
     past[APPLIED] = max(past[APPLIED], step)
     return longest
 

@@ -82,13 +82,13 @@ def shared_row(q, table, z):
 
 @inlined
 def own_row(q, table, z):
-    """Return the row of constants of a synapse, its own or the shared one."""
+    """Return the row of constants of a synapse, which may be shared."""
     return table[t.CONSTANTS] + table[t.CONSTANTS_STRIDE] * z
 
 
 @subkernel
 def trace_after(kind, value, m):
-    """Return a trace just after m spikes, from its value just before them."""
+    """Return a trace just after m spikes, from the value just before."""
     if m == 0:
         return value
     return kind[ADDS] if kind[NEAREST] == 1.0 else value + kind[ADDS] * m
@@ -190,7 +190,7 @@ def compile_on_pre(model):
 
 @cache
 def rule_entry(model, own_rows):
-    """Compile the lazy pass of one rule, whose synapses share a row of constants or have their own."""
+    """Compile the lazy pass of a rule, with a row of constants for all synapses or for each."""
     # Compiled for each case, since testing a stride for each synapse took 4 % of a network that learns.
     row_of = own_row if own_rows else shared_row
     arithmetic, modulated = model.arithmetic, model.modulated
@@ -258,7 +258,7 @@ def rule_entry(model, own_rows):
         """Apply the post spikes up to step `upto` to a synapse; with `whole` also advance its states to `upto`."""
         net, plastic = net_of(view), plastic_of(view)
         q, z, own, target, history, delay = synapse
-        # A synapse reads the history of its target at its next pre spike, so 10,000 synapses onto a neuron cost nothing
+        # A synapse reads the history of the target at the next pre spike, so 10,000 synapses onto a neuron cost nothing
         # while their sources are silent.
         past, column = plastic.past[history], plastic.table[q, t.COLUMN]
         since = applied_until(plastic, z, thread, own, past)
@@ -300,7 +300,7 @@ def rule_entry(model, own_rows):
         pre = pre_values(plastic, q, thread, own, step, h)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         end = net.rows[place + 1]
-        # A row that reaches nearly all blocks marks all of them at once, unless its synapses arrive in different steps.
+        # A row that reaches nearly all blocks marks all blocks at once, unless delays differ.
         marks_all = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
         past_width, others_width = 8 * plastic.past.shape[1], 8 * plastic.others.shape[1] * plastic.others.shape[2]
         slot = slot_address(net, row, receptors, step)
@@ -331,7 +331,7 @@ def rule_entry(model, own_rows):
             if not marks_all:
                 due[(at & slots) * blocks + target_row[t.FIRST_BLOCK] + (target >> t.BLOCK_SHIFT)] = 1
         if marks_all and net.rows[place] < end:
-            # With one delay all spikes arrive in one step, so the blocks are marked in one pass.
+            # With a single delay all spikes arrive in the same step, so blocks are marked in a single pass.
             mark_all_due(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
         # Updated after all synapses, because a pre spike does not count in the trace that its synapses read.
         for j in range(n_pre):

@@ -36,7 +36,7 @@ Trace = namedtuple("Trace", "decay tau k last")
 
 @inlined
 def count_arrived_since(past, since, delay):
-    """Return the number of entries of a history that arrive after a step. These entries are the newest ones."""
+    """Return the number of entries of a history, counted from the newest, that arrive after a step."""
     n = past[ENTRIES]
     i = 0
     # Here and in `post_trace` the search begins at the newest entry. Histories are short, and the newest entry is
@@ -67,8 +67,8 @@ def compile_repeat(model, on_post):
         for _ in range(1, m):  # nearly always m is 1, which needs no comparison
             weight, state = y[0, z], y[last, z]
             on_post(y, z, c, (k,), (0.0,))
-            # If a spike changes no state, neither do the next ones. In a runaway network weights are at their bound, so
-            # its many spikes take no time.
+            # If a spike changes no state, neither do the next spikes. In a runaway network weights are at their bound,
+            # so its many spikes take no time.
             if (y[0, z] == weight and y[last, z] == state) or net_of(view).stop[0] == t.AT_ONCE:
                 return
 
@@ -165,7 +165,7 @@ def _plain(model, on_post):
 
 @cache
 def lazy_entry(model, own_rows):
-    """Compile the lazy pass of one rule, whose synapses have their own rows of constants or (faster) share one."""
+    """Compile the lazy pass of a rule, with a row of constants for each synapse or (faster) for all."""
     row_of = own_row if own_rows else shared_row
     on_pre, on_post = (with_arguments(model, name, "y, e, c, pre, post") for name in ("on_pre", "on_post"))
     learn, catch_up_one = (_modulated if model.modulated else _plain)(model, on_post)

@@ -66,7 +66,7 @@ def target_of(net, row, source, s):
 
 @subkernel
 def first_synapse_onto(net, row, source, first, end, target):
-    """Return the first synapse in first:end onto a target, or the one after it; targets of a row ascend."""
+    """Return the first synapse in first:end onto a target or a later target; targets of a row ascend."""
     while first < end:
         middle = (first + end) // 2
         if target_of(net, row, source, middle) < target:

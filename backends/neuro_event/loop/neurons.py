@@ -1,4 +1,4 @@
-"""One step of a population of neurons: wake blocks, add ring input, step, fire. Quiet blocks sleep."""
+"""A step of a population of neurons: wake blocks, add ring input, step, fire. Quiet blocks sleep."""
 
 # mypy: ignore-errors
 import numpy as np
@@ -67,7 +67,7 @@ def is_block_quiet(view, pop, block):
 
 @subkernel
 def spike(view, pop, i):
-    """Apply the effect of a spike on its neuron, such as its reset."""
+    """Apply the effect of a spike on the neuron, such as the reset."""
     row = net_of(view).pops[pop]
     call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
 
@@ -177,7 +177,7 @@ def step_neurons(view, thread, pop, step, at, processed_step, h, n_all, slots, b
     if first == last:  # this thread has none of the neurons
         return n_candidates, at
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
-        # One 64-bit word covers eight blocks, so 512 silent neurons are skipped at a time.
+        # A 64-bit word covers eight blocks, so 512 silent neurons are skipped at a time.
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
             continue
         if net.stop[0] == t.AT_ONCE:
@@ -194,7 +194,7 @@ def step_neurons(view, thread, pop, step, at, processed_step, h, n_all, slots, b
             lo, active = block * t.BLOCK, 0
             fired = marked(net.fired, lo)
             if fired:
-                # Spikes are rare, so the bits of the word are visited one by one, in the order of ids.
+                # Spikes are rare, so the bits of the word are visited singly, in the order of ids.
                 while fired:
                     i = lo + lowest(fired)
                     fired &= fired - _ONE
@@ -276,7 +276,8 @@ def step_collecting(view, thread, pop, step, at, processed_step, h, slots, block
                     wake(view, thread, pop, block, step - 1, h)
                 continue
             if run < block:
-                # Input is collected after the step, because these models add it to their currents at the end of a step.
+                # Input is collected after the step, because these models add input to the currents at the end of a
+                # step.
                 call_entry(view, row, BARE, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), thread, step, 0.0)
             run = block + 1
         if due:

@@ -1,6 +1,6 @@
 """Compiled operations on a range of neighbouring neurons of one model.
 
-Each model has its own entry, which the loop calls by its address once for a range of neurons. So a network compiles
+Each model has an entry, which the loop calls by address once for a range of neurons. So a network compiles
 only its models, and a new model compiles only its own code.
 """
 
@@ -25,7 +25,7 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.tables import ENTRY_TYPE, net_of
 
 
-# A step gets its input and its current as arrays. Without input, an array of zeros would still be read for each neuron
+# A step gets the input and the current as arrays. Without input, an array of zeros would still be read for each neuron
 # and step. An opaque type whose items are a constant compiles to a step without this read. Memory bandwidth limits
 # large networks.
 class Placeholder(types.Opaque):
@@ -78,7 +78,7 @@ CATCH_UP, STEP, BARE, QUIET, FIRE = range(5)
 
 
 def with_arguments(model, function, arguments):
-    """Return a compiled function of a model for these arguments, of which the model may use only the first ones.
+    """Return a compiled function of a model for these arguments, of which the model may use only the first few.
 
     Example: for "s, c, x, i_0, lo, hi, fired, u" a model without draws may define step(s, c, x, i_0, lo, hi, fired).
     """
@@ -213,7 +213,7 @@ def draw(view, pop, lo, hi, step):
 
 @cache
 def entry(model):
-    """Return all operations of one model as one function, with the arguments of `tables.call_entry`."""
+    """Return all operations of a model as a single function, with the arguments of `tables.call_entry`."""
     catch_up, step_run, step_bare, is_quiet, fire_one = operations(model)
     draws, linear, foreign = model.draws, model.linear, model not in NEURONS
 

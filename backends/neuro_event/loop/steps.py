@@ -1,7 +1,7 @@
 """The compiled loop, which runs every step of every network.
 
-`advance` runs the steps first:last for a range of threads. If one thread does the work of all, it reads each row of
-synapses once, instead of once per thread. The loop allocates no memory.
+`advance` runs the steps first:last for a range of threads. If a single thread does the work of all, each row of
+synapses is read once, instead of once per thread. The loop allocates no memory.
 """
 
 # mypy: ignore-errors
@@ -80,14 +80,14 @@ def step_population(view, thread, pop, step, processed_step, h):
     net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = at
     if kind == t.NEURON:
         slots, blocks = slot_mask(net), net.awake.shape[0]
-        # A model that only adds its input to its states is stepped without input: `step_collecting` adds it afterwards.
+        # A model that only adds input to states is stepped without input: `step_collecting` adds the input afterwards.
         if row[t.COLLECTS] >= 0:
             at = step_collecting(view, thread, pop, step, at, processed_step, h, slots, blocks)
         else:
             n_candidates, at = step_neurons(
                 view, thread, pop, step, at, processed_step, h, net.x.shape[1], slots, blocks
             )
-            # `settle` is called by its address, so that only networks with groups compile it.
+            # `settle` is called by address, so that only networks with groups compile this function.
             if n_candidates > 0:
                 at = settle(view, thread, pop, n_candidates, step, at, processed_step, h)
     elif kind == t.POISSON:
@@ -175,7 +175,7 @@ def run(view, first, last, longest, reach, h):
             advance(view, 0, threads, step, end, h)
             step = end
             net.reached[0] = step
-    # A read at the last step shows dopamine and post spikes up to it, but not the pre spikes emitted in it.
+    # A read at the last step shows dopamine and post spikes up to this step, but not the pre spikes emitted in it.
     for thread in range(threads):
         act_at_emission(view, thread, last - 2, last - 1, h)
     return last
@@ -208,7 +208,7 @@ def allow(view, progress, step, last, most, reach):
     threads = progress.shape[0] - 1
     end = load_acquire(progress, threads)
     to = step + room(view, step, min(most, last - step), reach)
-    # One thread decides for all, so that no two see different ends.
+    # A single thread decides, so that all threads see the same end.
     if to > end:
         store_release(progress, threads, to)
     elif step == end:
@@ -307,7 +307,7 @@ def run_trial(view, group, first, last, at_decision, reach, h):
     """Run the steps first:last of a trial; return the next step: after a decision, where logs are full, or `last`."""
     net = net_of(view)
     for step in range(first, last):
-        # One step at a time, because a decision ends the trial in its step.
+        # Steps run singly, because a decision ends the trial in the same step.
         if net.stop[0] != 0 or room(view, step, 1, reach) < 1:
             return step
         advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)

@@ -21,7 +21,7 @@ from neuro.kernels import address
 from neuro.kernels.address import Entry, Views, caller, declared, viewer
 from neuro.kernels.jit import inlined, subkernel
 
-# A block has 64 neurons, and a group has 8 blocks, whose flags of one byte each are tested as one word of 64 bits.
+# A block has 64 neurons. A group has 8 blocks, whose flags of a byte each are tested as a word of 64 bits.
 BLOCK = 64
 BLOCK_SHIFT = 6
 assert 1 << BLOCK_SHIFT == BLOCK
@@ -41,7 +41,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     FIRST_BLOCK,  # first block among all
     LAST_BLOCK,  # end of the blocks
     CONSTANT,  # first row of `constants`
-    CONSTANT_STRIDE,  # 1: one row per neuron; 0: one row for all
+    CONSTANT_STRIDE,  # 1: a row per neuron; 0: the same for all
     RECEPTORS,  # number of receptors
     RELAY,  # 1: repeats arriving spikes, without states
     LINEAR,  # 1: the model can make many steps at once
@@ -80,9 +80,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     ROW,  # place in `rows`
     SYNAPSE,  # place in `targets`
     WEIGHT,  # place in `weights`
-    WEIGHT_STRIDE,  # 1: one weight per synapse; 0: one for all
+    WEIGHT_STRIDE,  # 1: a weight per synapse; 0: the same for all
     DELAY,  # place in `delays`
-    DELAY_STRIDE,  # 1: one delay per synapse; 0: one for all
+    DELAY_STRIDE,  # 1: a delay per synapse; 0: the same for all
     SIGN,  # POSITIVE, NEGATIVE or MIXED weights
     WAKE_ALL,  # spikes of a step from which on all blocks are marked
     DENSE_COUNTS,  # 1: the source keeps counts
@@ -129,7 +129,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     MOST,  # longest possible delay, steps
     NOTED,  # 1: probes record at pre spikes
     CONSTANTS,  # row of `rule` for synapse 0
-    CONSTANTS_STRIDE,  # 1: one row per synapse; 0: one for all
+    CONSTANTS_STRIDE,  # 1: a row per synapse; 0: the same for all
     EAGER,  # 1: learns eagerly
     EPOCH,  # steps of an epoch, see `eager_rules`
     PLASTIC_COLUMNS,
@@ -178,13 +178,13 @@ MOVE_TRACES = 4
     COLUMN_AT,  # first column, unless listed
     LATE,  # delay in steps, unless listed
     LINE_WEIGHT,  # place in `line_weights`
-    LINE_STRIDE,  # 1: one weight per synapse; 0: one for all
+    LINE_STRIDE,  # 1: a weight per synapse; 0: the same for all
     LINE_ENDS,  # place in `line_ends`, if listed
     SHARE,  # place in `shares`
     LINE_COLUMNS,
 ) = range(13)
 
-# values of HOW: one column for all neurons, one column for each, or a list
+# values of HOW: a single column for all neurons, a column per neuron, or a list
 TO_ALL, TO_EACH, AS_LISTED = range(3)
 
 # columns of `clock`, for each thread
@@ -461,7 +461,7 @@ Destination = namedtuple("Destination", "out receptors receptor_stride mark spot
 
 
 # A stage is a part of the loop that only some networks need. Each stage is compiled separately and called by its
-# address. So a network compiles only the stages that it needs, and they are cached for other networks.
+# address. So a network compiles only the stages that it needs, and compiled stages are cached for other networks.
 # `building.build.link` writes the addresses to `stages`; stages that a network does not need have address 0.
 STAGES = {
     "arrive": ("arrivals", "view, q, step, thread", types.void),

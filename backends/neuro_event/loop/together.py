@@ -1,4 +1,4 @@
-"""Kernels that Python calls between steps: for probes, and for several engines of one network in one call.
+"""Kernels that Python calls between steps: for probes, and for several engines of the same network in a single call.
 
 A call takes as long as a step of a small network, so a call per engine would take most of the time.
 """

@@ -51,7 +51,7 @@ def source_place(row, channel, y, x):
     pixel = y * row[t.CHANNEL_WIDTH] + x
     inside = row[t.CHANNELS_INSIDE]
     sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
-    # Grids have their maps innermost in this backend. Inputs keep the order of their ids.
+    # Grids have the maps innermost in this backend. Inputs keep the order of ids.
     return pixel * inside + channel if inside > 0 else channel * sheet + pixel
 
 
@@ -74,12 +74,12 @@ def teacher(teach):
         """Change the value of each input of a neuron, e.g. its weight; return the number of inputs.
 
         `values` are in the order of the projection's weights. `spikes` has the steps of each input's spikes: row 0 the
-        first ones, row 1 the second ones, ... `moment` is the step of the lesson, `neuron` the id of the neuron, and
-        `local` its internal place.
+        first spikes, row 1 the second spikes, ... `moment` is the step of the lesson, `neuron` the id of the neuron,
+        and `local` its internal place.
         """
         net = net_of(view)
         row = net.projections[q]
-        # A pass takes microseconds and runs between trials on one thread, so one simple function covers all layouts.
+        # A pass takes microseconds and runs between trials on a single thread, so a simple function covers all layouts.
         delay = np.int64(net.delays[row[t.DELAY]])
         changed = 0
         if row[t.LAYOUT] == t.GRID:
