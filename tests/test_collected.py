@@ -70,7 +70,7 @@ def ran(net: neuro.Network, backend: str = "event", **options: Any) -> list[Any]
 def collects(sim: neuro.Simulation) -> list[bool]:
     """Of which populations the loop does so."""
     engine: Any = sim._engine
-    return [bool(row[t.COLLECTS] >= 0) for row in engine._a.net["pops"]]
+    return [bool(row[t.COLLECTS] >= 0) for row in engine._arrays.net["pops"]]
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -41,7 +41,7 @@ def lazily() -> Iterator[None]:
 def paths(sim: Simulation) -> list[int]:
     """Which plastic projections of a simulation learn eagerly."""
     found: Any = sim._engine
-    return [int(row[t.EAGER]) for row in found._a.plastic["table"]]
+    return [int(row[t.EAGER]) for row in found._arrays.plastic["table"]]
 
 
 @dataclass(frozen=True)

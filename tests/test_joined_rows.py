@@ -269,7 +269,7 @@ def test_rows_in_place_of_the_programs_arrays(single: bool):
             for name in ("targets", "weight", "delay", "row_ends"):
                 assert np.array_equal(getattr(part, name), getattr(twin, name)), (part.name, name)
             assert np.array_equal(engine.get_synapses(q, "weight"), np.broadcast_to(twin.weight, twin.size))
-            freed += isinstance(part, CompactProjection) and part._again is not None
+            freed += isinstance(part, CompactProjection) and part._supply is not None
         assert freed == 10, "all but one to one"
     expected, found = (neuro.compile(net, backend, seed=1) for backend in ("reference", "event"))
     assert differences(steered(expected), steered(found), exact=False) == []
@@ -287,7 +287,7 @@ def test_rows_of_blocks_as_they_were_drawn(monkeypatch: pytest.MonkeyPatch):
     for program in (first, other):
         engine = EventBackend().build(program)
         engine.run(1)
-        nets.append(engine._a.net)  # type: ignore[attr-defined]
+        nets.append(engine._arrays.net)  # type: ignore[attr-defined]
     for name in layout.JOINED_ARRAYS:
         assert np.array_equal(nets[0][name], nets[1][name]), name
     for part, arrays in zip(first.projections, before, strict=True):
@@ -374,7 +374,7 @@ def test_rows_that_are_interrupted_are_laid_out_again(monkeypatch: pytest.Monkey
     sim, whole = (neuro.compile(network(EVERY), "event", seed=1) for _ in range(2))
 
     with monkeypatch.context() as patched:
-        patched.setattr(joined_rows, "_lay", interrupt)
+        patched.setattr(joined_rows, "_lay_row", interrupt)
         with pytest.raises(KeyboardInterrupt):
             sim._engine.run(1)
     for each in (sim, whole):
