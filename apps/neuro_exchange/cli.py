@@ -138,10 +138,10 @@ def _read_nir(file: Path, options: Options) -> tuple[Network | None, Verdicts | 
 
 
 def _read_pynn(file: Path, options: Options) -> tuple[Network | None, Verdicts | None]:
-    from neuro_exchange.pynn.kernel import not_held
+    from neuro_exchange.pynn.kernel import missing_restrictions
     from neuro_exchange.pynn.read import from_pynn
 
-    for sentence in not_held() if options.run_script else ():
+    for sentence in missing_restrictions() if options.run_script else ():
         typer.echo(f"warning: {sentence}", err=True)
     settings = options.set_by_user("run_script", "network", "seconds", "memory")
     arguments = None if options.arguments is None else shlex.split(options.arguments)

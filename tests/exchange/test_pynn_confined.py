@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import neuro
 from neuro.cli.commands import app
 from neuro_exchange.pynn import kernel
-from neuro_exchange.pynn.report import MOST_BYTES, Built, Damaged, Failure, Remark, Report
+from neuro_exchange.pynn.report import MOST_BYTES, BuiltNetwork, Damaged, Failure, Remark, Report
 
 TRIED = yaml.safe_load(Path(__file__).with_name("confined.yaml").read_text("utf-8"))
 
@@ -119,7 +119,7 @@ REPLACED = {
 )
 def test_networks_that_are_replaced_are_not_read(failure, outside, code):
     message = failure("sim.reset()\nimport os\n" + code.replace("OUTSIDE", str(outside)))
-    assert (REPLACED[code] or "the files of its network are replaced") in message
+    assert (REPLACED[code] or "it replaced the files of its network") in message
 
 
 @pytest.mark.slow
@@ -140,7 +140,8 @@ def reread(tmp_path, content):
 def test_a_report_comes_back_as_it_was_written(tmp_path):
     notes = (Remark("script.py", 3, "rounded"), Remark("", 0, "ohne Ort: \u00e4"))
     report = Report(
-        (Built("0.yaml", (), notes, (10.0, 2.5), 2), Built("", notes, (), (), 0)), Failure("ends", 4, True, "x")
+        (BuiltNetwork("0.yaml", (), notes, (10.0, 2.5), 2), BuiltNetwork("", notes, (), (), 0)),
+        Failure("ends", 4, True, "x"),
     )
     with (tmp_path / "report").open("wb+") as file:
         report.write(os.dup(file.fileno()))
@@ -350,7 +351,8 @@ def test_what_the_kernel_does_not_hold_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(kernel, "_landlock", lambda: 2)
     monkeypatch.setitem(sys.modules, "pyseccomp", None)
     assert warnings() == [
-        "warning: a script is kept from other folders by Python alone: the kernel has no Landlock as of Linux 6.2",
-        "warning: a script is kept from processes, signals, sockets, and from modes, owners and times of files by "
-        "Python alone: the filter of system calls needs pyseccomp and libseccomp.so.2 on x86_64 or aarch64",
+        "warning: only Python keeps the script from writing into other folders: the kernel lacks Landlock of Linux 6.2 or "
+        "later",
+        "warning: only Python keeps the script from starting processes, signals, sockets, and changing modes, owners and "
+        "times of files: the filter of system calls needs pyseccomp and libseccomp.so.2 on x86_64 or aarch64",
     ]

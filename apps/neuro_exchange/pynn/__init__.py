@@ -1,1 +1,1 @@
-"""Scripts of PyNN as networks, and networks as scripts of PyNN."""
+"""Reading scripts of PyNN as networks, and writing networks as scripts of PyNN."""

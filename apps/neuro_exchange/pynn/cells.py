@@ -1,6 +1,6 @@
-"""The standard cells and synapses of PyNN and what they are here, in both directions.
+"""The standard cells and synapses of PyNN, and their models here, for both directions.
 
-PyNN's units are nA, nF, uS, mV and ms; ours pA, pF, nS, mV and ms.
+PyNN's units are nA, nF, uS, mV and ms; the units here are pA, pF, nS, mV and ms.
 Source: PyNN 0.13, `pyNN/nest/standardmodels/cells.py`.
 """
 
@@ -19,17 +19,17 @@ Words = dict[str, tuple[str, float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """A standard cell of PyNN, and the model that it is here.
+    """A standard cell of PyNN, and its model here.
 
     Attributes:
-        name: of PyNN's class.
-        model: of the class here.
-        words: by parameter here, PyNN's parameter and the factor from its unit to ours.
-        states: by PyNN's variable, the state here and the factor from its unit to ours.
-        weight: the factor from PyNN's unit of a weight to ours.
-        conductance: whether synapses are conductances, whose weights are positive in PyNN at both receptors.
-        leak: whether PyNN gives the time constant of the membrane, and the model here takes its conductance.
-        fixed: parameters here that are constants of PyNN's cell.
+        name: name of PyNN's class.
+        model: name of the model here.
+        words: by parameter here, PyNN's parameter and the factor from PyNN's unit to the unit here.
+        states: by PyNN's variable, the state here and the factor from PyNN's unit to the unit here.
+        weight: factor from PyNN's unit of a weight to the unit here.
+        conductance: synapses are conductances. PyNN's weights are then positive at both receptors.
+        leak: PyNN has the time constant of the membrane, and the model here has the leak conductance.
+        fixed: values of parameters here that are constants of PyNN's cell.
     """
 
     name: str
@@ -41,19 +41,19 @@ class Cell:
     leak: bool = False
     fixed: dict[str, float] = field(default_factory=dict)
 
-    def here(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Parameters of the model here from those of PyNN's cell; numbers or arrays."""
-        found = {word: values[theirs] * factor for word, (theirs, factor) in self.words.items()}
+    def from_pynn(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Convert parameters of PyNN's cell (numbers or arrays) to those of the model here."""
+        parameters = {word: values[pynn_word] * factor for word, (pynn_word, factor) in self.words.items()}
         if self.leak:
-            found["g_L"] = values["cm"] / values["tau_m"] * 1000.0
-        return found | self.fixed
+            parameters["g_L"] = values["cm"] / values["tau_m"] * 1000.0
+        return parameters | self.fixed
 
-    def there(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Parameters of PyNN's cell from those of the model here; numbers or arrays."""
-        found = {theirs: values[word] / factor for word, (theirs, factor) in self.words.items()}
+    def to_pynn(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Convert parameters of the model here (numbers or arrays) to those of PyNN's cell."""
+        parameters = {pynn_word: values[word] / factor for word, (pynn_word, factor) in self.words.items()}
         if self.leak:
-            found["tau_m"] = values["C_m"] / values["g_L"]
-        return found
+            parameters["tau_m"] = values["C_m"] / values["g_L"]
+        return parameters
 
 
 _POTENTIALS: Words = {"E_L": ("v_rest", 1.0), "V_reset": ("v_reset", 1.0), "V_th": ("v_thresh", 1.0)}
@@ -109,7 +109,7 @@ CELLS = (
         fixed={"C_m": 200.0, "t_ref": 1.0, "E_ex": 0.0},
     ),
 )
-"""Neurons; of two with the same model the first one is written."""
+"""Neurons. A model with two cells is written as the first."""
 
 BY_NAME = {cell.name: cell for cell in CELLS}
 BY_MODEL = {cell.model: cell for cell in reversed(CELLS)}
@@ -119,20 +119,20 @@ DEPENDENCES = {
     "MultiplicativeWeightDependence": (1.0, 1.0),
     "AdditivePotentiationMultiplicativeDepression": (0.0, 1.0),
 }
-"""PyNN's dependences of STDP on the weight, with `mu_plus` and `mu_minus` of `stdp`."""
+"""Weight dependences of PyNN's STDP, as `mu_plus` and `mu_minus` of `stdp`."""
 
 
 SPIKES, RATE, SEED = 200, 20.0, 0
-"""Random spikes by which it is measured, and their rate in Hz."""
+"""Number and rate (Hz) of the random spikes that `difference` compares, and their seed."""
 
 
 def difference(U: float, tau_rec: float, tau_fac: float, tau_syn: float) -> str:
-    """What differs and by how much, in words; times are in ms."""
+    """Describe the difference in short-term plasticity, measured with random spikes. Times are in ms."""
     intervals = np.random.default_rng(SEED).exponential(1000.0 / RATE, SPIKES)
-    here, there = effects(intervals.tolist(), U, tau_rec, tau_fac, tau_syn)
-    percent = 100.0 * np.abs(here - there).sum() / there.sum() if there.any() else 0.0
+    here, in_pynn = effects(intervals.tolist(), U, tau_rec, tau_fac, tau_syn)
+    percent = 100.0 * np.abs(here - in_pynn).sum() / in_pynn.sum() if in_pynn.any() else 0.0
     return (
-        f"resources recover from a spike on, and in PyNN after they were active for {tau_syn:.4g} ms: "
+        f"resources recover from the spike on, and in PyNN only after they were active for {tau_syn:.4g} ms: "
         f"{SPIKES} random spikes at {RATE:g} Hz differ in effect by {percent:.1f} %"
     )
 
@@ -140,25 +140,26 @@ def difference(U: float, tau_rec: float, tau_fac: float, tau_syn: float) -> str:
 def effects(
     intervals: Sequence[float], U: float, tau_rec: float, tau_fac: float, tau_syn: float
 ) -> tuple[Floats, Floats]:
-    """The share of the weight that each spike sends, here and in PyNN's simulators.
+    """Return the share of the weight that each spike transmits, here and in PyNN's simulators.
 
-    There the resources that a spike releases are active for `tau_syn` and recover then, for `tau_rec`; here they
-    recover from the spike on.
+    In PyNN's simulators the resources that a spike releases are active with the time constant `tau_syn`, and recover
+    afterwards with `tau_rec`. Here resources recover from the spike on.
+
     Source: Tsodyks, Uziel & Markram, J. Neurosci. 20:RC50, 2000; NEST 3.10, `tsodyks2_synapse` and `tsodyks_synapse`.
     """
     if tau_syn == tau_rec:
-        tau_syn *= 1.0 + 1e-6  # the solution has their difference below the line
-    u, left_here, left_there, active = 0.0, 1.0, 1.0, 0.0
-    sent = []
+        tau_syn *= 1.0 + 1e-6  # the solution divides by the difference of the time constants
+    u, resources, pynn_resources, active = 0.0, 1.0, 1.0, 0.0
+    shares = []
     for interval in intervals:
         facilitated = np.exp(-interval / tau_fac) if tau_fac else 0.0
-        decayed, waiting = np.exp(-interval / tau_syn), np.exp(-interval / tau_rec)
-        back = ((waiting - 1.0) * tau_rec - (decayed - 1.0) * tau_syn) / (tau_syn - tau_rec)
-        left_there += back * active + (1.0 - waiting) * (1.0 - left_there - active)
-        left_here += (1.0 - waiting) * (1.0 - left_here)
+        decayed, unrecovered = np.exp(-interval / tau_syn), np.exp(-interval / tau_rec)
+        recovered = ((unrecovered - 1.0) * tau_rec - (decayed - 1.0) * tau_syn) / (tau_syn - tau_rec)
+        pynn_resources += recovered * active + (1.0 - unrecovered) * (1.0 - pynn_resources - active)
+        resources += (1.0 - unrecovered) * (1.0 - resources)
         u = U + u * facilitated * (1.0 - U)
-        sent.append((u * left_here, u * left_there))
-        active = active * decayed + u * left_there
-        left_here, left_there = left_here * (1.0 - u), left_there * (1.0 - u)
-    here, there = np.array(sent).T
-    return here, there
+        shares.append((u * resources, u * pynn_resources))
+        active = active * decayed + u * pynn_resources
+        resources, pynn_resources = resources * (1.0 - u), pynn_resources * (1.0 - u)
+    here, in_pynn = np.array(shares).T
+    return here, in_pynn

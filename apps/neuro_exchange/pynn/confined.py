@@ -1,7 +1,8 @@
 """The process that runs a script of PyNN, started by `neuro_exchange.pynn.read`.
 
-The script can read files, and write into a folder that is removed. Starting a program, using the network and writing
-elsewhere is refused, by hooks of Python, which tell the line, and by the kernel, see `neuro_exchange.pynn.kernel`.
+The script can read files, and write into a temporary folder. It cannot start programs, use the network or write
+elsewhere. Hooks of Python refuse these actions and name the line. The kernel refuses them as well, see
+`neuro_exchange.pynn.kernel`.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NoReturn
 
-from neuro_exchange.pynn.kernel import hold
+from neuro_exchange.pynn.kernel import restrict
 
 _PARENT_DEATH = 1
 _PATHS = (
     *("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.symlink", "os.link", "os.truncate", "os.chmod", "os.chown"),
     *("os.utime", "os.setxattr", "os.removexattr", "sqlite3.connect"),
 )
-_ABOUT_FILES = ("chmod", "utime", "setxattr")
-"""What copying a file also sets: in a folder that is removed it means nothing, and the kernel refuses it."""
+_WITHOUT_EFFECT = ("chmod", "utime", "setxattr")
+"""Functions of `os` that copying a file also calls. The kernel refuses them, so they do nothing in the process."""
 _PROGRAMS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty", "pty.spawn")
 _NETWORK = ("socket.connect", "socket.bind", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo")
 _SIGNALS = ("os.kill", "os.killpg", "signal.pthread_kill")
@@ -37,21 +38,21 @@ _FILE_SIZE = 2**30
 
 
 class Refused(PermissionError):
-    """The script does what a description of a network does not need."""
+    """Raised if the script does something that a description of a network does not need."""
 
 
 def main() -> None:
-    """Read what to run, run it, and write what has come of it."""
+    """Read the job from stdin, run the script, and write the report."""
     words = json.load(sys.stdin)
     _end_with(words["parent"])
     folder = Path(words["folder"])
-    from neuro_exchange.pynn import gathered, session, stand_in  # before the limits: imports may do all they like
+    from neuro_exchange.pynn import gathered, session, stand_in  # before the limits, which imports would violate
 
     script = Path(words["script"])
     outcome = session.SESSION
-    outcome.begin(folder / "networks", script, folder / "files", gathered.Gathered)
+    outcome.begin(folder / "networks", script, folder / "files", gathered.NetworkBuilder)
     here = folder / "files" / script.name
-    code = _compiled(script, outcome)
+    code = _compile(script, outcome)
     if code is not None:
         stand_in.install()
         os.chdir(folder / "files")
@@ -60,14 +61,14 @@ def main() -> None:
         _confine(folder)
         _run(code, here, outcome)
     outcome.report().write(words["report"])
-    os._exit(0)  # what the script has left, threads and functions to call at the end, is not waited for
+    os._exit(0)  # without waiting for threads and exit functions of the script
 
 
-def _compiled(script: Path, outcome: Any) -> CodeType | None:
+def _compile(script: Path, outcome: Any) -> CodeType | None:
     try:
         return compile(script.read_bytes(), str(script), "exec", dont_inherit=True)
     except (SyntaxError, ValueError) as error:
-        outcome.fail(f"is no Python: {getattr(error, 'msg', error)}", getattr(error, "lineno", 0) or 0)
+        outcome.fail(f"is not Python: {getattr(error, 'msg', error)}", getattr(error, "lineno", 0) or 0)
         return None
 
 
@@ -78,25 +79,25 @@ def _run(code: CodeType, here: Path, outcome: Any) -> None:
         exec(code, vars(module))
     except SystemExit as error:
         if error.code not in (None, 0, False):
-            outcome.fail(f"it ends with {error.code!r:.200}", _line(error, code.co_filename), kind="exit")
+            outcome.fail(f"exits with {error.code!r:.200}", _line(error, code.co_filename), kind="exit")
     except KeyboardInterrupt:
         outcome.fail("is interrupted", 0)
     except MemoryError as error:
-        outcome.fail("needs more memory than it may", _line(error, code.co_filename), kind="memory")
+        outcome.fail("exceeds the memory limit", _line(error, code.co_filename), kind="memory")
     except BaseException as error:
-        last, strict = next(filter(str.strip, str(error).splitlines()), ""), isinstance(error, Refused)
-        said = last if strict else f"{type(error).__name__}: {last}" if last else type(error).__name__
-        outcome.fail(said[:400], _line(error, code.co_filename), kind="refused" if strict else "raised")
+        first, is_refused = next(filter(str.strip, str(error).splitlines()), ""), isinstance(error, Refused)
+        message = first if is_refused else f"{type(error).__name__}: {first}" if first else type(error).__name__
+        outcome.fail(message[:400], _line(error, code.co_filename), kind="refused" if is_refused else "raised")
 
 
 def _line(error: BaseException, script: str) -> int:
-    """The last line of the script that has to do with an error."""
+    """Return the last line of the script in the traceback of an error, or 0."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == script]
     return lines[-1] or 0 if lines else 0
 
 
 def _end_with(parent: int) -> None:
-    """End when the process that asked ends, whatever ends it."""
+    """Let the kernel end this process when its parent ends."""
     ctypes.CDLL(None).prctl(_PARENT_DEATH, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
         sys.exit(1)
@@ -111,10 +112,10 @@ def _limit(memory: int, seconds: float) -> None:
 
 
 def _confine(folder: Path) -> None:
-    """Refuse from now on what is not to be done."""
+    """Refuse from now on to start programs, to use the network, and to write outside the folder."""
     base = os.path.realpath(folder)
     sys.dont_write_bytecode = True
-    hold(base)
+    restrict(base)
 
     def refuse(*args: Any, **words: Any) -> NoReturn:
         raise Refused("a script may not start programs")
@@ -133,16 +134,16 @@ def _confine(folder: Path) -> None:
         if event == "open":
             path, _, flags = args
             if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND):
-                _own(path, flags)
+                _replace_link(path, flags)
                 if not inside(path):
                     raise Refused(f"a script may not write {os.fsdecode(path)!r:.200}")
                 if not isinstance(path, int):
                     os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
         elif event in _PATHS:
             paths = args[:2] if event in ("os.rename", "os.link") else args[1:2] if event == "os.symlink" else args[:1]
-            wrong = next((path for path in paths if isinstance(path, str | bytes) and not inside(path, False)), None)
-            if wrong is not None:
-                raise Refused(f"a script may not change {os.fsdecode(wrong)!r:.200}")
+            outside = next((path for path in paths if isinstance(path, str | bytes) and not inside(path, False)), None)
+            if outside is not None:
+                raise Refused(f"a script may not change {os.fsdecode(outside)!r:.200}")
             if isinstance(args[0], int) and event != "os.truncate":
                 raise Refused("a script may not change the mode, owner or times of an open file")
         elif event in _PROGRAMS:
@@ -155,12 +156,12 @@ def _confine(folder: Path) -> None:
             raise Refused("a script may not call libraries by ctypes")
 
     sys.addaudithook(check)
-    for name in _ABOUT_FILES:
+    for name in _WITHOUT_EFFECT:
         setattr(os, name, _without_effect(name))
 
 
 def _without_effect(name: str) -> Callable[..., None]:
-    """Stands for a function of `os` that changes what is known about a file: the hook sees it, and nothing is done."""
+    """Return a replacement for a function of `os` that raises the audit event and does nothing else."""
 
     def call(path: Any, *args: Any, **words: Any) -> None:
         sys.audit(f"os.{name}", path)
@@ -168,8 +169,8 @@ def _without_effect(name: str) -> Callable[..., None]:
     return call
 
 
-def _own(path: Any, flags: int) -> None:
-    """A file beside the script that is written is written as a copy."""
+def _replace_link(path: Any, flags: int) -> None:
+    """Replace a link to a file beside the script by a copy of the file, so that the script writes the copy."""
     if isinstance(path, int) or not os.path.islink(path):
         return
     original = os.path.realpath(path)

@@ -1,8 +1,8 @@
-"""What the kernel of Linux refuses to the process of a script.
+"""Restrictions by the Linux kernel of the process that runs a script.
 
-Landlock refuses to write files outside of a folder, and to start programs. A seccomp filter lets the system calls pass
-that a script needs to build a network, and answers all others with EPERM: sockets, processes, signals to others, modes,
-owners and times of files are not among these.
+Landlock refuses to write files outside of a folder, and to start programs. A seccomp filter allows only the system
+calls that building a network needs. All other calls fail with EPERM, e.g. those for sockets, processes, signals to
+other processes, and for modes, owners and times of files.
 
 Source: Linux, Documentation/userspace-api/landlock.rst, Documentation/userspace-api/seccomp_filter.rst.
 """
@@ -17,14 +17,14 @@ import sys
 from importlib import import_module
 from typing import Any
 
-__all__ = ["hold", "not_held"]
+__all__ = ["missing_restrictions", "restrict"]
 
 _NO_NEW_PRIVILEGES = 38
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
 _OLDEST = 3
-"""The version of Landlock, of Linux 6.2, that also refuses to truncate files."""
+"""Oldest sufficient version of Landlock (Linux 6.2), which can refuse to truncate files."""
 _MACHINES = ("x86_64", "aarch64")
-"""Where the first argument of `clone` are its flags."""
+"""Architectures on which the flags of `clone` are its first argument."""
 _WRITE_FILE, _MAKE_SPECIAL = 1 << 1, 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11
 
 _CALLS = """
@@ -43,60 +43,61 @@ rt_sigpending rt_sigsuspend rt_sigtimedwait sigaltstack restart_syscall getpid g
 getegid getresuid getresgid getgroups getpgid getpgrp getsid uname sysinfo getrusage getrlimit setrlimit getcpu
 getrandom wait4 waitid exit exit_group
 """
-"""Calls that pass."""
+"""Allowed system calls."""
 _WITH_FIRST: dict[str, tuple[int, ...]] = {
     "prlimit64": (0,),  # of this process
     "sched_setaffinity": (0,),
-    "prctl": (15, 16, 0x53564D41),  # the name of a thread, and of memory; not what ends it with its parent
+    "prctl": (15, 16, 0x53564D41),  # names of threads and of memory, but not the parent-death signal
 }
-"""Calls that pass with these values of their first argument."""
+"""System calls that are allowed with these values of their first argument."""
 _WITH_SECOND = {
     "fcntl": (0, 1, 2, 3, 4, 5, 6, 7, 36, 37, 38, 1030, 1031, 1032),  # descriptors, flags, locks, sizes of pipes
-    "ioctl": (0x5401, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451),  # of terminals and pipes what is asked; flags
+    "ioctl": (0x5401, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451),  # queries of terminals and pipes; flags
 }
-"""Calls that pass with these values of their second argument."""
+"""System calls that are allowed with these values of their second argument."""
 _THREAD = 0x10000
 _NOT_OF_A_THREAD = 0x7E023080  # new namespaces, ptrace, a new cgroup, a descriptor of the process
 """Flags of `clone`."""
 
 
-def not_held() -> tuple[str, ...]:
-    """What the kernel of this machine does not refuse to a script; one sentence each, none where it refuses all."""
+def missing_restrictions() -> tuple[str, ...]:
+    """Return a warning for each restriction that the kernel of this machine lacks."""
     if sys.platform != "linux":
         return ()
-    said = []
+    warnings = []
     if _landlock() < _OLDEST:
-        said.append("a script is kept from other folders by Python alone: the kernel has no Landlock as of Linux 6.2")
+        why = "the kernel lacks Landlock of Linux 6.2 or later"
+        warnings.append(f"only Python keeps the script from writing into other folders: {why}")
     if _seccomp() is None:
-        parts = "processes, signals, sockets, and from modes, owners and times of files"
-        needs = f"pyseccomp and libseccomp.so.2 on {' or '.join(_MACHINES)}"
-        said.append(f"a script is kept from {parts} by Python alone: the filter of system calls needs {needs}")
-    return tuple(said)
+        actions = "starting processes, signals, sockets, and changing modes, owners and times of files"
+        why = f"the filter of system calls needs pyseccomp and libseccomp.so.2 on {' or '.join(_MACHINES)}"
+        warnings.append(f"only Python keeps the script from {actions}: {why}")
+    return tuple(warnings)
 
 
-def hold(folder: str) -> None:
-    """Refuse from now on, in all threads to come, what a script does not need; for this process alone.
+def restrict(folder: str) -> None:
+    """Restrict this process and its future threads to the actions that a script needs.
 
     Args:
-        folder: where it may write.
+        folder: folder in which the process may write.
 
     Raises:
-        OSError: the kernel does not accept what it should refuse.
-        RuntimeError: other threads run, which are not held.
+        OSError: the kernel does not accept the restrictions.
+        RuntimeError: other threads run, to which the restrictions would not apply.
     """
     if len(os.listdir("/proc/self/task")) > 1:
         raise RuntimeError("other threads run before the script begins")
-    seccomp = _seccomp()  # first, since it starts a program to find its library
+    seccomp = _seccomp()  # first, since the import starts a program to find the library
     if _landlock() > 0:
-        _hold_files(folder, _landlock())
+        _restrict_files(folder, _landlock())
     if seccomp is not None:
-        _hold_calls(seccomp)
+        _restrict_calls(seccomp)
 
 
-def _hold_files(folder: str, version: int) -> None:
-    """Refuse to write outside of a folder, to make devices, sockets and pipes in it, and to start programs.
+def _restrict_files(folder: str, version: int) -> None:
+    """Refuse to write outside of a folder, to make devices, sockets and pipes inside, and to start programs.
 
-    Also TCP and signals, as far as this version of Landlock knows of these.
+    TCP and signals are refused as well, if the version of Landlock supports them.
     """
     changes = sum(1 << bit for bit in (1, 4, 5, 6, 7, 8, 9, 10, 11, 12))
     changes |= (1 << 13 if version >= 2 else 0) | (1 << 14 if version >= 3 else 0)
@@ -113,11 +114,11 @@ def _hold_files(folder: str, version: int) -> None:
     os.close(rules)
 
 
-def _hold_calls(seccomp: Any) -> None:
-    """Let only the listed system calls pass.
+def _restrict_calls(seccomp: Any) -> None:
+    """Allow only the listed system calls.
 
-    `clone3`, whose flags a filter cannot see, is answered with ENOSYS, so that the C library takes `clone`, which
-    passes for threads. Calls of other architectures end the process.
+    A filter cannot read the flags of `clone3`. So `clone3` fails with ENOSYS, and the C library uses `clone`, which is
+    allowed for threads. Calls of other architectures end the process.
     """
     calls = seccomp.SyscallFilter(seccomp.ERRNO(errno.EPERM))
     calls.set_attr(seccomp.Attr.ACT_BADARCH, seccomp.KILL_PROCESS)
@@ -125,7 +126,7 @@ def _hold_calls(seccomp: Any) -> None:
 
     def answer(action: int, name: str, *arguments: Any) -> None:
         number = seccomp.resolve_syscall(seccomp.Arch.NATIVE, name)
-        if number >= 0:  # this architecture, and this version of the library, has the call
+        if number >= 0:  # below 0 if the architecture or the library lacks the call
             calls.add_rule(action, number, *arguments)
 
     for name in _CALLS.split():
@@ -134,7 +135,7 @@ def _hold_calls(seccomp: Any) -> None:
         for name, values in table.items():
             for value in values:
                 answer(seccomp.ALLOW, name, seccomp.Arg(position, seccomp.EQ, value))
-    answer(seccomp.ALLOW, "tgkill", seccomp.Arg(0, seccomp.EQ, os.getpid()))  # as abort() does
+    answer(seccomp.ALLOW, "tgkill", seccomp.Arg(0, seccomp.EQ, os.getpid()))  # for abort()
     thread = seccomp.Arg(0, seccomp.MASKED_EQ, _THREAD | _NOT_OF_A_THREAD, _THREAD)
     answer(seccomp.ALLOW, "clone", thread)
     answer(seccomp.ERRNO(errno.ENOSYS), "clone3")
@@ -142,17 +143,17 @@ def _hold_calls(seccomp: Any) -> None:
 
 
 def _landlock() -> int:
-    """The version of Landlock that the kernel has; below 1 none."""
+    """Return the kernel's version of Landlock; below 1 if there is none."""
     return int(ctypes.CDLL(None).syscall(_CREATE_RULESET, None, 0, 1))
 
 
 def _seccomp() -> Any:
-    """The module pyseccomp, or None."""
+    """Return the module pyseccomp, or None."""
     if platform.machine() not in _MACHINES:
         return None
     try:
         return import_module("pyseccomp")
-    except (ImportError, RuntimeError):  # not installed, or without the library that it calls
+    except (ImportError, RuntimeError):  # the package, or libseccomp, is not installed
         return None
 
 

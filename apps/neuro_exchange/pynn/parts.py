@@ -1,4 +1,4 @@
-"""PyNN's populations, views, assemblies and projections: their values are kept, and their recordings are empty."""
+"""PyNN's populations, views, assemblies and projections, which store their values and have empty recordings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ANSWERS = ("get_data", "get_spike_counts", "mean_spike_count", "spinnaker_get_d
 
 
 class Recorder(recording.Recorder):
-    """Keeps what is recorded, and reads as if no neuron had fired and no state had changed."""
+    """PyNN's recorder. Stores which variables are recorded; its data have no spikes, and constant states."""
 
     _simulator = SIMULATOR
 
@@ -27,7 +27,7 @@ class Recorder(recording.Recorder):
             self.sampling_interval = sampling_interval
 
     def write(self, *args: Any, **words: Any) -> None:
-        """Write no file of results, since there are none."""
+        """Do nothing, since there are no results."""
         SESSION.read = True
 
     def _get_spiketimes(self, id: Any, clear: bool = False) -> dict[int, Any]:
@@ -37,9 +37,9 @@ class Recorder(recording.Recorder):
     def _get_all_signals(self, variable: Any, ids: Any, clear: bool = False) -> tuple[Any, None]:
         SESSION.read = True
         samples = max(1, min(round(SESSION.t / self.sampling_interval) + 1, MOST_SAMPLES // max(1, len(ids))))
-        kept = self.population.initial.get(variable.name)
+        initial = self.population.initial.get(variable.name)
         index = self.population.id_to_index(np.array(ids, dtype=int))
-        start = np.zeros(len(ids)) if kept is None else kept[index]
+        start = np.zeros(len(ids)) if initial is None else initial[index]
         return np.tile(start, (samples, 1)), None
 
     def _local_count(self, variable: Any, filter_ids: Any = None) -> dict[int, int]:
@@ -54,16 +54,16 @@ class Recorder(recording.Recorder):
 
 
 def _each(value: Any, size: int) -> NDArray[Any]:
-    """One value for each neuron; a sequence of times is one value."""
+    """Return an array with a value per neuron. A sequence of times is a single value."""
     if not isinstance(value, ArrayParameter):
         return np.array(np.broadcast_to(value, size))
-    found = np.empty(size, dtype=object)
-    found[:] = [value] * size
-    return found
+    values = np.empty(size, dtype=object)
+    values[:] = [value] * size
+    return values
 
 
 def _check_times(values: Iterable[Any]) -> None:
-    if any(np.any(np.diff(one.value) < 0) for one in values):
+    if any(np.any(np.diff(sequence.value) < 0) for sequence in values):
         raise errors.InvalidParameterValueError("Spike times given to SpikeSourceArray must be in increasing order")
 
 
@@ -74,58 +74,58 @@ class Assembly(common.Assembly):
 
     @property
     def receptor_types(self) -> list[str]:
-        """The receptors that all have, in their order; PyNN's is that of a set, which differs from run to run."""
-        others = [set(part.celltype.receptor_types) for part in self.populations]
-        return [one for one in self.populations[0].celltype.receptor_types if all(one in each for each in others)]
+        """The receptors that all populations have, in a fixed order; PyNN's order differs from run to run."""
+        types = [set(part.celltype.receptor_types) for part in self.populations]
+        return [each for each in self.populations[0].celltype.receptor_types if all(each in names for names in types)]
 
 
 class _Neurons:
-    """What a population and a view of one have in common; values lie with the population."""
+    """Base class of populations and views. Values are stored in the population."""
 
-    def _whole(self) -> tuple[Any, Any]:
-        """The population, and which of its neurons are meant."""
+    def _selection(self) -> tuple[Any, Any]:
+        """Return the population and the indices of the neurons."""
         raise NotImplementedError
 
     def _get_parameters(self, *names: str) -> Any:
-        whole, chosen = self._whole()
-        known = whole.values
+        population, neurons = self._selection()
+        values = population.values
         for name in names:
-            if name not in known:
-                raise errors.NonExistentParameterError(name, whole.celltype.__class__.__name__, list(known))
-        return ParameterSpace({name: simplify(known[name][chosen]) for name in names}, shape=(self.size,))
+            if name not in values:
+                raise errors.NonExistentParameterError(name, population.celltype.__class__.__name__, list(values))
+        return ParameterSpace({name: simplify(values[name][neurons]) for name in names}, shape=(self.size,))
 
     _get_native_parameters = _get_parameters
 
     def _set_parameters(self, parameter_space: Any) -> None:
-        whole, chosen = self._whole()
+        population, neurons = self._selection()
         parameter_space.evaluate(simplify=False)
-        given = {name: _each(value, self.size) for name, value in parameter_space.items()}
-        scheduled = SESSION.experiment.runs and type(whole.celltype).__name__ == "SpikeSourcePoisson"
-        if not (scheduled and given.keys() == {"rate"}):
-            SESSION.changed(f"parameters of population '{whole.label}' are set")
-        _check_times(given.get("spike_times", ()))
-        for name, value in given.items():
-            whole.values[name][chosen] = value
-        if scheduled:
-            whole.rates.append((SESSION.t, whole.values["rate"].copy()))
+        values = {name: _each(value, self.size) for name, value in parameter_space.items()}
+        is_live_source = SESSION.experiment.runs and type(population.celltype).__name__ == "SpikeSourcePoisson"
+        if not (is_live_source and values.keys() == {"rate"}):
+            SESSION.changed(f"parameters of population '{population.label}' are set")
+        _check_times(values.get("spike_times", ()))
+        for name, value in values.items():
+            population.values[name][neurons] = value
+        if is_live_source:
+            population.rates.append((SESSION.t, population.values["rate"].copy()))
 
     def _set_initial_value_array(self, variable: str, initial_values: Any) -> None:
-        whole, chosen = self._whole()
-        SESSION.changed(f"states of population '{whole.label}' are set")
-        kept = whole.initial.setdefault(variable, np.full(whole.size, np.nan))
-        kept[chosen] = initial_values.evaluate(simplify=False)
+        population, neurons = self._selection()
+        SESSION.changed(f"states of population '{population.label}' are set")
+        initial = population.initial.setdefault(variable, np.full(population.size, np.nan))
+        initial[neurons] = initial_values.evaluate(simplify=False)
 
     def _get_view(self, selector: Any, label: Any = None) -> Any:
         return PopulationView(self, selector, label)
 
     def record(self, variables: Any, *args: Any, **words: Any) -> None:
-        """PyNN's `record`; "all" is sPyNNaker's."""
+        """PyNN's `record`, with sPyNNaker's "all"."""
         if isinstance(variables, str) and variables == "all":
             variables = list(self.celltype.recordable)
         super().record(variables, *args, **words)  # type: ignore[misc]
 
     def __getattr__(self, name: str) -> Any:
-        """What only sPyNNaker's populations have."""
+        """Return a method of sPyNNaker's populations that does nothing."""
         if name.startswith(("_", "grandparent", "parent")) or not SESSION.experiment.spinnaker:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
         if name == "spinnaker_get_data":
@@ -142,9 +142,9 @@ class PopulationView(_Neurons, mock_populations.PopulationView):
     _simulator = SIMULATOR
     _assembly_class = Assembly
     initial_values: dict[str, Any] = {}
-    """PyNN's own raises an error, also where a view is initialised."""
+    """Replaces PyNN's property, which raises an error when a view is initialised."""
 
-    def _whole(self) -> tuple[Any, Any]:
+    def _selection(self) -> tuple[Any, Any]:
         return self.grandparent, self.index_in_grandparent(np.arange(self.size))
 
 
@@ -152,11 +152,12 @@ class Population(_Neurons, mock_populations.Population):
     """PyNN's population.
 
     Attributes:
-        values: by parameter, one value for each neuron, in PyNN's units.
-        initial: by state, likewise.
-        rates: of a Poisson source, those that are set while it runs, each with the time.
-        where: the line of the script that makes it.
-        named: whether the script gives it a label.
+        values: values of the parameters per neuron, in PyNN's units.
+        initial: initial values of the states per neuron, in PyNN's units.
+        rates: times and rates that are set while a Poisson source runs.
+        where: line of the script that makes the population.
+        named: the script names the population.
+        laid_out: the script gives the neurons positions.
     """
 
     _simulator = SIMULATOR
@@ -189,7 +190,7 @@ class Population(_Neurons, mock_populations.Population):
         self.laid_out = structure is not None or isinstance(size, tuple)
         SESSION.experiment.populations.append(self)
 
-    def _whole(self) -> tuple[Any, Any]:
+    def _selection(self) -> tuple[Any, Any]:
         return self, slice(None)
 
     def _create_cells(self) -> None:
@@ -213,7 +214,7 @@ _by_column = LazyArray.by_column
 
 
 def _columns(self: Any, mask: Any = None) -> Iterator[Any]:
-    """A column of one row is an array, too: PyNN 0.13 asks it for indices, which NumPy 2.4 refuses of a number."""
+    """Return columns as arrays, also those of one row: PyNN 0.13 indexes them, and NumPy 2.4 cannot index a number."""
     return (column if column is True else np.atleast_1d(column) for column in _by_column(self, mask))
 
 
@@ -221,7 +222,7 @@ LazyArray.by_column = _columns
 
 
 class Connection(common.Connection):
-    """One synapse, as PyNN shows it."""
+    """PyNN's view of a single synapse."""
 
     def __init__(self, projection: Projection, index: int) -> None:
         object.__setattr__(self, "_at", (projection, index))
@@ -244,16 +245,16 @@ class Connection(common.Connection):
         projection.column(name)[index] = value
 
     def as_tuple(self, *names: str) -> tuple[Any, ...]:
-        """Its attributes."""
+        """Return attributes of the synapse."""
         return tuple(getattr(self, name) for name in names)
 
 
 class Projection(common.Projection):
-    """PyNN's projection; synapses are kept as arrays.
+    """PyNN's projection, with synapses as arrays.
 
     Attributes:
-        where: the line of the script that makes it.
-        named: whether the script gives it a label.
+        where: line of the script that makes the projection.
+        named: the script names the projection.
     """
 
     _simulator = SIMULATOR
@@ -262,7 +263,7 @@ class Projection(common.Projection):
     def __init__(self, pre: Any, post: Any, connector: Any, synapse_type: Any = None, *args: Any, **words: Any) -> None:
         SESSION.changed("a projection is added")
         self.where, self.named = SESSION.where(), words.get("label") is not None
-        self._made: list[tuple[Ints, int, dict[str, Any]]] = []
+        self._synapses: list[tuple[Ints, int, dict[str, Any]]] = []
         self._ends: tuple[Ints, Ints] | None = None
         self._columns: dict[str, NDArray[np.float64]] = {}
         words.pop("partition", None)
@@ -277,29 +278,29 @@ class Projection(common.Projection):
         sources = np.asarray(presynaptic_indices, dtype=np.int64)
         if sources.dtype == bool:
             sources = np.flatnonzero(sources)
-        self._made.append((np.atleast_1d(sources), int(postsynaptic_index), parameters))
+        self._synapses.append((np.atleast_1d(sources), int(postsynaptic_index), parameters))
         self._ends = None
 
     def ends(self) -> tuple[Ints, Ints]:
-        """Of each synapse its places in `pre` and in `post`."""
+        """Return the indices of the synapses' neurons in `pre` and in `post`."""
         if self._ends is None:
-            sources = [made[0] for made in self._made]
-            counts = [len(one) for one in sources]
-            targets = np.repeat(np.array([made[1] for made in self._made], dtype=np.int64), counts)
+            sources = [indices for indices, _, _ in self._synapses]
+            counts = [len(indices) for indices in sources]
+            targets = np.repeat(np.array([target for _, target, _ in self._synapses], dtype=np.int64), counts)
             self._ends = np.concatenate(sources) if sources else np.empty(0, dtype=np.int64), targets
         return self._ends
 
     def numbers(self) -> Iterable[str]:
-        """The parameters of its synapses."""
-        return self._made[0][2] if self._made else ()
+        """Return the names of the synapses' parameters."""
+        return self._synapses[0][2] if self._synapses else ()
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """A parameter of all synapses, in PyNN's unit; what is written into it stays."""
-        found = self._columns.get(name)
-        if found is None or found.size != len(self):
-            parts = [np.broadcast_to(np.asarray(p[name], dtype=float), len(s)) for s, _, p in self._made]
-            self._columns[name] = found = np.concatenate(parts) if parts else np.empty(0)
-        return found
+        """Return a parameter of all synapses in PyNN's unit. The array can be changed in place."""
+        column = self._columns.get(name)
+        if column is None or column.size != len(self):
+            parts = [np.broadcast_to(np.asarray(p[name], dtype=float), len(s)) for s, _, p in self._synapses]
+            self._columns[name] = column = np.concatenate(parts) if parts else np.empty(0)
+        return column
 
     def __len__(self) -> int:
         return int(self.ends()[0].size)
@@ -313,7 +314,7 @@ class Projection(common.Projection):
 
     @property
     def connections(self) -> Iterable[Connection]:
-        """Its synapses one by one."""
+        """The synapses one by one."""
         return (Connection(self, k) for k in range(len(self)))
 
     def _set_attributes(self, parameter_space: Any) -> None:
@@ -329,27 +330,27 @@ class Projection(common.Projection):
     def _get_attributes_as_list(self, names: Any) -> list[tuple[Any, ...]]:
         SESSION.read = SESSION.read or bool(SESSION.experiment.runs)
         ends = dict(zip(("presynaptic_index", "postsynaptic_index"), self.ends(), strict=True))
-        columns = [ends[name] if name in ends else self.column(self._named(name)) for name in names]
+        columns = [ends[name] if name in ends else self.column(self._parameter_name(name)) for name in names]
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
     def _get_attributes_as_arrays(self, names: Any, multiple_synapses: str = "sum") -> list[Any]:
         SESSION.read = SESSION.read or bool(SESSION.experiment.runs)
-        found = []
+        arrays = []
         for name in names:
             values, (pre, post) = np.full(self.shape, np.nan), self.ends()
-            column = self.column(self._named(name))
+            column = self.column(self._parameter_name(name))
             if multiple_synapses == "last":
                 values[pre, post] = column
             elif multiple_synapses == "first":
                 values[pre[::-1], post[::-1]] = column[::-1]
             else:
-                at = {"sum": np.add, "min": np.minimum, "max": np.maximum}[multiple_synapses]
+                ufunc = {"sum": np.add, "min": np.minimum, "max": np.maximum}[multiple_synapses]
                 values[pre, post] = {"sum": 0.0, "min": np.inf, "max": -np.inf}[multiple_synapses]
-                at.at(values, (pre, post), column)
-            found.append(values)
-        return found
+                ufunc.at(values, (pre, post), column)
+            arrays.append(values)
+        return arrays
 
-    def _named(self, name: str) -> str:
-        """The parameter of a name, which old scripts write in the plural."""
-        known = set(self.synapse_type.get_parameter_names())
-        return name[:-1] if name not in known and name[:-1] in known else name
+    def _parameter_name(self, name: str) -> str:
+        """Return the name of a parameter. Old scripts use the plural, e.g. "weights"."""
+        names = set(self.synapse_type.get_parameter_names())
+        return name[:-1] if name not in names and name[:-1] in names else name

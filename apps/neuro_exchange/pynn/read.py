@@ -1,4 +1,4 @@
-"""A script of PyNN as a network: it is run in a process of its own, which records and simulates nothing."""
+"""Read a script of PyNN as a network. The script runs in its own process, which records and simulates nothing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["from_pynn"]
 
 _MARK = "NEURO_SCRIPT"
 _MOST_BESIDE = 5_000
-"""Files beside a script that it can read by their names."""
+"""Largest number of files beside a script that the script can read."""
 _ARGUMENTS = re.compile(r"get_simulator|get_script_args|sys\.argv|ArgumentParser")
 _SECONDS = Quantity(unit="s", above=0, at_most=86_400)
 _MEMORY = Quantity(above=0, at_most=4096)
@@ -44,36 +44,37 @@ def from_pynn(
     seconds: float = 120.0,
     memory: float = 4.0,
 ) -> Network:
-    """The network that a script of PyNN builds, for whatever simulator it is written.
+    """Return the network that a script of PyNN builds, for any simulator.
 
-    The script is run in a process of its own, in which each simulator of PyNN is a recorder: nothing is simulated, and
-    results that the script reads are empty. It may read files, and write into a folder that is removed afterwards. It
-    may not start programs, use the network or write elsewhere. Connections, parameters and initial values are those
-    that the script draws.
+    The script runs in its own process, in which each simulator of PyNN is a recorder: nothing is simulated, and results
+    that the script reads are empty. The script may read files, and write into a temporary folder. It may not start
+    programs, use the network or write elsewhere. Random connections, parameters and initial values are those that the
+    script draws.
 
     Args:
-        script: a file of Python.
-        run_script: that the script may be run; without it the script is refused.
-        arguments: of the script. A script that reads any gets a simulator's name if none are given: "spiNNaker" where
-            the script has `extra_models`, else "nest".
-        network: which one, from 1, where the script builds several; the last one if not given.
-        seconds: that the script may take.
-        memory: that it may use, GiB.
+        script: name of the script.
+        run_script: allow running the script; an error without it.
+        arguments: command-line arguments of the script. Default for a script that reads arguments: the name of a
+            simulator, "spiNNaker" if the script uses `extra_models`, else "nest".
+        network: number of the network, from 1, if the script builds several; default: the last.
+        seconds: time limit in seconds.
+        memory: memory limit in GiB.
 
     Returns:
-        The network. Its `verdicts` say how long the script runs it, and by line what is otherwise here.
+        The network. Its `verdicts` name the duration of the script's run, and differences between PyNN and here by
+        line.
 
     Raises:
-        ModelError: the script may not be run, fails, takes too long or too much memory, builds no network, or builds
-            what cannot come; `others` has each line of it.
+        ModelError: the script may not be run, fails, exceeds a limit, builds no network, or has parts that cannot be
+            converted. The error lists all their lines.
     """
     path = existing(script, "a script of PyNN")
     if not run_script:
         raise ModelError(
-            f"{path}: is a program, and only running it shows its network",
-            hint="--run-script (in Python run_script=True) runs it, without simulating, in a process of its own",
+            f"{path}: is a program: only running it shows its network",
+            hint="--run-script (in Python run_script=True) runs it in its own process, without simulating",
         )
-    needed("pyNN", "pynn", "PyNN's scripts are read with PyNN, which is not installed")
+    needed("pyNN", "pynn", "reading a script of PyNN needs PyNN, which is not installed")
     if arguments is None:
         text = path.read_text("utf-8", "replace")
         arguments = ["spiNNaker" if "extra_models" in text else "nest"] if _ARGUMENTS.search(text) else []
@@ -90,39 +91,38 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         where = Where(path.name, failure.line)
         raise ModelError(f"the script fails: {failure.message}", where=where, hint=_HINTS.get(failure.kind, ""))
     if not networks:
-        raise ModelError(f"{path.name}: builds no network", hint="a network has a population of a simulator of PyNN")
+        raise ModelError(f"{path.name}: builds no network", hint="a network has at least one population of PyNN")
     if number is not None and number > len(networks):
-        raise ModelError(f"network = {number}: {path.name} builds {len(networks)}")
+        raise ModelError(f"network = {number}: expected at most {len(networks)}, the networks of {path.name}")
     built = networks[-1 if number is None else number - 1]
     if built.problems:
         others = tuple(ModelError(each.message, where=each.where) for each in built.problems)
         count = f"{len(others)} problem" + "s" * (len(others) > 1)
-        raise ModelError(f"{path.name}: the network cannot come ({count})", others=others)
+        raise ModelError(f"{path.name}: the network cannot be converted ({count})", others=others)
     if not _are_plain_files(folder):
-        raise ModelError(f"{path.name}: the script fails: the files of its network are replaced")
+        raise ModelError(f"{path.name}: the script fails: it replaced the files of its network")
     net = load(folder / built.file)
     net.inputs = ()
-    # How long the script runs the network, and by line what is otherwise here.
-    runs, said = built.runs, [path.name]
+    runs, heading = built.runs, [path.name]
     if runs:
-        shown = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
-        said.append(f"runs for {sum(runs):g} ms" + (f" ({shown})" if len(runs) > 1 else ""))
+        times = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
+        heading.append(f"runs for {sum(runs):g} ms" + (f" ({times})" if len(runs) > 1 else ""))
     if len(networks) > 1:
         lines = ", ".join(str(each.line) for each in networks)
-        chosen = "the last" if number is None else f"number {number}"
-        said.append(f"builds {len(networks)} networks, at lines {lines}: this is {chosen}")
+        which = "the last" if number is None else f"number {number}"
+        heading.append(f"builds {len(networks)} networks, at lines {lines}: this is {which}")
     if built.notes:
-        said.append("no spikes are compared, since the script is not simulated")
+        heading.append("spikes are not compared, since the script is not simulated")
     notes = [(f"{note.file}:{note.line}" if note.file else path.name, note.message) for note in built.notes]
     if failure:
-        how = f"the script ends in what it does with results, which are empty here: {failure.message}"
+        how = f"the script fails after reading results, which are empty here: {failure.message}"
         notes.append((f"{path.name}:{failure.line}", how))
-    net.verdicts = Verdicts("; ".join(said), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
+    net.verdicts = Verdicts("; ".join(heading), tuple(Verdict(place, "line", APPROXIMATE, how) for place, how in notes))
     return net
 
 
 def _are_plain_files(folder: Path) -> bool:
-    """Whether this is a folder with files alone: no link, which leads elsewhere, and no pipe."""
+    """Return whether this is a folder that contains only files: no folders, links or pipes."""
     if not stat.S_ISDIR(folder.lstat().st_mode):
         return False
     with os.scandir(folder) as entries:
@@ -130,9 +130,9 @@ def _are_plain_files(folder: Path) -> bool:
 
 
 _HINTS = {
-    "memory": "--memory allows more",
-    "refused": "only what describes a network is allowed",
-    "time": "--seconds allows more",
+    "memory": "--memory sets the limit",
+    "refused": "a script may only describe a network",
+    "time": "--seconds sets the limit",
 }
 
 
@@ -141,7 +141,7 @@ _HINTS = {
 
 @contextmanager
 def _folder(script: Path) -> Iterator[Path]:
-    """A folder for the script to run in, with links to the files beside it."""
+    """Make a temporary folder in which the script runs, with links to the files beside the script."""
     folder = Path(tempfile.mkdtemp(prefix="neuro-script-"))
     try:
         (folder / "networks").mkdir()
@@ -156,7 +156,7 @@ def _folder(script: Path) -> Iterator[Path]:
 
 
 def _flatten(top: Path) -> None:
-    """Empty all folders in a folder. They may lie deeper than paths are long and than functions can call themselves."""
+    """Remove all folders in a folder. Their depth may exceed the limits of paths and of recursion."""
     mark, number = uuid4().hex, itertools.count()
     while folders := [entry.path for entry in os.scandir(top) if entry.is_dir(follow_symlinks=False)]:
         for folder in folders:
@@ -185,18 +185,21 @@ def _mirror(source: Path, target: Path) -> None:
 
 
 def _run(words: dict[str, Any], folder: Path) -> Report:
-    """Run a script to its end, or end it; nothing that it has started stays.
+    """Run a script, and end all its processes.
 
-    `words` are the script, its arguments, and its limits in seconds and bytes.
+    The report and the printed text are files without a name, so the script cannot replace them.
 
-    The report and what is printed are files without a name, so that the script can put nothing else in their place.
+    Args:
+        words: the script, its arguments, and its limits in seconds and bytes.
+        folder: the folder of `_folder`.
     """
     only_on_linux("running a script of PyNN")
     mark = uuid4().hex
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as report:
-        kept = {name: value for name, value in os.environ.items() if not re.search("TOKEN|SECRET|PASSWORD|KEY", name)}
+        secret = re.compile("TOKEN|SECRET|PASSWORD|KEY")
+        environment = {name: value for name, value in os.environ.items() if not secret.search(name)}
         paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
-        own = {
+        environment |= {
             "PYTHONPATH": paths,
             "MPLBACKEND": "Agg",
             "PYTHONHASHSEED": "0",
@@ -209,7 +212,7 @@ def _run(words: dict[str, Any], folder: Path) -> Report:
             stdout=output,
             stderr=subprocess.STDOUT,
             cwd=folder,
-            env=kept | own | dict.fromkeys(_THREADS, "1"),
+            env=environment | dict.fromkeys(_THREADS, "1"),
             start_new_session=True,
             pass_fds=[report.fileno()],
         )
@@ -221,17 +224,17 @@ def _run(words: dict[str, Any], folder: Path) -> Report:
                 process.stdin.close()
             code = process.wait(words["seconds"])
         except subprocess.TimeoutExpired:
-            return _failed(f"takes longer than {words['seconds']:g} s", "time")
+            return _failed(f"exceeds the limit of {words['seconds']:g} s", "time")
         finally:
             _end(process, mark)
         try:
-            return Report.read(report) or _died(code, output, words["seconds"])
+            return Report.read(report) or _report_of_exit(code, output, words["seconds"])
         except Damaged as error:
             return _failed(f"its report is damaged: {error}", "")
 
 
 def _end(process: subprocess.Popen[bytes], mark: str) -> None:
-    """End the process and all that it has started, also what has left its group."""
+    """End the process and all its descendants, also those that left its process group."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
@@ -242,16 +245,17 @@ def _end(process: subprocess.Popen[bytes], mark: str) -> None:
                 os.kill(int(folder.name), signal.SIGKILL)
 
 
-def _died(code: int, output: BinaryIO, seconds: float) -> Report:
+def _report_of_exit(code: int, output: BinaryIO, seconds: float) -> Report:
+    """Return the report of a process that ended without writing one, from its exit code and its printed text."""
     if code == -signal.SIGXCPU:
-        return _failed(f"takes longer than {seconds:g} s", "time")
+        return _failed(f"exceeds the limit of {seconds:g} s", "time")
     names = {each.value: each.name for each in signal.Signals}
     how = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
     size = os.fstat(output.fileno()).st_size
     printed = os.pread(output.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace")
     text = printable(printed.strip().rpartition("\n")[2])
     if "MemoryError" in text:
-        return _failed("needs more memory than it may", "memory")
+        return _failed("exceeds the memory limit", "memory")
     return _failed(f"its process {how} before its network is complete" + (f": {text[:200]}" if text else ""), "")
 
 

@@ -1,4 +1,4 @@
-"""The report of a script's process. The script can write it, too, so it is read as data of a stranger."""
+"""The report of the process that runs a script. The script can forge the report, so it is read as untrusted data."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from neuro.apps import Where
 
 MOST_BYTES = 1 << 26
 LONGEST = 10_000
-"""Letters of a text."""
+"""Largest length of a text in characters."""
 _NETWORK = re.compile(r"[0-9]{1,6}\.yaml|")
 
 
 class Damaged(ValueError):
-    """No report of ours; the message says what is wrong."""
+    """Raised for a report that has not the expected form."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class Remark:
     """A message about a line of the script.
 
     Attributes:
-        file: its file, "" if not known.
-        line: from 1; 0 if not known.
-        message: the text.
+        file: name of the file; "" if unknown.
+        line: number of the line, from 1; 0 if unknown.
+        message: the message.
     """
 
     file: str
@@ -38,20 +38,20 @@ class Remark:
 
     @property
     def where(self) -> Where | None:
-        """The place, if known."""
+        """The file and line, or None if unknown."""
         return Where(self.file, self.line) if self.file else None
 
 
 @dataclass(frozen=True, slots=True)
-class Built:
-    """A network that the script has built.
+class BuiltNetwork:
+    """A network that the script built.
 
     Attributes:
-        file: the name of its file, "" if it cannot come.
-        problems: why it cannot come.
-        notes: what is otherwise here.
-        runs: ms, one for each call of `run`.
-        line: of `setup`; 0 if not known.
+        file: name of the network's file; "" if the network cannot be converted.
+        problems: reasons why the network cannot be converted.
+        notes: differences between the network in PyNN and here.
+        runs: duration of each call of `run` in ms.
+        line: line of `setup`; 0 if unknown.
     """
 
     file: str
@@ -63,12 +63,12 @@ class Built:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """How the script has failed.
+    """An error of the script.
 
     Attributes:
-        message: of the error.
-        line: of the script; 0 if not known.
-        harmless: whether its networks come nevertheless.
+        message: message of the error.
+        line: line of the script; 0 if unknown.
+        harmless: the networks are complete in spite of the error.
         kind: "raised", "exit", "memory", "refused", "time" or "".
     """
 
@@ -80,13 +80,13 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What has come of a script."""
+    """The networks that a script built, and its error, if any."""
 
-    networks: tuple[Built, ...] = ()
+    networks: tuple[BuiltNetwork, ...] = ()
     failure: Failure | None = None
 
     def write(self, descriptor: int) -> None:
-        """Write it to an open file, in the place of what is in it."""
+        """Replace the content of an open file by the report."""
         os.ftruncate(descriptor, 0)
         os.lseek(descriptor, 0, os.SEEK_SET)
         with open(descriptor, "w", encoding="utf-8") as file:
@@ -94,10 +94,10 @@ class Report:
 
     @classmethod
     def read(cls, file: BinaryIO) -> Report | None:
-        """The report in an open file; None if nothing is written there.
+        """Return the report of an open file, or None if the file is empty.
 
         Raises:
-            Damaged: it is too long, no JSON, or of another form.
+            Damaged: the content is too long, is not JSON, or has not the form of a report.
         """
         size = os.fstat(file.fileno()).st_size
         if size > MOST_BYTES:
@@ -109,21 +109,21 @@ class Report:
         try:
             values = json.loads(content.decode("utf-8"))
         except (ValueError, RecursionError):
-            raise Damaged("no JSON") from None
+            raise Damaged("not JSON") from None
         report: Report = _decoded(cls, values, "report")
         return report
 
 
 def printable(text: str) -> str:
-    """A text with spaces for what would steer a terminal or break a line."""
+    """Return a text with spaces instead of control characters and line breaks."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _decoded(kind: Any, value: Any, place: str) -> Any:
-    """Return a value of JSON as a part of a report: a dataclass, a tuple, a part or None, a text, a number or a truth.
+    """Convert a value of JSON to a type of the report: a dataclass, a tuple, an optional, a text, a number or a bool.
 
     Raises:
-        Damaged: the value is none of that kind.
+        Damaged: the value has not that type.
     """
     if isinstance(kind, type) and is_dataclass(kind):
         hints = get_type_hints(kind)
@@ -131,19 +131,21 @@ def _decoded(kind: Any, value: Any, place: str) -> Any:
             raise Damaged(f"{place}: expected {', '.join(sorted(hints))}")
         inside = "" if kind is Report else f"{place}."
         words = {name: _decoded(hint, value[name], inside + name) for name, hint in hints.items()}
-        if kind is Built and not (_NETWORK.fullmatch(words["file"]) and bool(words["file"]) != bool(words["problems"])):
+        if kind is BuiltNetwork and not (
+            _NETWORK.fullmatch(words["file"]) and bool(words["file"]) != bool(words["problems"])
+        ):
             raise Damaged(f"{place}.file = {words['file'][:100]!r}: expected a number and .yaml, or problems")
         return kind(**words)
     if isinstance(kind, UnionType):
         return None if value is None else _decoded(get_args(kind)[0], value, place)
-    wish, fits = {
-        str: (f"a text of at most {LONGEST:,} letters", isinstance(value, str) and len(value) <= LONGEST),
+    expected, fits = {
+        str: (f"a text of at most {LONGEST:,} characters", isinstance(value, str) and len(value) <= LONGEST),
         int: ("the number of a line", type(value) is int and 0 <= value < 1 << 31),
         float: ("a time in ms", type(value) in (int, float) and 0 <= value < math.inf),
         bool: ("true or false", isinstance(value, bool)),
     }.get(kind, ("a list", isinstance(value, list)))
     if not fits:
-        raise Damaged(f"{place}: expected {wish}")
+        raise Damaged(f"{place}: expected {expected}")
     if get_origin(kind) is tuple:
         return tuple(_decoded(get_args(kind)[0], each, f"{place}[{k}]") for k, each in enumerate(value))
     return printable(value) if kind is str else kind(value)

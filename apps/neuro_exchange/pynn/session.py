@@ -1,6 +1,6 @@
-"""What a script of PyNN builds, kept line by line while it runs: a simulator that only passes time.
+"""The session of a script of PyNN: a simulator that only counts time, and the parts that the script builds, with lines.
 
-Also the functions of PyNN that a simulator has: `setup`, `run`, `reset` and `end`.
+The module also has the functions of a PyNN simulator: `setup`, `run`, `reset` and `end`.
 """
 
 from __future__ import annotations
@@ -17,27 +17,31 @@ from pyNN import common
 from pyNN.mock import simulator as mock_simulator
 
 from neuro.apps import Where
-from neuro_exchange.pynn.report import LONGEST, Built, Failure, Remark, Report
+from neuro_exchange.pynn.report import LONGEST, BuiltNetwork, Failure, Remark, Report
 
 MOST_SAMPLES = 1_000_000
-"""Of a recorded signal that a script reads; a longer one is read as constant at its first so many samples."""
+"""Largest number of samples in a recorded signal that a script reads. Longer signals are cut."""
 
 Remarks = dict[tuple[Where | None, str], None]
-"""Messages with the line that each is about, each once, in order."""
+"""Unique messages with their lines, in order."""
 
 
 @dataclass
 class Experiment:
-    """What a script builds between two calls of `setup`.
+    """The network that a script builds between two calls of `setup`.
 
     Attributes:
-        where: of `setup`.
-        timestep, min_delay: ms.
-        spinnaker: whether it is written for sPyNNaker, where weights have no sign.
-        runs: ms, one for each call of `run`.
-        live: what the script did since it ran; if it runs on, this belongs to no network.
-        problems: what cannot come, by line.
-        notes: what is otherwise here, by line.
+        where: line of `setup`.
+        timestep: length of a step in ms.
+        min_delay: shortest delay in ms.
+        spinnaker: the script is written for sPyNNaker, where weights have no sign.
+        populations: populations in the order of their creation.
+        projections: projections in the order of their creation.
+        currents: current sources, ids of the neurons that receive them, and lines.
+        runs: duration of each call of `run` in ms.
+        live: changes since the last run. If the script runs again, these changes are problems.
+        problems: parts that cannot be converted, by line.
+        notes: differences between PyNN and here, by line.
     """
 
     where: Where | None = None
@@ -52,8 +56,8 @@ class Experiment:
     problems: Remarks = field(default_factory=dict)
     notes: Remarks = field(default_factory=dict)
 
-    def built(self, file: str) -> Built:
-        """Return the entry of a report; `file` has the network, "" if it cannot come."""
+    def to_report(self, file: str) -> BuiltNetwork:
+        """Return the entry of the report; `file` has the network, "" if the network cannot be converted."""
         problems, notes = (
             tuple(
                 Remark(where.file if where else "", where.line if where else 0, message[:LONGEST])
@@ -61,17 +65,22 @@ class Experiment:
             )
             for remarks in (self.problems, self.notes)
         )
-        return Built(file, problems, notes, tuple(self.runs), self.where.line if self.where else 0)
+        return BuiltNetwork(file, problems, notes, tuple(self.runs), self.where.line if self.where else 0)
 
 
 class Session(mock_simulator.State):
-    """The run of one script, and the clock of its simulator.
+    """The state of a running script, and the clock of its simulator.
 
     Attributes:
-        files: beginnings of names of files whose lines are the script's.
+        files: prefixes of the names of files that belong to the script.
+        script: the script's file.
+        folder: folder for the networks.
         experiment: the network that is being built.
-        read: whether the script has read results.
-        networks: what was built until it ran, with its network here; files of those are in `saved`.
+        captured: the present network is in `networks`.
+        read: the script has read results.
+        networks: experiments that ran, each with the builder of its network.
+        saved: names of the networks' files; "" for a network that cannot be converted.
+        failure: the error of the script, if any.
     """
 
     min_delay: Any
@@ -87,18 +96,18 @@ class Session(mock_simulator.State):
         self.failure: Failure | None = None
 
     def begin(self, folder: Path, script: Path, beside: Path, gather: Callable[[Experiment, str], Any]) -> None:
-        """Begin a script.
+        """Start the session of a script.
 
         Args:
-            folder: for the networks.
-            script: its file.
-            beside: the folder in which it runs; lines of modules there are the script's, too.
-            gather: makes a network of this name of what was built.
+            folder: folder for the networks.
+            script: the script's file.
+            beside: folder in which the script runs. Modules in the folder belong to the script.
+            gather: returns the builder of a network from an experiment and a name.
         """
         self.folder, self.script, self.files, self.gather = folder, script, (str(script), f"{beside}/"), gather
 
     def where(self) -> Where | None:
-        """The line of the script that is being run."""
+        """Return the line of the script that is running, or None."""
         frame: Any = sys._getframe(1)
         while frame is not None:
             name = frame.f_code.co_filename
@@ -108,59 +117,59 @@ class Session(mock_simulator.State):
         return None
 
     def problem(self, message: str) -> None:
-        """What cannot come, at the line that is being run."""
+        """Add a part that cannot be converted, with the line that is running."""
         self.experiment.problems.setdefault((self.where(), message))
 
     def note(self, message: str) -> None:
-        """What is otherwise here, at the line that is being run."""
+        """Add a difference between PyNN and here, with the line that is running."""
         self.experiment.notes.setdefault((self.where(), message))
 
     def changed(self, what: str) -> None:
-        """The script changes the network: after a run this is a live change, before it another network."""
+        """Register a change of the network. Before a run it is part of the network, after a run it is a live change."""
         if self.experiment.runs:
             self.experiment.live.append((self.where(), what))
         else:
             self.captured = False
 
     def capture(self) -> None:
-        """The network is complete: it runs, or another one begins."""
+        """Convert the present network, which is complete: it starts to run, or a new network begins."""
         if not self.captured and self.experiment.populations:
             self.captured = True
             self.close()
             self.networks.append((self.experiment, self.gather(self.experiment, self.script.stem)))
 
     def close(self) -> None:
-        """Save the last network, unless it cannot come."""
+        """Save the last network, unless it cannot be converted."""
         if len(self.saved) == len(self.networks):
             return
-        experiment, gathered = self.networks[-1]
+        experiment, builder = self.networks[-1]
         self.saved.append("" if experiment.problems else f"{len(self.saved)}.yaml")
         if self.saved[-1]:
-            gathered.close().save(self.folder / self.saved[-1])
+            builder.close().save(self.folder / self.saved[-1])
 
     def fail(self, message: str, line: int, kind: str = "raised") -> None:
-        """The script ends by a mistake; what it does with results that are empty here is none."""
+        """Register an error of the script. An error after reading results, which are empty here, is harmless."""
         harmless = kind == "raised" and self.read and bool(self.networks)
         self.failure = Failure(message, line, harmless, kind)
 
     def report(self) -> Report:
-        """End the script, and return its networks and how it failed."""
+        """End the session, and return the networks and the error of the script."""
         if self.failure is None or self.failure.harmless:
             self.capture()
         self.close()
         pairs = zip(self.networks, self.saved, strict=True)
-        return Report(tuple(experiment.built(file) for (experiment, _), file in pairs), self.failure)
+        return Report(tuple(experiment.to_report(file) for (experiment, _), file in pairs), self.failure)
 
     def run(self, simtime: float) -> None:
-        """Pass time."""
+        """Advance the clock by a time in ms."""
         self.run_until(self.t + simtime)
 
     def run_until(self, tstop: float) -> None:
-        """Pass time; what the script has changed since it ran cannot be part of a network."""
+        """Advance the clock to a time in ms. Changes since the last run become problems."""
         experiment = self.experiment
         self.capture()
         if self.min_delay == "auto":
-            delays = [one.column("delay").min() for one in experiment.projections if len(one)]
+            delays = [part.column("delay").min() for part in experiment.projections if len(part)]
             self.min_delay = min(delays, default=self.dt)
         if tstop > self.t:
             for where, what in experiment.live:
@@ -170,7 +179,7 @@ class Session(mock_simulator.State):
         super().run_until(tstop)
 
     def written_for_spinnaker(self) -> None:
-        """The script imports sPyNNaker, whose steps last 1 ms unless it says so."""
+        """Register that the script imports sPyNNaker, whose default step is 1 ms."""
         experiment = self.experiment
         if not experiment.spinnaker:
             experiment.spinnaker, experiment.timestep, experiment.min_delay = True, 1.0, 1.0
@@ -182,7 +191,7 @@ SIMULATOR = SimpleNamespace(state=SESSION, ID=mock_simulator.ID, name="neuro")
 
 
 def setup(timestep: Any = None, min_delay: Any = "auto", **extra: Any) -> int:
-    """PyNN's `setup`: a network begins."""
+    """PyNN's `setup`, which begins a network."""
     SESSION.capture()
     SESSION.close()
     before = SESSION.experiment
@@ -228,9 +237,9 @@ _reset = common.build_reset(SIMULATOR)
 
 
 def reset(annotations: Any = None) -> None:
-    """PyNN's `reset`: the network begins anew, and what is changed from now on makes another one."""
+    """PyNN's `reset`, which restarts the network. Changes after a reset make another network."""
     _reset(annotations or {})
     SESSION.close()
-    was = SESSION.experiment
-    SESSION.experiment = replace(was, where=SESSION.where(), runs=[], live=[])
-    SESSION.captured = SESSION.captured and not was.live
+    before = SESSION.experiment
+    SESSION.experiment = replace(before, where=SESSION.where(), runs=[], live=[])
+    SESSION.captured = SESSION.captured and not before.live

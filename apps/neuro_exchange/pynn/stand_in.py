@@ -1,9 +1,9 @@
-"""Modules that stand for the simulators of PyNN while a script runs: each keeps what the script builds.
+"""Replacements of PyNN's simulators while a script runs, which store the parts that the script builds.
 
-They answer as if no neuron had fired. Their classes are subclasses of PyNN's own common classes, so names, checks,
-connectors and random numbers are PyNN's. A name that has no counterpart gives a part that accepts everything and is a
-problem of the line that uses it, so that a script goes on and all its problems are found. Only the process of the
-script imports this module, see `confined`.
+Results have no spikes. The classes are subclasses of PyNN's common classes, so names, checks, connectors and random
+numbers are PyNN's. A name without a counterpart gives a part that accepts every call. Each call is a problem of the
+calling line, and the script goes on, so all problems are found. Only the process of the script imports this module,
+see `confined`.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ from neuro_exchange.pynn.standard import (
 
 
 def list_standard_models() -> list[str]:
-    """Names of the cells."""
+    """Return the names of the cells."""
     return list(CELLS)
 
 
 def public_names() -> dict[str, Any]:
-    """What a module of PyNN for one simulator offers, by name."""
+    """Return the parts of PyNN's module for a simulator by name."""
     queries = common.build_state_queries(SIMULATOR)
     words = ("get_current_time", "get_time_step", "get_min_delay", "get_max_delay", "num_processes", "rank")
     kinds = {name: kind for name, kind in vars(connectors).items() if name.endswith("Connector")}
-    ours = (
+    parts = (
         *(setup, end, run, run_until, reset, list_standard_models),
         *(STDPMechanism, Population, PopulationView, Assembly, Projection),
     )
     return {
         **kinds,
-        **{one.__name__: one for one in ours},
+        **{part.__name__: part for part in parts},
         **dict(zip(words, queries, strict=True)),
         **{"run_for": run, "initialize": common.initialize, "set": common.set},
         "create": common.build_create(Population),
@@ -77,19 +77,19 @@ _GENERAL = (
     *("common", "connectors", "core", "descriptions", "errors", "models", "morphology", "network", "parameters"),
     *("random", "recording", "serialization", "space", "standardmodels", "utility"),
 )
-"""Modules of PyNN that belong to no simulator."""
+"""Modules of PyNN that all simulators share."""
 _SPINNAKER = ("spynnaker", "spynnaker7", "spynnaker8", "pynn_spinnaker", "spinn_front_end_common", "spinn_utilities")
 _OTHERS = ("pynn_genn", "pynn_brainscales", "pynn_brainscales2")
 _SIMULATORS = ("nest", "neuron", "brian", "brian2", "arbor", "moose", "nengo", "pygenn")
-"""Packages that a script must not use beside PyNN: what they build is not seen."""
+"""Packages that a script must not import: the networks that they build are not recorded."""
 
 
 def _nothing(*args: Any, **words: Any) -> None:
-    """Stands for what places neurons on a machine."""
+    """Replacement of functions that place neurons on a machine."""
 
 
 class Simulator(ModuleType):
-    """A module of a simulator: the recorder's names, then those that it has not."""
+    """Replacement of a simulator's module. Names without a counterpart are `Absent`."""
 
     __path__: list[str] = []
     spinnaker = False
@@ -104,7 +104,7 @@ class Simulator(ModuleType):
         if self.spinnaker and name in SPINNAKER_EXTRAS:
             return self
         if self.spinnaker and name.startswith(("set_", "add_", "get_", "activate_", "extract_")):
-            SESSION.note(f"{name} concerns the machine alone and is left out")
+            SESSION.note(f"{name} is ignored: it concerns only the machine")
             return _nothing
         if self.spinnaker and name == "name":
             return lambda: "neuro"
@@ -112,24 +112,25 @@ class Simulator(ModuleType):
 
 
 class Finder(MetaPathFinder, Loader):
-    """Finds these modules before Python looks for those of the simulators."""
+    """Import hook that finds the replacements before Python finds a simulator."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The spec of a module, where it stands for a simulator.
+        """Return the spec of a replacement, or None for all other modules.
 
         Raises:
-            ImportError: the module is a simulator itself.
+            ImportError: the module is a simulator's own package.
         """
         first, _, rest = fullname.partition(".")
         if first in _SIMULATORS:
-            raise ImportError(f"'{first}' is used beside PyNN, and what it builds cannot be recorded", name=fullname)
-        ours = first in (*_SPINNAKER, *_OTHERS) or (first == "pyNN" and rest.partition(".")[0] not in ("", *_GENERAL))
-        return ModuleSpec(fullname, self, is_package=True) if ours else None
+            raise ImportError(f"'{first}' is imported directly, and its networks cannot be recorded", name=fullname)
+        is_backend = first == "pyNN" and rest.partition(".")[0] not in ("", *_GENERAL)
+        is_replaced = first in (*_SPINNAKER, *_OTHERS) or is_backend
+        return ModuleSpec(fullname, self, is_package=True) if is_replaced else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """A module with the recorder's names."""
+        """Create the replacement of a module."""
         module = Simulator(spec.name)
         module.spinnaker = "spinnaker" in spec.name.lower() or "spynnaker" in spec.name
         vars(module).update(public_names())
@@ -138,20 +139,20 @@ class Finder(MetaPathFinder, Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """The script is written for this simulator."""
+        """Register that a script imports sPyNNaker."""
         if isinstance(module, Simulator) and module.spinnaker:
             SESSION.written_for_spinnaker()
 
 
 def _get_simulator(*arguments: Any) -> Any:
-    """PyNN's, which takes the first of named choices where the user gave no arguments."""
-    required = [one for one in arguments if not one[0].startswith("-") and len(one) == 2]
+    """PyNN's `get_simulator`. A missing argument gets the first of the choices that its help names."""
+    required = [each for each in arguments if not each[0].startswith("-") and len(each) == 2]
     for name, text in required[len(sys.argv) - 2 :] if len(sys.argv) > 1 else []:
         choices = re.search(r"either (\w+) or \w+", text)
         if choices is None:
             break
         sys.argv.append(choices[1])
-        SESSION.note(f"argument '{name}' is '{choices[1]}', since none is given ({text})")
+        SESSION.note(f"argument '{name}' is missing: assuming '{choices[1]}' ({text})")
     return _pynn_get_simulator(*arguments)
 
 
@@ -159,7 +160,7 @@ _pynn_get_simulator = script_tools.get_simulator
 
 
 def install() -> None:
-    """From now on a script that imports a simulator of PyNN gets the recorder."""
+    """Let imports of PyNN's simulators find the replacements from now on."""
     for name in [name for name in sys.modules if name.startswith("pyNN.mock")]:
         del sys.modules[name]
     if hasattr(pyNN, "mock"):

@@ -1,4 +1,4 @@
-"""PyNN's cells, synapses and current sources, whose parameters keep PyNN's names and units, and those of sPyNNaker.
+"""PyNN's cells, synapses and current sources with PyNN's names and units, and the additions of sPyNNaker.
 
 Source: PyNN 0.13, sPyNNaker 7.3 and PyNN8Examples.
 """
@@ -30,13 +30,13 @@ from neuro_exchange.pynn.session import MOST_SAMPLES, SESSION
 
 
 class Absent:
-    """What a simulator has and this language has not."""
+    """A part of a simulator without a counterpart here. Each call is a problem of the calling line."""
 
     def __init__(self, name: str) -> None:
         self._name = name
 
     def __call__(self, *args: Any, **words: Any) -> Absent:
-        """Note the line that uses it."""
+        """Add a problem for the line that calls the part."""
         SESSION.problem(f"{self._name} has no counterpart")
         return self
 
@@ -49,23 +49,23 @@ class Absent:
         return iter(())
 
 
-def present(part: Any, instead: Any) -> Any:
-    """The part, or another so that the script goes on; that it is absent is a problem."""
-    return instead() if isinstance(part, Absent) and part() else part
+def present(part: Any, replacement: Any) -> Any:
+    """Return the part. An absent part is a problem, and is replaced so that the script goes on."""
+    return replacement() if isinstance(part, Absent) and part() else part
 
 
-def _as_it_is(kind: Any, **words: Any) -> Any:
-    """A class of PyNN's whose parameters keep PyNN's names and units."""
+def _with_pynn_names(kind: Any, **words: Any) -> Any:
+    """Return a subclass of a class of PyNN that keeps PyNN's names and units of parameters."""
     names = build_translations(*((word, word) for word in kind.default_parameters))
     return type(kind.__name__, (kind,), {"translations": names, "standard_receptor_type": True, **words})
 
 
 def _standard(module: Any, base: Any) -> dict[str, Any]:
-    found = (kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, base))
-    return {kind.__name__: kind for kind in found if getattr(kind, "default_parameters", None)}
+    kinds = (kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, base))
+    return {kind.__name__: kind for kind in kinds if getattr(kind, "default_parameters", None)}
 
 
-CELLS = {name: _as_it_is(kind) for name, kind in _standard(cells, standardmodels.StandardCellType).items()}
+CELLS = {name: _with_pynn_names(kind) for name, kind in _standard(cells, standardmodels.StandardCellType).items()}
 PLACEHOLDER = type(
     "Placeholder",
     (CELLS["IF_curr_exp"],),
@@ -75,12 +75,12 @@ PLACEHOLDER = type(
         "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
     },
 )
-"""Stands for cells that are absent, so that the script goes on."""
+"""Replacement of cells without a counterpart, so that the script goes on."""
 CELLS = {name: kind for name, kind in CELLS.items() if name not in ("PointNeuron", "MultiCompartmentNeuron")}
 
 
 class Delayed:
-    """A synapse without a delay has the smallest."""
+    """Base class of synapses whose default delay is the shortest one."""
 
     def _get_minimum_delay(self) -> float:
         return SESSION.experiment.min_delay
@@ -91,9 +91,9 @@ _PLAIN = {
     for name, kind in _standard(synapses, standardmodels.StandardSynapseType).items()
     if name != "STDPMechanism"
 }
-SYNAPSES = {name: _as_it_is(type(name, (Delayed, kind), {})) for name, kind in _PLAIN.items()}
+SYNAPSES = {name: _with_pynn_names(type(name, (Delayed, kind), {})) for name, kind in _PLAIN.items()}
 _BASES = (standardmodels.STDPWeightDependence, standardmodels.STDPTimingDependence)
-DEPENDENCES = {name: _as_it_is(kind) for base in _BASES for name, kind in _standard(synapses, base).items()}
+DEPENDENCES = {name: _with_pynn_names(kind) for base in _BASES for name, kind in _standard(synapses, base).items()}
 
 
 class STDPMechanism(Delayed, synapses.STDPMechanism):
@@ -102,8 +102,8 @@ class STDPMechanism(Delayed, synapses.STDPMechanism):
     base_translations = build_translations(*((word, word) for word in ("weight", "delay", "dendritic_delay_fraction")))
 
     def __init__(self, timing_dependence: Any = None, weight_dependence: Any = None, *args: Any, **words: Any) -> None:
-        if not words.pop("backprop_delay", True):  # sPyNNaker's
-            SESSION.problem("'backprop_delay' is False: here a delay is dendritic")
+        if not words.pop("backprop_delay", True):  # an argument of sPyNNaker
+            SESSION.problem("'backprop_delay' is False: delays here are dendritic")
         timing = present(timing_dependence, DEPENDENCES["SpikePairRule"])
         weight = present(weight_dependence, DEPENDENCES["AdditiveWeightDependence"])
         super().__init__(timing, weight, *args, **words)
@@ -125,23 +125,23 @@ class _Source:
         object.__setattr__(self, "_kept", space)
 
     def inject_into(self, cells: Any) -> None:
-        """Keep which neurons receive it."""
+        """Store the neurons that receive the current."""
         if any(not cell.celltype.injectable for cell in cells):
             raise TypeError("Can't inject current into a spike source.")
         SESSION.changed("a current is injected")
         SESSION.experiment.currents.append((self, [int(cell) for cell in cells], SESSION.where()))
 
     def set_native_parameters(self, parameters: Any) -> None:
-        """Change its parameters."""
+        """Change parameters of the source."""
         SESSION.changed("a current is changed")
         self._kept.update(**dict(parameters.items()))  # type: ignore[attr-defined]
 
     def get_native_parameters(self) -> Any:
-        """Its parameters."""
+        """Return the parameters of the source."""
         return self._kept  # type: ignore[attr-defined]
 
     def record(self) -> None:
-        """Record nothing."""
+        """Do nothing: there are no results."""
 
     def _get_data(self) -> tuple[Any, Any]:
         SESSION.read = True
@@ -149,80 +149,80 @@ class _Source:
         return times, np.zeros(times.size)
 
     def values(self) -> dict[str, Any]:
-        """Its parameters, numbers and arrays."""
-        space = deepcopy(self._kept)  # type: ignore[attr-defined]  # evaluated ones cannot be evaluated again
+        """Return the parameters as numbers and arrays."""
+        space = deepcopy(self._kept)  # type: ignore[attr-defined]  # a space can be evaluated only once
         space.evaluate(simplify=True)
         return {name: getattr(value, "value", value) for name, value in space.as_dict().items()}
 
 
 SOURCES = {
-    name: _as_it_is(type(name, (_Source, kind), {}))
+    name: _with_pynn_names(type(name, (_Source, kind), {}))
     for name, kind in _standard(electrodes, standardmodels.StandardCurrentSource).items()
 }
 
 
 SPINNAKER_EXTRAS = ("extra_models", "external_devices")
-"""Names under which sPyNNaker keeps what it adds."""
+"""Modules of sPyNNaker with its additions to PyNN."""
 
 
-def _same(*words: str) -> Any:
+def _unchanged(*words: str) -> Any:
     return build_translations(*((word, word) for word in words))
 
 
 class Neuromodulation(Delayed, StandardSynapseType):
-    """Synapses whose spikes are dopamine: each raises it by the weight."""
+    """Synapses that release dopamine: a spike raises the dopamine of the target by the weight."""
 
     default_parameters = {"weight": 0.0, "delay": None, "tau_c": 1000.0, "tau_d": 200.0, "w_min": 0.0, "w_max": 1.0}
-    translations = _same(*default_parameters)
+    translations = _unchanged(*default_parameters)
     parameter_checks: dict[str, Any] = {}
 
 
 class Vogels2011Rule(STDPTimingDependence):
-    """The rule of Vogels et al. 2011; its step is `A_plus`."""
+    """The learning rule of Vogels et al. 2011, with the step `A_plus`."""
 
     default_parameters = {"tau": 20.0, "alpha": 0.12, "A_plus": 0.01, "A_minus": 0.01}
-    translations = _same(*default_parameters)
+    translations = _unchanged(*default_parameters)
 
 
 class SpikeNearestPairRule(STDPTimingDependence):
-    """Pairs of each spike with the last of the other side; of post spikes only the first after a pre spike."""
+    """STDP of nearest pairs. Of the target spikes, only the first after each source spike counts."""
 
     default_parameters = {"tau_plus": 20.0, "tau_minus": 20.0, "A_plus": 0.01, "A_minus": 0.01}
-    translations = _same(*default_parameters)
+    translations = _unchanged(*default_parameters)
 
 
 class PfisterSpikeTriplet(STDPTimingDependence):
-    """Pairs and triplets; steps are `A_plus` and so on x w_max."""
+    """STDP of pairs and triplets. A step is `A_plus` (or another amplitude) times w_max."""
 
     default_parameters = {
         **{"tau_plus": 20.0, "tau_minus": 20.0, "tau_x": 101.0, "tau_y": 114.0},
         **{"A_plus": 0.01, "A_minus": 0.01},
     }
-    translations = _same(*default_parameters)
+    translations = _unchanged(*default_parameters)
 
 
 class WeightDependenceAdditiveTriplet(STDPWeightDependence):
-    """The bounds of weights that learn by triplets, and the steps of these."""
+    """Bounds of weights that learn by triplets, and the amplitudes of triplets."""
 
     default_parameters = {"w_min": 0.0, "w_max": 1.0, "A3_plus": 0.01, "A3_minus": 0.01}
-    translations = _same(*default_parameters)
+    translations = _unchanged(*default_parameters)
 
 
 class RecurrentRule(STDPTimingDependence):
-    """Pairs within windows that are drawn move a counter of the synapse, which at its ends changes the weight."""
+    """Pairs within random windows count up or down. At its limits, the counter of a synapse changes the weight."""
 
     default_parameters = {
         **{"accumulator_depression": -6, "accumulator_potentiation": 3, "mean_pre_window": 35.0},
         **{"mean_post_window": 35.0, "dual_fsm": True, "A_plus": 0.01, "A_minus": 0.01},
     }
-    translations = _same(*default_parameters)
+    translations = _unchanged(*default_parameters)
 
 
 class SpikeSourcePoissonVariable(StandardCellType):
-    """Poisson trains whose rates change at listed times."""
+    """Poisson spikes with rates that change at listed times."""
 
     default_parameters = {"rates": Sequence([1.0]), "starts": Sequence([0.0]), "durations": Sequence([])}
-    translations = _same(*default_parameters)
+    translations = _unchanged(*default_parameters)
     recordable = ["spikes"]
     injectable = False
     receptor_types = ()
@@ -231,38 +231,38 @@ class SpikeSourcePoissonVariable(StandardCellType):
     units = {"spikes": "ms"}
 
 
-_ADDED = (
+_ADDITIONS = (
     *(Neuromodulation, Vogels2011Rule, SpikeNearestPairRule, PfisterSpikeTriplet),
     *(WeightDependenceAdditiveTriplet, RecurrentRule, SpikeSourcePoissonVariable),
 )
 
 
 def spinnaker_names() -> dict[str, Any]:
-    """Return what sPyNNaker's module offers beyond PyNN's, by name.
+    """Return the parts of sPyNNaker's module by name.
 
-    Its cells record both names of a synaptic input and receive dopamine. Its receptor decides the sign of a weight, so
-    weights are not checked.
+    Cells of sPyNNaker have two names for a synaptic input, and receptors for dopamine. The receptor determines the sign
+    of a weight, so the sign is not checked.
     """
-    ours: dict[str, Any] = {name: kind for name, kind in CELLS.items() if name.startswith("SpikeSource")}
+    parts: dict[str, Any] = {name: kind for name, kind in CELLS.items() if name.startswith("SpikeSource")}
     for name, kind in CELLS.items():
-        if name not in ours:
+        if name not in parts:
             inputs = {"gsyn_exc": "uS", "gsyn_inh": "uS"}
             words = {
                 "recordable": list(dict.fromkeys([*kind.recordable, *inputs])),
                 "units": {**inputs, **kind.units},
                 "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
             }
-            ours[name] = type(name, (kind,), words)
-    ours["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
-    ours["IFCurDelta"] = ours["IFCurrDelta"] = ours["IF_curr_delta"]
+            parts[name] = type(name, (kind,), words)
+    parts["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
+    parts["IFCurDelta"] = parts["IFCurrDelta"] = parts["IF_curr_delta"]
     unchecked = {**SYNAPSES, "STDPMechanism": STDPMechanism}
-    ours |= {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in unchecked.items()}
-    ours |= {kind.__name__: kind for kind in _ADDED}
-    return ours | {"MultapseConnector": FixedTotalNumberConnector}
+    parts |= {name: type(name, (kind,), {"parameter_checks": {}}) for name, kind in unchecked.items()}
+    parts |= {kind.__name__: kind for kind in _ADDITIONS}
+    return parts | {"MultapseConnector": FixedTotalNumberConnector}
 
 
 def converted(name: str) -> Any:
-    """A function of `neo_convertor`: of results without a spike."""
+    """Return a function of `neo_convertor` for results without spikes."""
 
     def convert(*args: Any, **words: Any) -> Any:
         SESSION.read = True
@@ -274,10 +274,10 @@ def converted(name: str) -> Any:
 
 
 def delta_jump(values: dict[str, Any], step: float) -> NDArray[np.float64]:
-    """Of each neuron the jump in mV that a weight of 1 nA makes, which is a current that lasts one step.
+    """Return the jump of each neuron's potential in mV for a weight of 1 nA, which is a current of one step.
 
     Args:
         values: parameters of the neurons, in PyNN's units.
-        step: ms.
+        step: length of a step in ms.
     """
     return np.asarray(values["tau_m"] / values["cm"] * -np.expm1(-step / values["tau_m"]))
