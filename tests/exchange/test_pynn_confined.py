@@ -351,8 +351,8 @@ def test_what_the_kernel_does_not_hold_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(kernel, "_landlock", lambda: 2)
     monkeypatch.setitem(sys.modules, "pyseccomp", None)
     assert warnings() == [
-        "warning: only Python keeps the script from writing into other folders: the kernel lacks Landlock of Linux 6.2 or "
-        "later",
+        "warning: only Python keeps the script from writing into other folders: the kernel lacks Landlock of Linux 6.2 "
+        "or later",
         "warning: only Python keeps the script from starting processes, signals, sockets, and changing modes, owners "
         "and times of files: the filter of system calls needs pyseccomp and libseccomp.so.2 on x86_64 or aarch64",
     ]
