@@ -355,12 +355,12 @@ def plot(
     from neuro import plots
     from neuro.core.errors import ModelError
     from neuro.files.results import read
-    from neuro.model.views import View, on_a_line
+    from neuro.model.views import View, view_of_text
 
     results = read(file)
     stretch = None if between is None else tuple(moment(text) for text in between)
     laid = {name: results.laid(name) for name in results.populations}
-    asked = [on_a_line(text, laid) for text in of]
+    asked = [view_of_text(text, laid) for text in of]
     shown = [part if isinstance(part, View) else part.name for part in asked] or None
     whole = {part.name for part in asked if not isinstance(part, View)}
     views = [part for part in asked if isinstance(part, View) and part.population.name not in whole]

@@ -23,7 +23,7 @@ from neuro.model.parts import Signal, naming_the_part, refuse
 from neuro.model.sections import largest_in_world
 from neuro.model.signals import SOURCES, Source
 from neuro.model.sources import computed, like, schedule
-from neuro.model.views import View, on_a_line
+from neuro.model.views import View, view_of_text
 from neuro.program import program as resolved
 from neuro.program.program import Computed, Floats, Ints, Operation, Schedule
 
@@ -113,7 +113,7 @@ class _Resolver:
             )
 
     def schedule_of(self, part: Signal, source: schedule) -> Schedule:
-        times, values = source.listed()
+        times, values = source.arrays_of_schedule()
         rows, n = np.asarray(values, dtype=np.float64).reshape(len(times), -1), size(self.shapes[part.to])
         if rows.shape[1] not in (1, n):
             message = f"{source.name}.values has rows of {rows.shape[1]} values: expected {n}, one for each neuron"
@@ -204,7 +204,7 @@ class _Reader:
         if not isinstance(tree, Name):
             raise self.expression.mistake(tree.at, "expected a population, or some of its neurons, as exc[:100]")
         try:
-            part = on_a_line(tree.name.replace('"', ""), self.net.populations)
+            part = view_of_text(tree.name.replace('"', ""), self.net.populations)
             name = part.population.name if isinstance(part, View) else part.name
             ids = end_of(part, self.shapes[name]).ids if isinstance(part, View) else None
         except ModelError as error:

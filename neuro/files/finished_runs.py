@@ -17,7 +17,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera, spike_generator
 from neuro.model.parts import Part, Population
-from neuro.model.views import View, named, view
+from neuro.model.views import View, view, view_of_index
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
@@ -209,7 +209,7 @@ def _synapses(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) 
 def _neurons(results: Any, name: str, word: str, value: Any, population: str) -> Ints:
     """Return the ids of neurons of a population; the value is the population, a view of it, or ids."""
     shape = results.populations[population].shape
-    neurons = named(value, {each: results.laid(each) for each in results.populations})
+    neurons = view_of_index(value, {each: results.laid(each) for each in results.populations})
     if isinstance(neurons, (Part, View, str)):
         part = neurons.population if isinstance(neurons, View) else neurons
         part_name = part if isinstance(part, str) else part.name

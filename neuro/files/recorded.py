@@ -17,7 +17,7 @@ from neuro.core.extras import needed
 from neuro.core.quantities import in_ms
 from neuro.core.values import shown
 from neuro.model.parts import Part
-from neuro.model.views import Shaped, View, named
+from neuro.model.views import NameAndShape, View, view_of_index
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.spikes import one_by_one
 
@@ -278,7 +278,7 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain
         raise ModelError(f"of = {shown(of)}: expected a population, a view of one, a name, or a list of these")
     spike_trains = []
     for each in parts:
-        view = named(each, {name: Shaped(name, shape) for name, shape in run.shapes.items()})
+        view = view_of_index(each, {name: NameAndShape(name, shape) for name, shape in run.shapes.items()})
         part = view.population if isinstance(view, View) else view
         name = getattr(part, "name", part)
         if not isinstance(name, str) or name not in run.shapes:

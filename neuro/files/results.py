@@ -57,7 +57,7 @@ from neuro.files.finished_runs import RecordingSearch, native_counts, one_each, 
 from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, span, unread
 from neuro.model.network import Network
 from neuro.model.parts import Part
-from neuro.model.views import Shaped, View, named
+from neuro.model.views import NameAndShape, View, view_of_index
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
 from neuro.program.spikes import one_by_one
@@ -308,13 +308,13 @@ class Results:
                 populations.
         """
         from neuro.model.language import load
-        from neuro.model.language.files import elsewhere
+        from neuro.model.language.files import locate_recordings
 
         of_results = [] if self.path is None else [self.path.resolve().parent]
         of_run = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
         folders = [*of_run, *of_results, Path.cwd()] if recordings is None else [Path(recordings)]
         search = RecordingSearch(dict.fromkeys(folders))
-        with tempfile.TemporaryDirectory() as folder, elsewhere(search.find):
+        with tempfile.TemporaryDirectory() as folder, locate_recordings(search.find):
             for name, content in self.files.items():
                 (Path(folder) / name).write_bytes(content)
             net = load(Path(folder) / YAML)
@@ -324,13 +324,13 @@ class Results:
             search.check()
         return net
 
-    def laid(self, name: str) -> Shaped:
+    def laid(self, name: str) -> NameAndShape:
         """Return name and shape of a population, of which views can be made."""
-        return Shaped(name, self.populations[name].shape)
+        return NameAndShape(name, self.populations[name].shape)
 
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
         """Return the name of a population, and the neurons of a view or None."""
-        of = named(of, {name: self.laid(name) for name in self.populations})
+        of = view_of_index(of, {name: self.laid(name) for name in self.populations})
         view = of if isinstance(of, View) else None
         name = _name(of if view is None else view.population)
         if name not in self.populations:
@@ -339,7 +339,7 @@ class Results:
 
 
 def _name(of: Any) -> Any:
-    return of.name if isinstance(of, (Part, Shaped)) else of
+    return of.name if isinstance(of, (Part, NameAndShape)) else of
 
 
 def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[str, Weights]] = ()) -> None:

@@ -86,8 +86,7 @@ class lateral_reset(Competition):
 
     Neurons whose coordinates differ only along `axis` are rivals. If several rivals reach the threshold in a step, the
     one with the largest V_m - V_th fires, and ties are broken at random. All its rivals, whatever their potential, are
-    reset as if they had fired: their V_m is set to V_reset and they are refractory for their t_ref, but they emit no
-    spike.
+    reset as after a spike: V_m is set to V_reset and the neuron is refractory for t_ref, but rivals emit no spike.
     Source: temporal winner-take-all of HFirst, Orchard et al., IEEE TPAMI 37:2028, 2015
     """
 

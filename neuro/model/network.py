@@ -1,4 +1,4 @@
-"""The class `Network`, which collects parts. It knows no backend, no array layout and no steps."""
+"""The class `Network`, which collects parts, independent of backends, array layouts and steps."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from neuro.model.parts import (
 )
 from neuro.model.rules import Rule, from_file, one_to_one
 from neuro.model.synapses import Synapse, static
-from neuro.model.views import Laid, View, named, view
+from neuro.model.views import HasShape, View, view, view_of_index
 from neuro.model.wiring.neurons import neuron_table
 
 P = TypeVar("P", bound=Part)
@@ -193,7 +193,7 @@ class Network(Description):
         initial: Mapping[str, Any] | None = None,
         drive: Any = None,
     ) -> Population:
-        """Add the neurons of a wiring diagram as one population, and its edges as a projection onto itself.
+        """Add a wiring diagram: a population of its neurons, and a projection of its edges.
 
         Args:
             name: name of the population. The projection is called `name_name`.
@@ -392,7 +392,7 @@ class Network(Description):
         if not isinstance(of, Mapping) and not (isinstance(of, str) and "[" in of):
             return of
         with self._in_place(what):
-            neurons = named(of, self.populations)
+            neurons = view_of_index(of, self.populations)
             if isinstance(neurons, Mapping):
                 raise ModelError(f"{what}: found {shown(dict(neurons))}: expected a name, or {{name: index}}")
         return neurons
@@ -404,7 +404,7 @@ class Network(Description):
             return self._name_of(of.population, what, role), of
         return self._name_of(of, what, role), None
 
-    def _name_of(self, population: Laid | str, what: str, role: str) -> str:
+    def _name_of(self, population: HasShape | str, what: str, role: str) -> str:
         name = population.name if isinstance(population, Population) else population
         if not isinstance(name, str):
             raise ModelError(f"{what}: {role} = {shown(name)}: expected a name", where=self._where(), path=(role,))

@@ -113,8 +113,8 @@ def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
     try:
         yield
     except ModelError as error:
-        named = error.at(part.origin, f"{part.word} '{part.name}'")
-        raise named.but(path=(*path, *error.path)) from None
+        error_of_part = error.at(part.origin, f"{part.word} '{part.name}'")
+        raise error_of_part.but(path=(*path, *error.path)) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +213,8 @@ class Population(Part):
 def _no_attribute(part: Population, word: str, way: str) -> str:
     """Return the message for an attribute that a population lacks. `way` names the method of a simulation to use."""
     model = vars(part).get("model")
-    known = () if model is None else (*model.quantities(), *(state.name for state in model.states))
-    if word_of(word) not in known:
+    attributes = () if model is None else (*model.quantities(), *(state.name for state in model.states))
+    if word_of(word) not in attributes:
         return f"'{type(part).__name__}' object has no attribute '{word}'"
     message = f"population '{part.name}' is a description: its {word_of(word)} is in a simulation"
     return f"{message}: {way.format(name=part.name, word=word_of(word))}"

@@ -40,7 +40,7 @@ class schedule(Source):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        times, values = self.listed()
+        times, values = self.arrays_of_schedule()
         if times.ndim != 1 or (np.diff(times) <= 0).any():
             message = f"{self.name}.times = {shown(times.tolist())}: expected a list, each later than the one before"
             raise ModelError(message, where=here(), path=("times",))
@@ -48,7 +48,7 @@ class schedule(Source):
             message = f"{self.name}.values: shape {list(values.shape)}: expected {len(times)} values, one for each time"
             raise ModelError(f"{message}, or as many rows", where=here(), path=("values",))
 
-    def listed(self) -> tuple[Any, Any]:
+    def arrays_of_schedule(self) -> tuple[Any, Any]:
         """Return times in ms and values as arrays, read from the file if there is one."""
         return plain(self.times), plain(self.values)
 

@@ -1,6 +1,6 @@
 """Views of some neurons of a population, chosen by an index such as `exc[:100]`, `grid[2:4, :]` or `exc[[3, 7]]`.
 
-`on_a_line` and `named` read the same indices as text.
+`view_of_text` and `view_of_index` read the same indices as text.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Axis = int | slice
 _MOST_LISTED = 6
 
 
-class Laid(Protocol):
+class HasShape(Protocol):
     """Protocol of an object with a name and a shape of neurons, such as a population."""
 
     @property
@@ -37,7 +37,7 @@ class Laid(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Shaped:
+class NameAndShape:
     """Name and shape of a population of a finished run, from which views can be made."""
 
     name: str
@@ -62,7 +62,7 @@ class View:
     """
 
     are_neurons: ClassVar[bool] = True
-    population: Laid
+    population: HasShape
     index: tuple[Axis, ...] | Ids
 
     @cached_property
@@ -116,7 +116,7 @@ class View:
         return np.array(self.ids, dtype=dtype)
 
     def __getitem__(self, index: Any) -> View:
-        inner = view(Shaped(repr(self), self.shape), index)
+        inner = view(NameAndShape(repr(self), self.shape), index)
         if not (isinstance(self.index, tuple) and isinstance(inner.index, tuple)):
             return View(self.population, _read_only(self.ids[inner.ids]))
         items, axes = iter(inner.index), []
@@ -141,7 +141,7 @@ class View:
         return f"{self.population.name}[{index if isinstance(index, str) else _short_list(index)}]"
 
 
-def view(population: Laid, index: Any) -> View:
+def view(population: HasShape, index: Any) -> View:
     """Return the view of a population that an index describes, see `View`.
 
     Raises:
@@ -155,7 +155,7 @@ def view(population: Laid, index: Any) -> View:
     return View(population, _axes(_fill_axes(items, len(sizes), what), sizes, what))
 
 
-def count(population: Laid) -> int:
+def count(population: HasShape) -> int:
     """Return the number of neurons of a population.
 
     Raises:
@@ -164,17 +164,17 @@ def count(population: Laid) -> int:
     return math.prod(_known_shape(population, f"'{population.name}'"))
 
 
-def _sizes(population: Laid) -> tuple[int | str, ...]:
+def _sizes(population: HasShape) -> tuple[int | str, ...]:
     """Return the shape, in which axes that are not known yet are text."""
     sizes: tuple[int | str, ...] = getattr(population, "sizes", population.shape)
     return sizes
 
 
-def _is_known(population: Laid) -> bool:
+def _is_known(population: HasShape) -> bool:
     return not any(isinstance(n, str) for n in _sizes(population))
 
 
-def _known_shape(population: Laid, what: str) -> tuple[int, ...]:
+def _known_shape(population: HasShape, what: str) -> tuple[int, ...]:
     sizes = _sizes(population)
     if any(isinstance(n, str) for n in sizes):
         raise ModelError(
@@ -251,7 +251,7 @@ def _array(index: Any) -> NDArray[Any]:
         return np.asarray(index, dtype=object)
 
 
-def _ids(population: Laid, array: NDArray[Any]) -> Ids:
+def _ids(population: HasShape, array: NDArray[Any]) -> Ids:
     """Return the ids that a mask or a list of ids chooses, counted from 0."""
     name = population.name
     if array.dtype == bool:
@@ -311,14 +311,14 @@ _AXIS = re.compile(AXIS)
 _LIST = re.compile(r"\[\s*-?\d+\s*(,\s*-?\d+\s*)*\]")
 
 
-def named(of: Any, populations: Mapping[str, Laid]) -> Any:
+def view_of_index(of: Any, populations: Mapping[str, HasShape]) -> Any:
     """Return the view that a text or a mapping from YAML describes. Names of whole populations and parts are unchanged.
 
     Raises:
         ModelError: the population does not exist, or the index is not valid.
     """
     if isinstance(of, str):
-        return on_a_line(of, populations) if "[" in of else of
+        return view_of_text(of, populations) if "[" in of else of
     if not isinstance(of, Mapping) or len(of) != 1:
         return of
     [(name, index)] = of.items()
@@ -332,7 +332,7 @@ def named(of: Any, populations: Mapping[str, Laid]) -> Any:
     return view(populations[name], np.asarray(index) if ids else index)
 
 
-def _by_columns(population: Laid, only: Mapping[str, Any]) -> View:
+def _by_columns(population: HasShape, only: Mapping[str, Any]) -> View:
     """Return the neurons that have these values in the table of neurons."""
     where = getattr(type(population), "where", None)
     if where is None:
@@ -341,7 +341,7 @@ def _by_columns(population: Laid, only: Mapping[str, Any]) -> View:
     return neurons
 
 
-def on_a_line(text: str, populations: Mapping[str, Laid]) -> Laid | View:
+def view_of_text(text: str, populations: Mapping[str, HasShape]) -> HasShape | View:
     """Return the population or view that a text of a command line names.
 
     Examples: `exc`, `exc[:100]`, `grid[2:4, :]`, `exc[[3, 7]]`, and by columns of a table `brain[type=KC, side=left]`.

@@ -13,7 +13,7 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
-from neuro.model.views import Laid, View, named, view
+from neuro.model.views import HasShape, View, view, view_of_index
 from neuro.program import program as resolved
 from neuro.program.backend import Engine
 from neuro.program.program import Ints, Program
@@ -85,7 +85,7 @@ class Handles:
         if isinstance(of, (Population, View)) or (isinstance(of, str) and (of in self._whole or "[" in of)):
             return self.neurons(of)
         if isinstance(of, Mapping) and len(of) == 1:
-            return self.neurons(named(of, self._net.populations))
+            return self.neurons(view_of_index(of, self._net.populations))
         if isinstance(of, Projection) or (isinstance(of, str) and of in self._projections):
             return self.projection(of)
         raise _wrong_part("population or projection", of, [*self._populations, *self._projections])
@@ -98,7 +98,7 @@ class Handles:
         """
         if isinstance(of, str) and of in self._whole:
             return self._whole[of]
-        of = named(of, self._net.populations)
+        of = view_of_index(of, self._net.populations)
         population = of.population if isinstance(of, View) else of
         index = self._find("population", Population, population, self._populations, self._net.populations)
         part = self._program.populations[index]
@@ -179,7 +179,7 @@ class Handles:
         return ends
 
     def _find(
-        self, word: str, kind: type[Part], of: object, indices: Mapping[str, int], parts: Mapping[str, Laid | Part]
+        self, word: str, kind: type[Part], of: object, indices: Mapping[str, int], parts: Mapping[str, HasShape | Part]
     ) -> int:
         if isinstance(of, str) and of in indices:
             return indices[of]

@@ -60,7 +60,7 @@ def repair(words, error):
         old, new = found[1], f"{found[1]}{found[2]}"
     else:
         old, unit = re.fullmatch(r"multiply '?(.*?)'? by a number in ([^,]*).*", error.hint).groups()
-        old = text if old == "the whole" else old
+        old = text if old == "the expression" else old
         new = (f"({old})" if " " in old else old) + f"*1*{unit}".replace("1*1/", "1/").replace(" ", "*")
     assert old in text[begin:], (error, text)
     part[last] = text[:begin] + text[begin:].replace(old, new, 1)

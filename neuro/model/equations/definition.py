@@ -114,7 +114,7 @@ class Definition:
 
     @property
     def takes_current(self) -> bool:
-        """Whether the equations contain the current of generators."""
+        """True if the equations contain the current of generators."""
         return any(CURRENT_NAME in algebra.names(self.full(e.tree)) for e in self.states.values())
 
 

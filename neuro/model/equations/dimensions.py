@@ -141,14 +141,14 @@ class Dimensions:
         self.mistakes.append((self.path, error))
         return self.unknown("mistake")
 
-    def factor(self, whole: Expression, tree: Tree, found: Powers, expected: Powers) -> str:
+    def factor(self, whole: Expression, tree: Tree, dimension: Powers, expected: Powers) -> str:
         """Return a hint that multiplies or divides a part by units so that it has the expected dimension."""
-        missing = self.reduced(expected.times(found, -1))
+        missing = self.reduced(expected.times(dimension, -1))
         if missing.unknown:
             return ""
         unit = unit_of(missing.known)
         if _number(tree) is None or any(power.denominator > 1 for power in missing.known):
-            part = "the whole" if tree is whole.tree else f"'{text_of(tree)}'"
+            part = "the expression" if tree is whole.tree else f"'{text_of(tree)}'"
             return f"multiply {part} by a number in {unit}"
         over, _, under = unit.replace(" ", "*").partition("/")
         return f"write {text_of(tree)}{f' {over}' * (over != '1')}{f'/{under}' * bool(under)}"
@@ -160,10 +160,11 @@ class Dimensions:
 
     def check(self, whole: Expression, expected: Powers) -> None:
         """Check that an expression has a dimension. A mistake is recorded with both dimensions and the column."""
-        found = self.powers(whole, whole.tree, expected)
-        if not self.same(found, expected):
-            what = f"the whole is {self.text(found)}: expected it {self.text(expected)}"
-            self.mistake(whole.mistake(_begin(whole.tree), what, self.factor(whole, whole.tree, found, expected)))
+        dimension = self.powers(whole, whole.tree, expected)
+        if not self.same(dimension, expected):
+            message = f"the expression is {self.text(dimension)}: expected it {self.text(expected)}"
+            hint = self.factor(whole, whole.tree, dimension, expected)
+            self.mistake(whole.mistake(_begin(whole.tree), message, hint))
 
     def name(self, name: str, power_of_time: int = 0) -> Powers:
         """Return the dimension of a name times a power of time."""
@@ -253,11 +254,11 @@ class Dimensions:
             self.same(powers, common)
         return common
 
-    def _without_unit(self, whole: Expression, tree: Tree, found: Powers, at: int, what: str) -> None:
+    def _without_unit(self, whole: Expression, tree: Tree, dimension: Powers, at: int, what: str) -> None:
         """Record a mistake unless a part of an expression is a number without unit."""
-        if not self.same(found, Powers(NONE, {})):
-            hint = self.factor(whole, tree, found, Powers(NONE, {}))
-            message = what.format(text_of(tree), self.text(found))
+        if not self.same(dimension, Powers(NONE, {})):
+            hint = self.factor(whole, tree, dimension, Powers(NONE, {}))
+            message = what.format(text_of(tree), self.text(dimension))
             self.mistake(whole.mistake(at, f"{message}: expected a number without unit", hint))
 
     def _call_powers(self, whole: Expression, tree: Call) -> Powers:
@@ -278,8 +279,8 @@ class Dimensions:
             self.powers(whole, arguments[0])
             arguments = arguments[1:]
         if tree.name not in _SAME:
-            found = self.powers(whole, arguments[0])
-            self._without_unit(whole, arguments[0], found, tree.at, f"{tree.name} of '{{}}', which is {{}}")
+            dimension = self.powers(whole, arguments[0])
+            self._without_unit(whole, arguments[0], dimension, tree.at, f"{tree.name} of '{{}}', which is {{}}")
             return Powers(NONE, {})
         if len(arguments) == 1:
             return self.powers(whole, arguments[0])

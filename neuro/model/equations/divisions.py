@@ -121,8 +121,8 @@ class _Evaluator:
         first: the first neuron with the mistake.
     """
 
-    def __init__(self, whole: Expression, known: Mapping[str, Any]) -> None:
-        self.whole, self.known = whole, known
+    def __init__(self, whole: Expression, values: Mapping[str, Any]) -> None:
+        self.whole, self.known = whole, values
         self.wrong_tree, self.first = whole.tree, 0
 
     def mistake(self, tree: Tree, message: str, good: Any, at: int = 0) -> ModelError:

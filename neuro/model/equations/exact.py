@@ -31,9 +31,9 @@ class System:
         """Number of rows of the matrix, including one for the constant part and one for the current."""
         return len(self.rows) + 2
 
-    def dependencies(self, held: tuple[str, ...] = ()) -> dict[str, set[str]]:
-        """Return the names on which each state depends in the course of a step. States in `held` are constant."""
-        dependencies = {name: {name} | (set() if name in held else set(row)) for name, row in self.rows.items()}
+    def dependencies(self, fixed: tuple[str, ...] = ()) -> dict[str, set[str]]:
+        """Return the names on which each state depends in the course of a step. States in `fixed` are constant."""
+        dependencies = {name: {name} | (set() if name in fixed else set(row)) for name, row in self.rows.items()}
         for _ in self.rows:
             for name, names in dependencies.items():
                 dependencies[name] = names.union(*(dependencies[other] for other in names if other in dependencies))
@@ -69,15 +69,15 @@ def system(d: Definition) -> System | None:
     return System({**rows, **dict(kernels)})
 
 
-def matrix_lines(linear: System, constants: Constants, place: str, held: tuple[str, ...] = ()) -> Iterator[str]:
-    """Yield the lines of `constants` that solve the system with the states in `held` constant."""
+def matrix_lines(linear: System, constants: Constants, place: str, fixed: tuple[str, ...] = ()) -> Iterator[str]:
+    """Yield the lines of `constants` that solve the system with the states in `fixed` constant."""
     size = linear.size
     columns = {name: k for k, name in enumerate((*linear.states, REST, CURRENT_NAME))}
     yield f"for k in range({size * size}):"
     yield f"    c[{place} + k] = 0.0"
     for i, (name, row) in enumerate(linear.rows.items()):
         for word, factor in row.items():
-            if name not in held:
+            if name not in fixed:
                 yield f"c[{place} + {i * size + columns[word]}] = {constants.of_parameters(factor)}"
     yield f"change(c, {place}, {len(linear.rows)}, 2, h)"
 
@@ -87,21 +87,21 @@ def room(linear: System) -> int:
     return ROOM * linear.size**2
 
 
-def solution(linear: System, name: str, place: str, held: tuple[str, ...] = ()) -> tuple[list[str], str]:
+def solution(linear: System, name: str, place: str, fixed: tuple[str, ...] = ()) -> tuple[list[str], str]:
     """Return lines that unpack the solution for a state, and the expression of the state after a step.
 
     Args:
         linear: the system.
         name: the state.
         place: the name of the offset of the solution in the constants.
-        held: the states that are constant.
+        fixed: the states that are constant.
     """
     states = linear.states
-    i, names = states.index(name), linear.dependencies(held)[name]
+    i, names = states.index(name), linear.dependencies(fixed)[name]
     lines, terms = [], []
     for j, word in enumerate((*states, REST, CURRENT_NAME)):
         if word in names:
-            factor = f"{'held' if held else 'free'}_{i}_{j}"
+            factor = f"{'held' if fixed else 'free'}_{i}_{j}"
             lines.append(f"{factor} = {'1.0 + ' if names == {name} else ''}c[{place} + {i * linear.size + j}]")
             value = {REST: "", CURRENT_NAME: " * i_0[i]"}.get(word, f" * {local(word)}")
             terms.append(f"{factor}{value}")

@@ -62,7 +62,7 @@ class Pairs:
 
     @property
     def changes_between_spikes(self) -> bool:
-        """Whether weight or states change between spikes."""
+        """True if the weight or states change between spikes."""
         return self.drift is not None or any(self.states.values())
 
     def side(self, of: str) -> dict[str, Trace]:

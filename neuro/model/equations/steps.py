@@ -1,8 +1,8 @@
 """Generation of the step of a neuron as text, for each integrator.
 
 The Runge-Kutta methods are the classical one of fourth order and Fehlberg's with step size control. Methods and sources
-are those of `neuro.model.neurons.integrators`. They are generated separately here, because the threshold is tested
-after each substep.
+are those of `neuro.model.neurons.integrators`. This module generates the methods separately, because the threshold is
+tested after each substep.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class NeuronSteps:
 
     @property
     def resets_in_step(self) -> bool:
-        """Whether a spike resets the neuron within the step, when the threshold is crossed."""
+        """True if a spike resets the neuron within the step, when the threshold is crossed."""
         return self.integrator in ("rk4", "rkf45")
 
     def write(self, tree: Tree, variables: dict[str, str]) -> str:
@@ -92,7 +92,7 @@ def refuse_reserved(d: Definition, descriptions: Mapping[str, str]) -> None:
 
 
 def check_integrator(neuron: NeuronSteps) -> NeuronSteps:
-    """Return the neuron if its integrator supports its equations.
+    """Return the neuron if the integrator supports the equations.
 
     Raises:
         ModelError: the equations are not linear, as the exact integrator requires.

@@ -27,11 +27,11 @@ from neuro.model.language.reader import Node, mistake, put_at, words
 MAX_ELEMENTS = 2**28
 HDF5 = (".h5", ".hdf5")
 ENDINGS = (*HDF5, ".npy")
-_ELSEWHERE: ContextVar[Callable[[str | None], Path | None] | None] = ContextVar("elsewhere", default=None)
+_ELSEWHERE: ContextVar[Callable[[str | None], Path | None] | None] = ContextVar("locate_recordings", default=None)
 
 
 @contextmanager
-def elsewhere(find: Callable[[str | None], Path | None]) -> Iterator[None]:
+def locate_recordings(find: Callable[[str | None], Path | None]) -> Iterator[None]:
     """Find recordings outside the folder of the description, e.g. for descriptions stored in files of results.
 
     Args:
@@ -52,10 +52,10 @@ def recording(node: Node, name: str) -> Path | None:
 
 
 def of_program(node: Node, what: str) -> None:
-    """Return None for events that a program passed, if `elsewhere` is in use.
+    """Return None for events that a program passed, if `locate_recordings` is in use.
 
     Raises:
-        ModelError: `elsewhere` is not in use.
+        ModelError: `locate_recordings` is not in use.
     """
     if (find := _ELSEWHERE.get()) is None:
         raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")

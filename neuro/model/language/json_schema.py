@@ -69,10 +69,10 @@ def schema() -> Schema:
                 "models": _models(),
                 "populations": {"type": "object", "description": _summary(Population)},
                 "projections": {"type": "object", "description": _summary(Projection)},
-                "signals": _named(_part(Signal), Signal),
-                "groups": _named({"$ref": "#/$defs/group"}, Group),
+                "signals": _mapping_of_parts(_part(Signal), Signal),
+                "groups": _mapping_of_parts({"$ref": "#/$defs/group"}, Group),
                 "trials": _words(Trials),
-                "probes": _named(_part(Probe), Probe),
+                "probes": _mapping_of_parts(_part(Probe), Probe),
                 "readout": _words(Readout),
                 "world": _words(World),
             },
@@ -118,7 +118,7 @@ def _networks(own: bool) -> Schema:
 
     With `own` the network may have models of its own, so that unknown names of models are accepted.
     """
-    return {"properties": {f"{cls.word}s": _named(_part(cls, own), cls) for cls in (Population, Projection)}}
+    return {"properties": {f"{cls.word}s": _mapping_of_parts(_part(cls, own), cls) for cls in (Population, Projection)}}
 
 
 def _part(cls: type[Part], own: bool = False) -> Schema:
@@ -142,7 +142,7 @@ def _closed(properties: Schema, required: Iterable[str] = ()) -> Schema:
     return {"type": "object", "properties": properties, **needs, "additionalProperties": False}
 
 
-def _named(part: Schema, cls: type) -> Schema:
+def _mapping_of_parts(part: Schema, cls: type) -> Schema:
     """Return the schema of a mapping from names to parts."""
     return {
         "type": "object",

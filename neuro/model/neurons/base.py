@@ -1,8 +1,9 @@
 """Base classes of population models: parameters, states and the functions of their arithmetic.
 
-The arithmetic of a model is written once, as functions over arrays. The reference backend runs them as Python, and the
-event backend compiles them. The functions are in the body of the class, without `self`, or in its module. The arrays
-hold all neurons of a network. The neurons of one call are `lo` to `hi - 1`, and they share one vector of constants `c`.
+The arithmetic of a model is written once, as functions over arrays. The reference backend runs the functions as Python,
+and the event backend compiles them. The functions are in the body of the class, without `self`, or in the module of the
+class. The arrays hold all neurons of a network. The neurons of one call, `lo` to `hi - 1`, share one vector of
+constants `c`.
 
     constants(p, h, c)                    fill `c` from the parameters `p` (in order of definition) for a step of h ms
     step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` input of the step, `i_0` current in pA;

@@ -36,7 +36,7 @@ class CurrentGenerator(Timed):
 
     @property
     def individual(self) -> bool:
-        """Whether each synapse has a current of its own, so that columns are synapses instead of neurons."""
+        """True if each synapse has a current of its own, so that columns are synapses instead of neurons."""
         return False
 
     def steps_per_value(self, resolution: float) -> int:

@@ -138,7 +138,7 @@ class cuba_lif(iaf_psc_exp):
     """Like `iaf_psc_exp`, but input changes V_m in the step in which it arrives instead of one step later.
 
     The currents are updated before V_m, as in the neurons of Norse, snnTorch and spikingjelly for NIR's type CubaLIF
-    and in Loihi's compartments. A recurrent synapse thus has a delay of one step in all of them.
+    and in Loihi's compartments. In all these tools a recurrent synapse thus has a delay of one step.
     Source: Pedersen et al., Nat. Commun. 15:8122, 2024; Davies et al., IEEE Micro 38:82, 2018.
     """
 

@@ -1,4 +1,4 @@
-"""Leaky neurons with synaptic currents and an adaptive threshold: a spike raises it, and it decays exponentially."""
+"""Leaky neurons with synaptic currents and a threshold that rises at a spike and decays exponentially."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations

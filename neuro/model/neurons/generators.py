@@ -131,9 +131,12 @@ class inhomogeneous_poisson_generator(Timed):
     rate_values: Any = quantity(unit="Hz", doc="rate from each of these times on", kind="series", at_least=0)
 
 
-def poisson(u, mean, nothing):
-    """Return a Poisson number from a uniform number `u`. `nothing` is exp(-mean), and `mean` is at most 500."""
-    number, term, total = 0, nothing, nothing
+def poisson(u, mean, p_zero):
+    """Return a Poisson number from a uniform number `u`.
+
+    `p_zero` is exp(-mean), the probability of 0, and `mean` is at most 500.
+    """
+    number, term, total = 0, p_zero, p_zero
     while u >= total:
         number += 1
         term = term * (mean / number)
@@ -200,7 +203,7 @@ class encode(Generator):
 
     @property
     def gives_rates(self) -> bool:
-        """Whether the last code returns rates, so that the spikes are Poisson."""
+        """True if the last code returns rates, so that the spikes are Poisson."""
         return bool(self.code[-1].rates)
 
     def spikes(self, seed: int) -> Floats:
@@ -264,10 +267,10 @@ class sinusoidal_poisson_generator(Timed):
         """Draw Poisson numbers, all with the mean of the step."""
         mean = c[MEAN] + c[AMPLITUDE] * math.sin(c[PER_STEP] * step + c[PHASE])
         if mean > 0.0:
-            nothing = math.exp(-mean)
+            p_zero = math.exp(-mean)
             for i in range(lo, hi):
-                if u[i] >= nothing:
-                    out[i] = poisson(u[i], mean, nothing)
+                if u[i] >= p_zero:
+                    out[i] = poisson(u[i], mean, p_zero)
 
 
 LARGEST_SHAPE = 10

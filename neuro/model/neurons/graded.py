@@ -36,10 +36,10 @@ class Graded(Neuron):
 
     def quiet(s, c, i_0, lo, hi):
         """Return whether no payload is sent. Without input, neurons of this class send nothing."""
-        sent = 0
+        n_sending = 0
         for i in range(lo, hi):
-            sent += s[SENT, i] != 0.0
-        return sent == 0
+            n_sending += s[SENT, i] != 0.0
+        return n_sending == 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,7 +243,7 @@ class sigma_decoder(Graded):
 
     def quiet(s, c, i_0, lo, hi):
         """Return whether nothing is sent. A sum between 0 and 1 is not sent."""
-        sent = 0
+        n_sending = 0
         for i in range(lo, hi):
-            sent += s[SENT, i] != 0.0 or math.floor(s[SUM, i]) != 0
-        return sent == 0
+            n_sending += s[SENT, i] != 0.0 or math.floor(s[SUM, i]) != 0
+        return n_sending == 0

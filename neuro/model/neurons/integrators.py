@@ -201,29 +201,29 @@ def _generate_step(tableau: Tableau, variables: int, decaying: int, by_slope: bo
     """
     variables_range, n_free = range(variables), variables - decaying
 
-    def listed(names: Sequence[str]) -> str:
+    def tuple_of(names: Sequence[str]) -> str:
         return "(" + "".join(f"{name}, " for name in names) + ")"
 
-    def numbered(name: str) -> str:
-        return listed([f"{name}_{v}" for v in variables_range])
+    def tuple_of_numbered(name: str) -> str:
+        return tuple_of([f"{name}_{v}" for v in variables_range])
 
     def mean(weights: Sequence[float], v: int) -> str:
         return " + ".join(f"h * {weight!r} * k{stage}_{v}" for stage, weight in enumerate(weights) if weight)
 
     def point(weights: Sequence[float]) -> str:
         moved = [f"y_{v} + ({mean(weights, v)})" for v in variables_range[:n_free]]
-        return listed(moved + [f"y_{v} * (1.0 + ({mean(weights, v)}))" for v in variables_range[n_free:]])
+        return tuple_of(moved + [f"y_{v} * (1.0 + ({mean(weights, v)}))" for v in variables_range[n_free:]])
 
-    lines = [f"{numbered('y')} = y"]
+    lines = [f"{tuple_of_numbered('y')} = y"]
     if decaying:
-        lines.append(f"{numbered('rate')} = rates({listed(['1.0'] * variables)}, p)")
+        lines.append(f"{tuple_of_numbered('rate')} = rates({tuple_of(['1.0'] * variables)}, p)")
     for stage, weights in enumerate(tableau.stages):
-        lines.append(f"{numbered(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
+        lines.append(f"{tuple_of_numbered(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
         for v in variables_range[n_free:]:
             lines.append(f"k{stage}_{v} = rate_{v}" + (f" * (1.0 + ({mean(weights, v)}))" if weights else ""))
-    lines.append(f"{numbered('new')} = {point(tableau.result)}")
+    lines.append(f"{tuple_of_numbered('new')} = {point(tableau.result)}")
     if by_slope:
-        lines.append(f"{numbered('slope')} = rates({numbered('new')}, p)")
+        lines.append(f"{tuple_of_numbered('slope')} = rates({tuple_of_numbered('new')}, p)")
     if tableau.error:
         lines.append("error = 0.0")
         for v in variables_range:
@@ -231,7 +231,7 @@ def _generate_step(tableau: Tableau, variables: int, decaying: int, by_slope: bo
             if by_slope:
                 lines.append(f"of_one /= 1.0 + abs(h * slope_{v})")
             lines.append("error = of_one if of_one > error else error")
-    lines.append(f"return {numbered('new')}{', error' if tableau.error else ''}")
+    lines.append(f"return {tuple_of_numbered('new')}{', error' if tableau.error else ''}")
     return _function("step(rates, y, p, h)", lines)
 
 

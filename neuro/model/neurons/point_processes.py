@@ -218,7 +218,7 @@ class pp_psc_delta(Neuron):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class soft_wta(Neuron):
-    """Neurons that compete softly. A spike to the receptor `ask` lets exactly one of the neurons that it reaches spike.
+    """Neurons that compete softly. A spike to the receptor `ask` makes exactly one of its target neurons spike.
 
     Input to `ex` changes V_m by its weight in mV. V_m leaks towards 0 and is not reset. In a step with input to `ask`,
     neuron k of those that receive it spikes with probability p_k = exp(V_k / Delta_V) / sum_j exp(V_j / Delta_V). That

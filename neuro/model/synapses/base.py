@@ -16,8 +16,8 @@ holds the constants of the rule.
                                               `Modulated`: n is the modulator's concentration at `begin`, `grid` the
                                               delivery grid
 
-A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. It uses emission times: `pre` has
-the emissions, which arrive `y[1]` later, and post spikes reach the synapse without delay.
+A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. Such rules use emission times:
+`pre` has the emissions, which arrive `y[1]` later, and post spikes reach the synapse without delay.
 
 A rule for trials returns from its method `lessons` which neurons the end of a trial teaches (`Lesson`), and has
 `constants` and

@@ -395,13 +395,13 @@ class tsodyks2(Synapse):
 D_MIN, D_MAX, A, TAU, BY_STEP, STEP = range(6)
 
 
-def changed_delay(delay, late, c):
-    """Return a delay after a pair whose post spike occurs `late` ms after the arrival of the pre spike."""
-    distance = abs(late)
+def changed_delay(delay, lag, c):
+    """Return a delay after a pair whose post spike occurs `lag` ms after the arrival of the pre spike."""
+    distance = abs(lag)
     if c[BY_STEP] != 0.0:
-        change = math.copysign(min(c[STEP], distance), late) if distance <= c[TAU] else 0.0
+        change = math.copysign(min(c[STEP], distance), lag) if distance <= c[TAU] else 0.0
     else:
-        change = c[A] * late * math.exp(-distance / c[TAU]) if distance < math.inf else 0.0
+        change = c[A] * lag * math.exp(-distance / c[TAU]) if distance < math.inf else 0.0
     return min(c[D_MAX], max(c[D_MIN], delay + change))
 
 

@@ -111,9 +111,9 @@ def rows(table: Table, kinds: Mapping[str, str]) -> Iterator[Piece]:
         yield piece
 
 
-def cell(table: Table, row: int, name: str, found: object, expected: str, hint: str = "") -> ModelError:
+def cell(table: Table, row: int, name: str, value: object, expected: str, hint: str = "") -> ModelError:
     """Return the error for one cell."""
-    message = f"{table.path}: row {row}, column '{name}': found {shown(found)}: expected {expected}"
+    message = f"{table.path}: row {row}, column '{name}': found {shown(value)}: expected {expected}"
     return ModelError(message, hint=hint, kind="cell", path=(name,))
 
 
@@ -195,7 +195,7 @@ class Condition:
                 raise self._expression.mistake(tree.at, f"found the unit '{unit}': expected a number without one")
 
     def holds(self, columns: Mapping[str, Any]) -> NDArray[np.bool_]:
-        """Return for which rows the condition holds. It does not hold for undefined values such as 0 / 0."""
+        """Return for which rows the condition holds. Undefined values such as 0 / 0 do not satisfy a condition."""
         tree = self._expression.tree
         assert isinstance(tree, Binary)
         with np.errstate(all="ignore"):
