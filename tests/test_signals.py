@@ -225,7 +225,7 @@ def test_a_source_of_ones_own(tmp_path, monkeypatch):
         """Nothing."""
 
     told = refused(neuro.compile, held(nothing()))
-    assert "source 'nothing' has no method 'stands_for', which says of what it is made" in told
+    assert "source 'nothing' has no method 'stands_for', which returns an equivalent source" in told
 
 
 def test_what_is_refused(messages):

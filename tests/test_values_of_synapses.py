@@ -179,7 +179,7 @@ def test_a_trace_has_one_time_constant():
 
     with pytest.raises(TypeError) as error:
         complete(slow)
-    message = "'tau' takes a value for each synapse: expected one for all, as traces have one"
+    message = "'tau' has a value per synapse: expected one for all synapses, because synapses share their traces"
     assert str(error.value) == f"synapse model 'slow': {message}"
 
 

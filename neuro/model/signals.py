@@ -27,6 +27,6 @@ SOURCES: Registry[type[Source]] = Registry(
     dict.fromkeys(("schedule", "computed", "population", "like"), "neuro.model.sources"),
     takes=lambda part: isinstance(part, type) and issubclass(part, Source),
     group="neuro.sources",
-    complete=lambda part: check_method(part, Source, "stands_for", "says of what it is made"),
+    complete=lambda part: check_method(part, Source, "stands_for", "returns an equivalent source"),
 )
 """All sources of signals by name."""

@@ -212,7 +212,7 @@ def _check_weight(expression: Expression, dims: Dimensions) -> None:
         assert dimension is not None
         message = f"'{WEIGHT}' would be {told(dimension)}: expected it in pA, nS or mV, or without unit"
         factors = ", ".join(unit_of(times(unit, dimension, -1)) for unit in (CURRENT, CONDUCTANCE, VOLTAGE, NONE))
-        hint = f"multiply what changes '{WEIGHT}' by a number in {factors}"
+        hint = f"multiply the change of '{WEIGHT}' by a number in {factors}"
         dims.names[WEIGHT] = dims.mistake(expression.mistake(0, message, hint))
 
 

@@ -53,7 +53,9 @@ class crop(Choice):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class event_camera(Generator):
-    """Emits the events of a recording as spikes at the times of the recording. While running it is a `spike_generator`.
+    """Generator of the events of a recording as spikes, at the times of the recording.
+
+    While running it is a `spike_generator`.
 
     With the polarity `split` its shape is [2, height, width], OFF before ON, otherwise [height, width]. The shape
     `auto` is read from the recording. An event at time t of the recording is emitted in the step of `start` + t, and an

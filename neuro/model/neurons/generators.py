@@ -25,7 +25,7 @@ _FILE_WORDS = ("file", "key")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class poisson_generator(Timed):
-    """Emits a Poisson number of spikes per step, independently for each neuron of the population.
+    """Generator of a Poisson number of spikes per step, independent for each neuron of the population.
 
     All targets of a neuron receive the same spike train. Source: NEST 3.10, `poisson_generator` with a parrot per
     neuron.
@@ -40,7 +40,7 @@ class poisson_generator(Timed):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class spike_generator(Generator):
-    """Emits listed spikes.
+    """Generator of listed spikes.
 
     More spikes can be injected while running. Two spikes at one time make a spike of multiplicity 2.
     """
@@ -54,7 +54,7 @@ class spike_generator(Generator):
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class spike_train(Generator):
-    """Emits the spikes of a recording. More spikes can be injected while running.
+    """Generator of the spikes of a recording. More spikes can be injected while running.
 
     Two spikes of a neuron at one time make a spike of multiplicity 2. `file` (and `key`) may replace `spikes`, in YAML
     also as `spikes: {file: ..., key: ...}`. The file is a group of an HDF5 file with the data sets `times` and `ids`,
@@ -93,7 +93,7 @@ class spike_train(Generator):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class graded_spike_train(Generator):
-    """Emits listed spikes with payloads. More spikes can be injected while running.
+    """Generator of listed spikes with payloads. More spikes can be injected while running.
 
     The payloads of two spikes of a neuron at one time are added.
     """
@@ -113,10 +113,10 @@ class graded_spike_train(Generator):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class inhomogeneous_poisson_generator(Timed):
-    """Emits a Poisson number of spikes per step, at a rate that changes at listed times and is 0 before the first.
+    """Generator of a Poisson number of spikes per step, at a rate that changes at listed times.
 
-    A list of rates applies to all neurons. An array of shape [neurons, times] has a row per neuron. All targets of a
-    neuron receive the same spike train.
+    Before the first time the rate is 0. A list of rates applies to all neurons. An array of shape [neurons, times] has
+    a row per neuron. All targets of a neuron receive the same spike train.
     """
 
     equation: ClassVar[str] = (
@@ -166,7 +166,7 @@ def binomial(u, trials, chance):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class encode(Generator):
-    """Emits the spikes of a code of values.
+    """Generator of the spikes of a code of values.
 
     While running it is a `spike_generator`, or a `poisson_generator` for rates.
 
@@ -236,7 +236,7 @@ MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class sinusoidal_poisson_generator(Timed):
-    """Emits a Poisson number of spikes per step, at a sinusoidal rate. Negative rates count as 0.
+    """Generator of a Poisson number of spikes per step, at a sinusoidal rate. Negative rates count as 0.
 
     In NEST one generator sends each target a spike train of its own unless `individual_spike_trains` is false. In neuro
     a neuron has one spike train, so a neuron may have only one target while the parameter is true.
@@ -282,7 +282,7 @@ for _k in range(LARGEST_SHAPE):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class gamma_sup_generator(Timed):
-    """Emits the superposition of many independent gamma processes, as the input from a population of neurons.
+    """Generator of the superposition of independent gamma processes, as the input from a population of neurons.
 
     A process passes through `gamma_shape` stages and spikes when it leaves the last one. In a step it leaves its stage
     with the probability rate gamma_shape h / 1000. All targets of a neuron receive the same spike train.

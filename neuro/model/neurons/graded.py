@@ -85,7 +85,7 @@ def stays_silent(s, i, y, vth, cumulative):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class graded_vector(Graded):
-    """Sends the input of a step, rounded down, if its magnitude exceeds vth.
+    """Neuron that sends the input of a step, rounded down, if its magnitude exceeds vth.
 
     With `relu` the input itself must exceed vth.
 
@@ -113,10 +113,10 @@ class graded_vector(Graded):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class graded_product(Graded):
-    """Sends the product of two inputs, divided by 2^exp and rounded down, if its magnitude exceeds vth.
+    """Neuron that sends the product of two inputs if its magnitude exceeds vth.
 
-    A synapse names the receptor, first or second. On loihi2 the product has 32 bits before the division.
-    In lava: Prod. Source: lava 0.10, proc/prodneuron.
+    The product is divided by 2^exp and rounded down. A synapse names the receptor, first or second. On loihi2 the
+    product has 32 bits before the division. In lava: Prod. Source: lava 0.10, proc/prodneuron.
     """
 
     equation: ClassVar[str] = "a = floor((sum w p of first) (sum w p of second) / 2^exp); sends a at |a| > vth"
@@ -142,7 +142,7 @@ class graded_product(Graded):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class delta_encoder(Encoding):
-    """Sends the change of the input when the input differs by vth from the input of the last step.
+    """Neuron that sends the change of the input when the input has changed by vth since the last step.
 
     The value y is the input of a step times 2^(spike_exp + state_exp). A constant value must therefore arrive in every
     step. In lava: Delta. Source: lava 0.10, proc/sdn.
@@ -176,7 +176,7 @@ class delta_encoder(Encoding):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class sigma_delta(Encoding):
-    """Sigma-delta neuron. Sums its input, and sends the change of its activation when it has changed by vth.
+    """Sigma-delta neuron, which sums its input, and sends the change of its activation after a change by vth.
 
     sigma is the sum of all input, so messages only need to carry differences. With `relu` y = max(sigma + bias, 0),
     otherwise y = sigma + bias. `vth` and `bias` are in units of 2^(spike_exp + state_exp). In lava: SigmaDelta, with
@@ -222,7 +222,7 @@ class sigma_delta(Encoding):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class sigma_decoder(Graded):
-    """Sums its input, and sends the sum, rounded down, in every step in which it is not 0.
+    """Neuron that sums its input, and sends the sum, rounded down, in every step with a sum other than 0.
 
     This neuron converts differences back to values. In lava: Sigma. Source: lava 0.10, proc/sdn.
     """

@@ -303,7 +303,7 @@ class izhikevich(Neuron):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class parrot_neuron(Neuron):
-    """Repeats every incoming spike with its multiplicity, whatever its weight. Source: NEST 3.10."""
+    """Neuron that repeats incoming spikes with their multiplicity, whatever their weight. Source: NEST 3.10."""
 
     equation: ClassVar[str] = "emits at t the spikes that arrive at t"
     source: ClassVar[str] = "NEST 3.10 parrot_neuron"

@@ -331,7 +331,7 @@ def steps_of(delay: float, h: float, fewest: int, most: int) -> int:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class static(Synapse):
-    """Sends its weight after its delay. Source: NEST 3.10, `static_synapse`.
+    """Synapse that sends its weight after its delay. Source: NEST 3.10, `static_synapse`.
 
     With `receptor` all spikes go to the receptor of that name, whatever the sign of their weight. A current accepts
     weights of both signs. A conductance increases by the weight, which must not be negative.

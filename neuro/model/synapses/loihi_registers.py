@@ -42,7 +42,9 @@ _TAU: Mapping[str, Any] = {"kind": "integer", "at_least": 0, "at_most": KEEP}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi_static(Synapse):
-    """Adds 64 floor(m 2^weight_exp) to the current register. The weight of the projection is the mantissa m.
+    """Synapse that adds 64 floor(m 2^weight_exp) to the current register.
+
+    The weight of the projection is the mantissa m.
 
     Mixed: m from -256 to 254 in steps of 2; excitatory: 0 to 255; inhibitory: -255 to 0. With fewer weight bits the
         lowest
@@ -65,8 +67,9 @@ class loihi_static(Synapse):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_static(Synapse):
-    """Adds the sum of m p over the spikes of a step, shifted by weight_exp, with the weight m and the payload p.
+    """Synapse that adds the sum of m p over the spikes of a step, shifted by weight_exp.
 
+    m is the weight and p the payload.
     Mixed: m from -256 to 255; excitatory: 0 to 255; inhibitory: -255 to 0. Weights beyond are clipped. The lowest
     8 - num_weight_bits bits are dropped, one more in mixed mode, rounded down, or towards 0 in inhibitory mode. A
     negative weight_exp rounds down the sum of all spikes of a step and delay, instead of each weight as on Loihi 1. In
@@ -85,7 +88,7 @@ class loihi2_static(Synapse):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_convolution(Synapse):
-    """Adds the sum of w p over the spikes of a step.
+    """Synapse that adds the sum of w p over the spikes of a step.
 
     Weights are whole numbers of 8 bits and a sign, all bits of which count.
 
@@ -155,7 +158,7 @@ class RegisterLearning(Synapse):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi_learning(RegisterLearning):
-    """Changes its mantissa by `dw` and its tag by `dt`, sums of products, at the end of each epoch.
+    """Synapse whose mantissa changes by `dw` and whose tag changes by `dt`, sums of products, at the end of each epoch.
 
     A product consists of whole numbers, powers 2^n and factors joined by "*": x0 and y0 (a pre or post spike in this
     epoch), x1, x2, y1, y2, y3 (traces), w, t, (factor + constant), u_k (1 in every 2^k-th epoch). A spike increases a
@@ -187,7 +190,9 @@ class loihi_learning(RegisterLearning):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_learning(RegisterLearning):
-    """Changes its mantissa by `dw` and its tag by `dt` at the end of each epoch, like lava's "bit approximate" models.
+    """Synapse whose mantissa changes by `dw` and whose tag changes by `dt` at the end of each epoch.
+
+    The arithmetic is that of lava's "bit approximate" models.
 
     `dw` and `dt` have the same form as in `loihi_learning`. lava drops the low bits of products of more than 15 bits,
     so these changes are smaller than their formula. Per step a trace is multiplied by exp(-1/tau) (0 at tau 0) and

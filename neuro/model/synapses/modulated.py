@@ -204,7 +204,9 @@ WEIGHT, Q, C, Z, RELEASED, REFRACTORY = range(6)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class hedonistic(Modulated):
-    """Releases transmitter at a pre spike with probability p = 1 / (1 + exp(-q_0 - q - z)), and then sends its weight.
+    """Synapse that releases transmitter, and so sends its weight, with a learnt probability.
+
+    The probability of a release at a pre spike is p = 1 / (1 + exp(-q_0 - q - z)).
 
     An available synapse that releases gains 1 - p of eligibility c and is refractory until it recovers, at the rate
     1/tau_r. A synapse that fails loses p. Each pre spike then adds Delta_z to the calcium z. The reward n that a signal

@@ -8,6 +8,13 @@ from neuro.core.own_parts import check_functions, fill
 from neuro.model.synapses.base import FUNCTIONS, MORE_TEACHING, TEACHING, DelayRule, Modulated, Synapse, Trace
 from neuro.model.synapses.moves import GATHERING, MoveRule
 
+_REASONS = {
+    "dopamine": "synapses share dopamine",
+    "trials": "the end of a trial teaches all synapses",
+    "moves": "the end of a move teaches all synapses",
+}
+"""Reasons for shared parameters, by the kind of rule."""
+
 
 def complete(model: type[Synapse]) -> type[Synapse]:
     """Return a synapse model if it has everything that backends need.
@@ -90,10 +97,8 @@ def _check_shared_parameters(label: str, model: type[Synapse]) -> None:
     shared = {trace.tau for trace in (*model.pre, *model.post)} | {trace.starts for trace in model.pre}
     for word, q in model.quantities().items():
         if q.arrays and (word in shared or model.modulated or model.learns in ("moves", "trials")):
-            reason = "dopamine acts by" if model.modulated else "traces have"
-            reason_text = {"trials": "the end of a trial teaches by", "moves": "the end of a move teaches by"}.get(
-                model.learns, reason
-            )
+            kind = "dopamine" if model.modulated else model.learns
+            reason = _REASONS.get(kind, "synapses share their traces")
             raise TypeError(
-                f"{label}: '{word}' takes a value for each synapse: expected one for all, as {reason_text} one"
+                f"{label}: '{word}' has a value per synapse: expected one for all synapses, because {reason}"
             )

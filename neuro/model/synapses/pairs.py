@@ -121,7 +121,7 @@ class stdp_nn_symm(WeightDependent):
     pre: ClassVar[tuple[Trace, ...]] = (Trace("tau_plus", nearest=True, starts="pre_at_start"),)
     post: ClassVar[tuple[Trace, ...]] = (Trace("tau_minus", nearest=True),)
 
-    pre_at_start: bool = quantity(False, "", "begin as if a pre spike had come at time 0", kind="boolean")
+    pre_at_start: bool = quantity(False, "", "whether K+ starts as after a pre spike at time 0", kind="boolean")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,7 +176,7 @@ class stdp_nn_restr(WeightDependent):
         State("answered", "", "whether a post spike occurred since the last pre spike", hidden=True),
     )
 
-    pre_at_start: bool = quantity(False, "", "begin as if a pre spike had come at time 0", kind="boolean")
+    pre_at_start: bool = quantity(False, "", "whether K+ starts as after a pre spike at time 0", kind="boolean")
 
     def on_post(y, e, c, pre, post):
         """Potentiate at the first post spike since the last pre spike."""

@@ -17,7 +17,7 @@ _COUNT: dict[str, Any] = {"kind": "integer", "at_least": -32768, "at_most": 3276
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class spinnaker_learning(Modulated):
-    """Learns by one of the ten released programs of SpiNNaker, in the program's integers, on spinnaker only.
+    """Synapse that learns by one of the ten released programs of SpiNNaker, with the integers of the program.
 
     `timing` and `dependence` name the program. With `dopamine` or `signal` the program is a neuromodulated one: the
     rule changes an eligibility between `c_min` and `c_max`, and dopamine changes the weight between `Wmin` and `Wmax`.

@@ -204,7 +204,7 @@ def _header(path: Path) -> tuple[str, ...]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             names = tuple(next(csv.reader([file.readline(1 << 24)]), ()))
     except (UnicodeDecodeError, csv.Error):
-        raise ModelError(f"{path}: found no text: expected CSV, parquet, SONATA (HDF5), npz or npy") from None
+        raise ModelError(f"{path}: found binary data: expected CSV, parquet, SONATA (HDF5), npz or npy") from None
     if not any(names):
         raise ModelError(f"{path}: found no header: expected the names of the columns in the first line")
     if repeats := [name for k, name in enumerate(names) if name in names[:k]]:

@@ -157,7 +157,7 @@ class SonataTable:
             population_names = sorted(file[kind])
             if key is None and len(population_names) != 1:
                 raise ModelError(
-                    f"{path}: populations of {kind} {population_names}: expected 'key', which one", path=("key",)
+                    f"{path}: populations of {kind} {population_names}: expected 'key', one of these", path=("key",)
                 )
             population = population_names[0] if key is None else key
             if population not in population_names:
