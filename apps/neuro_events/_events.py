@@ -187,7 +187,7 @@ class Events:
         """Return the array of `records`, converted to `dtype` if one is given.
 
         Raises:
-            ModelError: `copy` is False. The columns are separate arrays, so one array of them is always a copy.
+            ModelError: `copy` is False. The columns are separate arrays, so the array of records is always a copy.
         """
         if copy is False:
             raise ModelError("events as one array are a copy: expected copy=None or True")

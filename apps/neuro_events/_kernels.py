@@ -224,7 +224,7 @@ def shake(t, key, first, amount, out):
 
 @kernel
 def by_digit(t, lowest, shift, order, counts, out):
-    """Sort stably by one digit, one pass of a radix sort.
+    """Sort stably by a digit, as a pass of a radix sort does.
 
     Args:
         t: (n,) int64.
@@ -482,8 +482,8 @@ def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
 def forget(t, x, y, constants, memory, inside, queues, following):
     """Remove the events that have left the window by the time of the last event from all cells.
 
-    Later events could not refer to them, and a cell changes only at its own events, so no result changes. The remaining
-    events are renumbered from the first one that is still in a memory. Arguments as for `histograms`.
+    Later events cannot refer to removed ones, and a cell changes only at events in the cell, so no result changes. The
+    remaining events are renumbered from the first one that is still in a memory. Arguments as for `histograms`.
 
     Returns:
         The old number of that first event.

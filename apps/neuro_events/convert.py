@@ -164,7 +164,7 @@ def _write_out(parts: Iterator[Events], chosen: Format) -> None:
                 shutil.copyfileobj(file, sys.stdout.buffer)
         sys.stdout.flush()
     except Unsavable as fault:
-        raise EventFileError(OUTPUT, f"cannot hold event {fault.event}: {fault.what}", hint=fault.hint) from None
+        raise EventFileError(OUTPUT, f"cannot store event {fault.event}: {fault.what}", hint=fault.hint) from None
     except OSError as error:
         if isinstance(error, BrokenPipeError) or error.filename is not None:
             raise

@@ -33,7 +33,7 @@ class DVS:
     """A model of an event camera that receives one image after another.
 
     Between two images the log intensity of a pixel is assumed to change linearly, so events occur at times between the
-    images. A pixel compares its log intensity with the value at its last event; leak is a slow rise of that difference.
+    images. A pixel compares the log intensity with the value at the last event; leak is a slow rise of the difference.
     Every random draw depends only on the seed, the pixel and the number of earlier draws, so the same images give the
     same events. Only pixels whose intensity changes, or with a leak or noise event due, are computed.
 

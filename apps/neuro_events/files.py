@@ -220,7 +220,7 @@ def save(
             with output(path, RECORDING, replace) as part:
                 _write(chosen, parts, part)
     except Unsavable as fault:
-        error = EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}", hint=fault.hint)
+        error = EventFileError(str(path), f"cannot store event {fault.event}: {fault.what}", hint=fault.hint)
         raise with_notes(error, fault) from None
     except Unwritable as fault:
         raise with_notes(EventFileError(str(path), fault.what), fault) from None
@@ -286,8 +286,8 @@ def writer(path: Path, format: str | None) -> Format:
     """
     if format is not None:
         if not isinstance(format, str) or (chosen := called(format, written())) is None:
-            known = ", ".join(f.name for f in written())
-            raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {known}")
+            names = ", ".join(f.name for f in written())
+            raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {names}")
         return chosen
     for f in written():
         if path.name.lower().endswith(f.suffixes):

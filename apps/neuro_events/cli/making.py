@@ -70,7 +70,7 @@ def filter(
     lenient: Lenient = False,
     force: Force = False,
     list_all: Annotated[
-        bool, typer.Option("--list", callback=lambda wanted: _list_filters(wanted), help="List the filters and exit.")
+        bool, typer.Option("--list", callback=lambda is_set: _list_filters(is_set), help="List the filters and exit.")
     ] = False,
 ) -> None:
     """Filter a recording with one or more filters in order, e.g. 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
@@ -114,18 +114,16 @@ def _parsed(text: str) -> tuple[type[Filter], dict[str, Any]]:
     return kind, values
 
 
-def _list_filters(wanted: bool) -> None:
-    if wanted:
+def _list_filters(is_set: bool) -> None:
+    if is_set:
         from neuro_events.filters import FILTERS
 
         list_parts(filter=FILTERS)
 
 
-Every = Annotated[Any, typer.Option("--every", metavar="MS", parser=milliseconds, help="Length of a file, ms.")]
+Every = Annotated[Any, typer.Option("--every", metavar="MS", parser=milliseconds, help="Duration of each file, ms.")]
 Count = Annotated[Any, typer.Option("--count", metavar="N", parser=count, help="Number of events per file.")]
-Folder = Annotated[
-    Path, typer.Option("--out", metavar="FOLDER", help="Folder for the files. Default: the current folder.")
-]
+Folder = Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder for the files.")]
 Ending = Annotated[
     str | None,
     typer.Option("--to", metavar="FORMAT", help="Ending of the files, such as .h5. Default: the ending of IN."),
@@ -218,7 +216,7 @@ def frames(
         bool,
         typer.Option(
             "--list",
-            callback=lambda wanted: _list_arrays(wanted),
+            callback=lambda is_set: _list_arrays(is_set),
             is_eager=True,
             help="List the representations and segmenters and exit.",
         ),
@@ -249,8 +247,8 @@ def frames(
     typer.echo(f"{target}: {len(arrays):,} of {representation}, {list(arrays.shape[1:])} {arrays.dtype}")
 
 
-def _list_arrays(wanted: bool) -> None:
-    if wanted:
+def _list_arrays(is_set: bool) -> None:
+    if is_set:
         from neuro_events.representations import REPRESENTATIONS
         from neuro_events.segmentation import SEGMENTERS
 

@@ -42,12 +42,18 @@ def microseconds(ms: float, option: str) -> int:
 
 In = Annotated[str, typer.Argument(metavar="IN", help="A recording, - for standard input.")]
 Out = Annotated[str, typer.Argument(metavar="OUT", help="The file to write, - for standard output.")]
-From = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help="Format of IN. Default: detected.")]
-To = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help="Format of OUT. Default: by its ending.")]
+From = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help="Format of the input. Default: detected.")]
+To = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help="Format of the output. Default: by its ending.")]
 Lenient = Annotated[bool, typer.Option("--lenient", help="Read a damaged file up to the damage.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing OUT.")]
 Sensor = Annotated[
-    Any, typer.Option("--sensor", metavar="WxH", parser=sensor, help="Sensor size, px. Default: as the file states.")
+    Any,
+    typer.Option(
+        "--sensor",
+        metavar="WxH",
+        parser=sensor,
+        help="Sensor size, px. Default: as in the file, else the smallest that fits.",
+    ),
 ]
 
 
@@ -114,8 +120,8 @@ def parameters_of(part: Any) -> dict[str, str]:
     units |= dict(getattr(part, "units", {}))
     _, *others = inspect.signature(part).parameters.values()
     words = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
-    shown = {name: text for name, text in words.items() if name not in _ONLY_IN_PYTHON}
-    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in shown.items()}
+    documented = {name: text for name, text in words.items() if name not in _ONLY_IN_PYTHON}
+    return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in documented.items()}
 
 
 _ONLY_IN_PYTHON = ("segments", "as_torch", "dtype")

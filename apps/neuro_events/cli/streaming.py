@@ -12,7 +12,7 @@ import typer
 
 from neuro import ModelError
 from neuro.apps import NoBrowser, app, ending_by, milliseconds, refuse_unused
-from neuro_events.cli.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, progress, spare
+from neuro_events.cli.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, progress, sensor, spare
 
 if TYPE_CHECKING:
     from neuro.apps import Bar, NoBrowser, app
@@ -30,6 +30,9 @@ SendTo = Annotated[
     typer.Argument(
         metavar="URL", help="udp://HOST:PORT of a receiver, or tcp://HOST:PORT of this machine to serve AEDAT 4."
     ),
+]
+StreamSensor = Annotated[
+    Any, typer.Option("--sensor", metavar="WxH", parser=sensor, help="Sensor size, px. Required for udp://.")
 ]
 OutFile = Annotated[
     str | None,
@@ -54,7 +57,7 @@ def listen(
     url: ListenAt,
     target: OutFile = None,
     from_format: Received = None,
-    sensor: Sensor = None,
+    sensor: StreamSensor = None,
     until_silent: Silent = None,
     first_within: First = None,
     duration: For = None,
@@ -63,7 +66,7 @@ def listen(
     page: ShowStream = False,
     no_browser: NoBrowser = False,
 ) -> None:
-    """Receive events from the network, count them, and write a file. Ctrl-C or a kill ends the file properly."""
+    """Receive events from the network, count them, and write a file. Ctrl-C or SIGTERM completes the file."""
     from neuro_events import listen as open_stream
     from neuro_events.convert import write
     from neuro_events.files import RECORDING

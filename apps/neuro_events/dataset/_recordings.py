@@ -70,7 +70,7 @@ class Sample(Protocol):
         """Return a text that differs after a change of the content, without reading the recording if possible."""
 
     def sensor(self) -> tuple[tuple[int, int], bool]:
-        """Return the width and height, px, and whether the file or its format states them.
+        """Return the width and height, px, and True if the file or the format states the size.
 
         If neither does, the size is the smallest sensor that contains all events.
 
@@ -243,8 +243,8 @@ class Recordings(Sequence[Sample]):
     def fingerprint(self) -> str:
         """Return a SHA-256 digest of classes, names, labels and contents, equal for equal data at any path.
 
-        All recordings are read, one at a time. An HDF5 file has another digest than the folder it was made from, since
-        the names of its recordings differ.
+        All recordings are read, one at a time. An HDF5 file and its source folder have different digests, since the
+        names of the recordings differ.
 
         Raises:
             EventFileError: a recording cannot be read.

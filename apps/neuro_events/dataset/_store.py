@@ -33,7 +33,7 @@ NUMBER = "number"
 
 
 def opened(path: str, is_checked: bool = False) -> Any:
-    """Open an HDF5 file, after a check of its digest if this package wrote it.
+    """Open an HDF5 file. The digest of a file of this package is checked first.
 
     Args:
         path: the file.
@@ -402,7 +402,7 @@ def _stem(name: str) -> str:
 def _join(
     folder: Path, path: Path, samples: Sequence[Any], classes: Sequence[str], notes: Mapping[str, str], progress: Report
 ) -> None:
-    """Copy all batch files into one, in the order of the samples, so that its bytes do not depend on interruptions."""
+    """Copy all batch files into one, in the order of the samples. The bytes do not depend on interruptions."""
     names = _unique_names(samples, classes)
     places, damaged = _contents(folder)
     n_done, order = 0, sorted(places)
@@ -494,7 +494,7 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
 
 
 def _loaded(job: ConversionJob, sample: Any) -> tuple[Any, str]:
-    """Return the events of a sample, None if it is skipped, and its fault."""
+    """Return the events of a sample (None: skipped) and the fault of the sample, "" if none."""
     if job.damaged != "mend":
         try:
             return sample.load(sensor_size=job.sensor_size), ""

@@ -1,6 +1,6 @@
 """Filters of events: remove or add noise, select part of the sensor, change times and positions.
 
-A filter is created for a sensor size with its parameters, and called with a recording or with one part after another.
+A filter is created for a sensor size and parameters, and called with a recording or with consecutive parts.
 The state carries over, so the output does not depend on how the recording is divided into parts. `chain` applies
 filters in sequence. `FILTERS` lists the filters by name.
 """

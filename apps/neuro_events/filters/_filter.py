@@ -232,7 +232,7 @@ def selected_columns(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.N
 
 
 def _quantity_of(entry: Field[Any]) -> Quantity | None:
-    """Return the range of a parameter, from its `quantity`, else from its annotation if a number, else None."""
+    """Return the range of a parameter: the field's `quantity`, else the range of a number type, else None."""
     kind = str(getattr(entry.type, "__name__", entry.type))
     quantity: Quantity | None = entry.metadata.get("quantity")
     return quantity or _PLAIN.get(kind)
@@ -285,7 +285,7 @@ class Chain(Filter):
 
 
 def chain(*filters: Filter) -> Chain:
-    """Combine filters into one that applies them in sequence.
+    """Combine filters into a filter that applies all of them in sequence.
 
     Args:
         filters: at least one filter. The sensor size of each is the output size of the filter before.

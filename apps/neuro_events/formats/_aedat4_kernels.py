@@ -5,9 +5,9 @@ A block of LZ4 is a series of sequences: a token (4 bits number of literals, 4 b
 that further bytes are added, up to the first below 255), the literals, and the distance back to the match (uint16).
 The last sequence has literals only.
 
-Sequences of packed events are short. The path for short sequences therefore has no loops, and copies a match in parts
-no longer than those in which it was written: a processor can forward a pending write to a read only if the write
-contains all bytes of the read.
+Sequences of packed events are short. The path for short sequences therefore has no loops, and reads a match in parts
+no longer than the earlier writes: a processor can forward a pending write to a read only if the write contains all
+bytes of the read.
 
 The unpacked bytes equal those of the reference decoder, and the limits of the reference decoder are kept: a block has
 at least 8 bytes after literals that a match follows; the last match begins at least 12 bytes and ends at least 5 bytes

@@ -44,8 +44,8 @@ def capacity3(words):
 def decode3(words, state, t, x, y, p):
     """Decode words.
 
-    Words of rows and of single events share one branch, because their order is hard to predict for a processor: both
-    are written to the output, but only events advance the index.
+    Words of rows and of single events share a branch, because a processor cannot predict the order of such words. Both
+    kinds are written to the output, but only events advance the index.
 
     Args:
         words: (n,) uint16.

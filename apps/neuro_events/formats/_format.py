@@ -190,7 +190,7 @@ def complete(part: Format) -> Format:
 
 
 def called(name: str, formats: Iterable[Format]) -> Format | None:
-    """Return the format with this name, else the only one with this ending (such as bin or .bin), else None."""
+    """Return the format with a name, else the only format with an ending (such as bin or .bin), else None."""
     ending, matches = "." + name.lower().removeprefix("."), []
     for f in formats:
         if f.name == name:
@@ -271,7 +271,7 @@ def from_json(text: str) -> dict[str, Any]:
 
 
 def in_order(parts: Iterator[Events]) -> Iterator[tuple[int, Events]]:
-    """Yield the parts of one recording, each with the number of events before it.
+    """Yield the number of earlier events, and the part, for each part of a recording.
 
     Args:
         parts: the parts of one recording, in order.

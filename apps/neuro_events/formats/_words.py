@@ -217,13 +217,13 @@ class WordReader:
 
     Attributes:
         layout: layout of the words, unless `decoder` returns a decoder of another kind.
-        called: noun for words in messages.
+        word_noun: noun for words in messages.
         block_divisor: factor by which `stream` reduces its blocks, since a word may contain many events.
         start: byte at which the words begin.
     """
 
     layout: Layout
-    called: ClassVar[str] = "words"
+    word_noun: ClassVar[str] = "words"
     block_divisor: ClassVar[int] = 1
 
     source: Source
@@ -280,7 +280,7 @@ class WordReader:
         """
         if rest.size:
             words = (end - self.start) // decoder.size
-            raise Damage(f"{rest.size} bytes left over after {words} {self.called} of {decoder.size} bytes", end)
+            raise Damage(f"{rest.size} bytes left over after {words} {self.word_noun} of {decoder.size} bytes", end)
 
 
 class SeekingReader(WordReader):

@@ -179,7 +179,7 @@ _LAYOUTS = {
 class Dat(SeekingReader):
     """A reader of DAT files. ``metadata`` has ``version``, ``event_type`` and the lines of the ``header``."""
 
-    called = "events"
+    word_noun = "events"
 
     def __init__(self, source: Source) -> None:
         self.source = source

@@ -226,7 +226,7 @@ class Bin(WordReader):
     """
 
     layout = NMNIST_LAYOUT
-    called = "events"
+    word_noun = "events"
     sensor_size: Size | None = None
     start = 0
 

@@ -41,7 +41,7 @@ UNTESTED = "no recording in another layout than this library's was available"
 
 
 class Hdf5:
-    """A reader of an HDF5 file with one recording, or of one of several.
+    """A reader of a recording in an HDF5 file.
 
     Args:
         source: the file.

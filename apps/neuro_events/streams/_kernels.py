@@ -1,8 +1,8 @@
 # mypy: ignore-errors
 """Compiled loops that receive from a socket into a ring of bytes, and decode the entries of the ring.
 
-The receiving loop runs outside the interpreter, so that Python code cannot delay it. A ring has one writer, `receive`,
-and one reader, which reads the entries of the index in order and stores the number of entries read.
+The receiving loop runs outside the interpreter, so that Python code cannot delay the loop. A ring has a writer,
+`receive`, and a reader, which reads the entries of the index in order and stores the number of entries read.
 """
 
 from __future__ import annotations
@@ -272,8 +272,8 @@ NOWHERE = -1 << 61
 def settle(index, first, last, width, height, period, ordered, forward, facts, columns):
     """Select the events on the sensor, with times that never run back, and move them to the front of the columns.
 
-    A time far from the clock is accepted only if it is confirmed by the event before, or by the next one in the same
-    datagram, whose time is near it.
+    A time far from the clock is accepted only if the event before, or the next event in the same datagram, has a
+    similar time.
 
     Args:
         index: index of the entries.

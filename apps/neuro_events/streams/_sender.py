@@ -201,7 +201,7 @@ def paced(parts: Iterable[Events], to: Channel, speed: float, report: Callable[[
 
 
 def _timed_pieces(part: Events, zero: int, begin: float, speed: float) -> Iterator[tuple[float, Events]]:
-    """Yield pieces of a part at their times, each with the scheduled time of its first event."""
+    """Yield the scheduled time of the first event, and the events, for each piece of a part, when due."""
     first = 0
     while first < len(part):
         now = time.monotonic()
