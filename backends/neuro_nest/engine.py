@@ -18,7 +18,7 @@ from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY,
 from neuro_nest.projections import NestProjection
 from neuro_nest.tables import RK4, SHARED, UNREADABLE
 
-_WORDS = {"K_plus": "Kplus"}
+_NEST_NAMES = {"K_plus": "Kplus"}
 
 
 class NestEngine:
@@ -35,7 +35,7 @@ class NestEngine:
         self.program, self._threads = program, threads
         self._nest = kernel.lend(self, program.name)
         self.net = self._build(
-            [{word: v.copy() for word, v in p.parameters.items()} for p in program.populations],
+            [{name: v.copy() for name, v in p.parameters.items()} for p in program.populations],
             [p.weight for p in program.projections],
             [p.synapse.vector() for p in program.projections],
         )
@@ -110,11 +110,13 @@ class NestEngine:
         if synapses.part.synapse.modulated:
             self._check_moment(synapses, f"'{name}' of '{synapses.part.name}'")
         with nest_errors():
-            values = synapses.read(self._nest, self.net.ends(synapses), _WORDS.get(name, name))
+            values = synapses.read(self._nest, self.net.ends(synapses), _NEST_NAMES.get(name, name))
         if name == "K_plus" and not synapses.part.synapse.modulated:
             # NEST's stdp_synapse stores K+ as of the last pre spike.
             elapsed = self.step - self.net.records[synapses.part.source].sent[synapses.source]
-            values = values * np.exp(-elapsed * self.program.resolution / self.net.words(synapses)["tau_plus"])
+            values = values * np.exp(
+                -elapsed * self.program.resolution / self.net.synapse_parameters(synapses)["tau_plus"]
+            )
         return synapses.all_values(values)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
@@ -123,16 +125,16 @@ class NestEngine:
         self._check_changeable(synapses, "the numbers")
         own = parameters if parameters.ndim == 1 else synapses.own_values(parameters)
         self.net.rules[projection] = own.copy()
-        words = self.net.words(synapses)
+        nest_parameters = self.net.synapse_parameters(synapses)
         synapses.invalidate()
         with nest_errors():
             if synapses.part.synapse.modulated or synapses.part.synapse.name in SHARED:
                 for name in synapses.models():
-                    self._nest.SetDefaults(name, words)
+                    self._nest.SetDefaults(name, nest_parameters)
             else:
-                for word, value in words.items():
+                for name, value in nest_parameters.items():
                     synapses.write(
-                        self._nest, self.net.ends(synapses), word, np.broadcast_to(value, len(synapses.source))
+                        self._nest, self.net.ends(synapses), name, np.broadcast_to(value, len(synapses.source))
                     )
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
@@ -145,11 +147,11 @@ class NestEngine:
             what = f"weights of '{synapses.part.name}' onto receptor '{synapses.part.receptor.name}'"
             raise ModelError(f"{what}: {BY_SIGN}", hint=ELSEWHERE)
         synapses.weights = synapses.own_values(weights).copy()
-        self._write(synapses, "weight", synapses.each(synapses.part.arriving(synapses.weights)))
+        self._write(synapses, "weight", synapses.per_synapse(synapses.part.arriving(synapses.weights)))
 
-    def _write(self, synapses: NestProjection, word: str, values: Floats) -> None:
+    def _write(self, synapses: NestProjection, name: str, values: Floats) -> None:
         with nest_errors():
-            synapses.write(self._nest, self.net.ends(synapses), word, values)
+            synapses.write(self._nest, self.net.ends(synapses), name, values)
 
     def _check_shown(self, population: int, name: str) -> None:
         part = self.program.populations[population]

@@ -38,7 +38,7 @@ def load() -> Any:
     """
     if sys.modules.get("nest") is not None:
         return sys.modules["nest"]
-    flags, words, quiet = sys.getdlopenflags(), sys.argv, os.environ.get("PYNEST_QUIET")
+    flags, arguments, quiet = sys.getdlopenflags(), sys.argv, os.environ.get("PYNEST_QUIET")
     os.environ["PYNEST_QUIET"] = "1"
     sys.argv = sys.argv[:1]  # NEST reads the command line
     try:
@@ -48,7 +48,7 @@ def load() -> Any:
             raise ModelError(f"NEST cannot be loaded: {error}", hint=INSTALL) from None
         raise ModelError("backend 'nest' needs NEST, which is not installed", hint=INSTALL) from None
     finally:
-        sys.argv = words
+        sys.argv = arguments
         sys.setdlopenflags(flags)
         if quiet is None:
             del os.environ["PYNEST_QUIET"]
@@ -96,12 +96,12 @@ def mark_as_ours(nest: Any) -> None:
     nest.CopyModel("parrot_neuron", OURS)
 
 
-def set_nodes(nest: Any, nodes: Any, words: list[dict[str, Any]]) -> None:
+def set_nodes(nest: Any, nodes: Any, values: list[dict[str, Any]]) -> None:
     """Set parameters of nodes: a dictionary for all, or a dictionary per node.
 
     `nodes.set` calls the same function, but first asks for the location of each node, which takes twenty times as long.
     """
-    nest.ll_api.nestkernel.llapi_set_nc_status(nodes._datum, words)
+    nest.ll_api.nestkernel.llapi_set_nc_status(nodes._datum, values)
 
 
 def _alive(holder: Any) -> Any:

@@ -124,7 +124,7 @@ class NestNetwork:
             events = self._recorder.events
             if len(events["times"]):
                 self._recorder.n_events = 0
-            spikes = np.stack([np.asarray(events[word]).astype(np.int64) for word in ("senders", "times")], axis=1)
+            spikes = np.stack([np.asarray(events[name]).astype(np.int64) for name in ("senders", "times")], axis=1)
             spikes = self.program.share.gather(spikes)
             senders, steps = spikes[np.argsort(spikes[:, 0], kind="stable")].T
         for index, cells in enumerate(self.cells):
@@ -159,8 +159,8 @@ class NestNetwork:
 
     def set_noise(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set parameters of noise, which hold for currents sent after the present step."""
-        for word, each in values.items():
-            self.currents.set(population, word, each, self.step)
+        for name, each in values.items():
+            self.currents.set(population, name, each, self.step)
 
     def _connect(self, synapses: NestProjection | RuleProjection) -> None:
         part = synapses.part
@@ -170,9 +170,9 @@ class NestNetwork:
             return
         transmitters = self._transmitters(synapses) if part.synapse.modulated else None
         shared = zip(part.synapse.numbers(), common(self.rules[synapses.index]), strict=True)
-        if of_target := {word: value for word, value in shared if word in OF_TARGET}:
+        if of_target := {name: value for name, value in shared if name in OF_TARGET}:
             set_nodes(self.nest, self.cells[part.target].nodes, [of_target])
-        synapses.connect(self.nest, self.ends(synapses), self.clock, self.words(synapses), transmitters)
+        synapses.connect(self.nest, self.ends(synapses), self.clock, self.synapse_parameters(synapses), transmitters)
 
     def ends(self, synapses: NestProjection) -> tuple[Nodes, Nodes]:
         """Return the nodes of source and target of a projection."""
@@ -184,14 +184,14 @@ class NestNetwork:
         """Return whether devices send along a projection, with the weights at emission."""
         return part.carries == "spikes" and self.program.sends_at_once(part)
 
-    def words(self, synapses: NestProjection) -> dict[str, Any]:
+    def synapse_parameters(self, synapses: NestProjection) -> dict[str, Any]:
         """Return the numbers of a synapse model by NEST's names, and the initial states of the synapses.
 
         Each entry has a value for all synapses, or a value per synapse.
         """
         not_passed = {"deliver_interval", "c_min", *OF_TARGET, *FIXED_TRUE}
         rules = self.rules[synapses.index]
-        each = rules if rules.ndim == 1 else synapses.each(rules)
+        each = rules if rules.ndim == 1 else synapses.per_synapse(rules)
         numbers = dict(zip(synapses.part.synapse.numbers(), each.T, strict=True))
         return {w: value for w, value in numbers.items() if w not in not_passed} | synapses.part.synapse.initial(
             numbers
@@ -276,7 +276,7 @@ class NestPopulation:
             span = {"start": self._clock.ms(self.part.start)}
             if self.part.stop < NEVER:
                 span["stop"] = self._clock.ms(self.part.stop)
-            return self.parameters | {word: np.array([value]) for word, value in span.items()}
+            return self.parameters | {name: np.array([value]) for name, value in span.items()}
         if self.part.kind != "neuron":
             return {}
         states = [state.name for state in self.part.model.states if not (state.hidden or state.follows)]
@@ -294,9 +294,11 @@ class NestPopulation:
         times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
         numbers = np.split(spikes.multiplicity[order], begin[1:])
         if ids.size:
-            words = [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
+            spikes_of_nodes = [
+                {"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)
+            ]
             for nodes in self._emitting:
-                set_nodes(self._nest, nodes[ids.tolist()], words)
+                set_nodes(self._nest, nodes[ids.tolist()], spikes_of_nodes)
 
     def get(self, name: str, ids: Ints | None = None) -> Floats:
         """Return a state or parameter of every neuron, or of some."""
@@ -346,15 +348,15 @@ class NestPopulation:
         if "E_L" in values:
             relative = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
             values = {n: self.get(n) for n in relative} | dict(values)
-        words = {name: self._in_words_of_nest(name, each) for name, each in values.items() if name not in LACKING}
-        own = {name: each for name, each in words.items() if len(each) > 1}
-        shared = {name: each[0] for name, each in words.items() if name not in own}
+        nest_values = {name: self._in_nest_units(name, each) for name, each in values.items() if name not in LACKING}
+        own = {name: each for name, each in nest_values.items() if len(each) > 1}
+        shared = {name: each[0] for name, each in nest_values.items() if name not in own}
         turn = self.nodes_of.in_turn(self.part.size) if own else ()
         neurons = [shared | {name: own[name][i] for name in own} for i in turn] or [shared]
         with nest_errors(f"population '{self.part.name}'"):
             set_nodes(self._nest, self.nodes, neurons)
 
-    def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:
+    def _in_nest_units(self, name: str, values: Floats) -> list[Any]:
         if name == "refractory_input":
             return [bool(v) for v in values]
         if name == "tau_m":

@@ -41,14 +41,14 @@ class Limit:
     """A check of a model of NEST.
 
     Attributes:
-        words: names of the checked parameters, in the order of the message.
+        names: names of the checked parameters, in the order of the message.
         refuses: function of the parameters of a population and the length of a step in ms, which returns the neurons
             that NEST refuses.
         why: what NEST expects.
         way_out: what the user can write instead.
     """
 
-    words: tuple[str, ...]
+    names: tuple[str, ...]
     refuses: Callable[[Values, float], NDArray[np.bool_]]
     why: str
     way_out: str
@@ -72,15 +72,15 @@ RESET = Limit(
 )
 
 
-def _differs(word: str) -> Limit:
-    text = f"NEST expects tau_m and {word} that differ"
-    return Limit((word, "tau_m"), lambda p, _: p[word] == p["tau_m"], text, f"change {word} by 1e-6 of it")
+def _differs(name: str) -> Limit:
+    text = f"NEST expects tau_m and {name} that differ"
+    return Limit((name, "tau_m"), lambda p, _: p[name] == p["tau_m"], text, f"change {name} by 1e-6 of it")
 
 
-def _too_fast(word: str) -> Limit:
-    text = f"NEST's propagator overflows where a step is longer than {LARGEST_GROWTH:.0f} {word}"
-    grows = lambda p, h: h / p[word] - h / p["tau_m"] > LARGEST_GROWTH  # noqa: E731
-    return Limit((word, "tau_m"), grows, text, f"use a larger {word}")
+def _too_fast(name: str) -> Limit:
+    text = f"NEST's propagator overflows where a step is longer than {LARGEST_GROWTH:.0f} {name}"
+    grows = lambda p, h: h / p[name] - h / p["tau_m"] > LARGEST_GROWTH  # noqa: E731
+    return Limit((name, "tau_m"), grows, text, f"use a larger {name}")
 
 
 FAST = (_too_fast("tau_syn_ex"), _too_fast("tau_syn_in"))
@@ -107,9 +107,9 @@ def refused_values(part: Population, values: Values, resolution: float) -> Itera
             is_refused = np.broadcast_to(limit.refuses(values, resolution), part.size)
         if is_refused.any():
             first = int(np.argmax(is_refused))
-            units = {word: q.unit for word, q in part.model.quantities().items()}
+            units = {name: q.unit for name, q in part.model.quantities().items()}
             texts = [
-                f"{word} = {np.broadcast_to(values[word], part.size)[first]:g} {units[word]}" for word in limit.words
+                f"{name} = {np.broadcast_to(values[name], part.size)[first]:g} {units[name]}" for name in limit.names
             ]
             yield limit, ", ".join(texts)
 
@@ -220,10 +220,10 @@ def _projection_problems(program: Program, part: Projection) -> Iterator[Problem
     if np.isfinite(part.synapse.parameters().get("c_min", -np.inf)):
         what = f"{message}: {part.synapse.name}.c_min"
         yield _refused(what, "NEST's eligibility has no bound", f"leave it out, or {ELSEWHERE}", part)
-    for word in FIXED_TRUE & set(part.synapse.numbers()):
-        if not part.synapse.parameters()[word]:
-            what = f"{message}: {part.synapse.name}.{word} = false"
-            yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)
+    for number in FIXED_TRUE & set(part.synapse.numbers()):
+        if not part.synapse.parameters()[number]:
+            what = f"{message}: {part.synapse.name}.{number} = false"
+            yield _refused(what, "NEST acts as if it were true", f"set {number}: true, or {ELSEWHERE}", part)
 
 
 def _copy_problems(program: Program) -> Iterator[Problem]:
@@ -244,12 +244,12 @@ def _target_problems(program: Program) -> Iterator[Problem]:
     """Yield an error for each number that NEST stores per neuron and that differs between rules onto a population."""
     first_values: dict[tuple[int, str], tuple[float, str]] = {}
     for part in program.projections:
-        for word in OF_TARGET & set(part.synapse.numbers()):
-            value = part.synapse.parameters()[word]
-            first, name = first_values.setdefault((part.target, word), (value, part.name))
+        for number in OF_TARGET & set(part.synapse.numbers()):
+            value = part.synapse.parameters()[number]
+            first, name = first_values.setdefault((part.target, number), (value, part.name))
             if value != first:
                 yield _refused(
-                    f"projection '{part.name}': {part.synapse.name}.{word} = {value:g}",
+                    f"projection '{part.name}': {part.synapse.name}.{number} = {value:g}",
                     f"NEST has one value per neuron, and '{name}' onto the same population has {first:g}",
                     f"give both the same value, or {ELSEWHERE.replace(' it', ' them')}",
                     part,

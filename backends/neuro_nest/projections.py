@@ -151,7 +151,12 @@ class NestProjection:
         return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
 
     def connect(
-        self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, words: Mapping[str, Any], transmitters: Any
+        self,
+        nest: Any,
+        ends: tuple[Nodes, Nodes],
+        clock: NestClock,
+        nest_parameters: Mapping[str, Any],
+        transmitters: Any,
     ) -> None:
         """Make the connections in NEST.
 
@@ -159,27 +164,27 @@ class NestProjection:
             nest: the module.
             ends: nodes of source and target.
             clock: clock of the network.
-            words: parameters of the synapse model by NEST's names, for all synapses or one value for each.
+            nest_parameters: parameters of the synapse model by NEST's names, for all synapses or one value for each.
             transmitters: volume transmitters of dopamine, one or one per post neuron; None for other models.
         """
         model = SYNAPSES[self.part.synapse.name]
         if self.part.synapse.name in SHARED:
-            nest.CopyModel(model, *self.models(), words)
+            nest.CopyModel(model, *self.models(), nest_parameters)
             self._connect(nest, ends, clock, {"synapse_model": self.models()[0]}, np.arange(len(self.source)))
             return
         if transmitters is None:
-            self._connect(nest, ends, clock, {"synapse_model": model, **words}, np.arange(len(self.source)))
+            self._connect(nest, ends, clock, {"synapse_model": model, **nest_parameters}, np.arange(len(self.source)))
             return
         places = ends[1].places(np.arange(self.n_target)).tolist()
         for post, name in enumerate(self.models()):
-            nest.CopyModel(model, name, {**words, "volume_transmitter": transmitters[places[post]]})
+            nest.CopyModel(model, name, {**nest_parameters, "volume_transmitter": transmitters[places[post]]})
             is_own = self.target == post if self.part.dopamine_one_to_one else np.ones(len(self.target), dtype=bool)
             self._connect(nest, ends, clock, {"synapse_model": name}, np.flatnonzero(is_own))
 
     def _connect(
-        self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, words: dict[str, Any], among: Ints
+        self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, nest_parameters: dict[str, Any], among: Ints
     ) -> None:
-        weights = self.each(self.part.arriving(self.weights))
+        weights = self.per_synapse(self.part.arriving(self.weights))
         for layer in np.unique(self._layer[among]).tolist():
             synapses = among[self._layer[among] == layer]
             own = {
@@ -191,13 +196,13 @@ class NestProjection:
                 nodes.of(ids[synapses].astype(np.int64))
                 for nodes, ids in zip(ends, (self.source, self.target), strict=True)
             )
-            own |= {word: value[synapses] for word, value in words.items() if np.ndim(value)}
-            nest.Connect(source, target, "one_to_one", words | self._receptor | own)
+            own |= {name: value[synapses] for name, value in nest_parameters.items() if np.ndim(value)}
+            nest.Connect(source, target, "one_to_one", nest_parameters | self._receptor | own)
 
     def _label(self, layer: int) -> int:
         return self.index * DEEPEST + layer
 
-    def each(self, values: NDArray[Any]) -> NDArray[Any]:
+    def per_synapse(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the value of every synapse of this process, from a value for all or for each weight of the program."""
         if len(values) == 1:
             return np.broadcast_to(values, (len(self.source), *values.shape[1:]))
@@ -217,33 +222,33 @@ class NestProjection:
         every[places] = all_values
         return every
 
-    def read(self, nest: Any, ends: tuple[Nodes, Nodes], word: str) -> Floats:
+    def read(self, nest: Any, ends: tuple[Nodes, Nodes], state: str) -> Floats:
         """Return a state of every synapse of this process, by NEST's name."""
         if not self._states:
-            words = (*STATES[self.part.synapse.name], "source", "target")
-            self._states = {name: np.zeros(len(self.source)) for name in words}
+            names = (*STATES[self.part.synapse.name], "source", "target")
+            self._states = {name: np.zeros(len(self.source)) for name in names}
             for layer in range(self._depth):
                 connections = self._connections(nest, layer)
-                answers = connections.get(list(words)) if len(connections) else dict.fromkeys(words, ())
-                values = {name: np.atleast_1d(np.array(answers[name], dtype=np.float64)) for name in words}
+                answers = connections.get(list(names)) if len(connections) else dict.fromkeys(names, ())
+                values = {name: np.atleast_1d(np.array(answers[name], dtype=np.float64)) for name in names}
                 synapses = self._places(layer, ends, values["source"], values["target"])
-                for name in words:
+                for name in names:
                     self._states[name][synapses] = values[name]
-        return self._states[word].copy()
+        return self._states[state].copy()
 
-    def write(self, nest: Any, ends: tuple[Nodes, Nodes], word: str, values: Floats) -> None:
+    def write(self, nest: Any, ends: tuple[Nodes, Nodes], name: str, values: Floats) -> None:
         """Set a state of every synapse of this process."""
         self.invalidate()
         shared = bool((values == values[:1]).all())
         for layer in range(self._depth):
             connections = self._connections(nest, layer)
             if len(connections) and shared:
-                connections.set({word: float(values[0])})
+                connections.set({name: float(values[0])})
             elif len(connections):
                 if nest.local_num_threads > 1:
                     # NEST's threads list their connections in any order, so the order may differ at each call.
                     self._listed = {}
-                connections.set([{word: value} for value in values[self._order(connections, layer, ends)].tolist()])
+                connections.set([{name: value} for value in values[self._order(connections, layer, ends)].tolist()])
 
     def invalidate(self) -> None:
         """Discard the cached states."""
@@ -317,30 +322,34 @@ class RuleProjection:
         negated = self.part.receptor is not None and self.part.receptor.negated
         # As in this language, a delay that rounds to 0 steps is one step.
         delays = max(delay, clock.ms(1)) if isinstance(delay, float) else nest.math.max(delay, clock.ms(1))
-        words = {"synapse_model": self._model, "weight": weight * -1.0 if negated else weight, "delay": delays}
-        nest.Connect(source, target, in_words_of_nest(undrawn.rule), words)
+        nest_parameters = {
+            "synapse_model": self._model,
+            "weight": weight * -1.0 if negated else weight,
+            "delay": delays,
+        }
+        nest.Connect(source, target, nest_rule(undrawn.rule), nest_parameters)
 
     def after_run(self) -> None:
         """Do nothing, because no state is cached."""
 
 
-def in_words_of_nest(rule: NamedRule) -> dict[str, Any]:
+def nest_rule(rule: NamedRule) -> dict[str, Any]:
     """Return a connection rule by NEST's names."""
-    words: dict[str, Any] = {"rule": rule.name}
+    parameters: dict[str, Any] = {"rule": rule.name}
     match rule:
         case fixed_indegree(n=n):
-            words["indegree"] = n
+            parameters["indegree"] = n
         case fixed_outdegree(n=n):
-            words["outdegree"] = n
+            parameters["outdegree"] = n
         case fixed_total_number(n=n):
-            words["N"] = n
+            parameters["N"] = n
         case pairwise_bernoulli(p=p):
-            words["p"] = p
+            parameters["p"] = p
     if isinstance(rule, all_to_all | fixed_indegree | fixed_outdegree | fixed_total_number | pairwise_bernoulli):
-        words["allow_autapses"] = rule.autapses
+        parameters["allow_autapses"] = rule.autapses
     if isinstance(rule, fixed_indegree | fixed_outdegree | fixed_total_number):
-        words["allow_multapses"] = rule.multapses
-    return words
+        parameters["allow_multapses"] = rule.multapses
+    return parameters
 
 
 def drawn_by_nest(nest: Any, value: float | Distribution) -> Any:

@@ -99,16 +99,16 @@ def _series(program: Program, candidates: set[int]) -> list[Row]:
         [list(few) for joined, few in groupby(arriving_at, candidates.__contains__) if joined]
         for arriving_at in arriving.values()
     )
-    return [max(stretches, key=len) for stretches in series if stretches]
+    return [max(series, key=len) for series in series if series]
 
 
-def _group_rows(program: Program, stretches: list[Row]) -> list[Row]:
+def _group_rows(program: Program, series: list[Row]) -> list[Row]:
     """Group the series of all targets into joined rows, in an order that keeps the order of every sum."""
     rank: dict[tuple[int, bool], int] = {}
     rows: dict[tuple[int, int], Row] = {}
-    for stretch in stretches:
+    for neighbours in series:
         layer, last = 0, -1
-        for q in stretch:
+        for q in neighbours:
             at = rank.setdefault((program.projections[q].source, _by_sign(program, q)), len(rank))
             # A source that occurs twice, or in another order than at other targets, continues in a later row.
             layer, last = layer + (at <= last), at
@@ -145,14 +145,14 @@ def join(arrays: EventArrays) -> None:
     In a network of very many synapses the rows are the only copy: the program's arrays are freed row by row.
     """
     layout.clear_joined_rows(arrays)
-    stretches = []
+    series = []
     for pop in arrays.net["pops"]:
         arriving = arrays.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()
         places = [pop[t.ARRIVALS] + k for k, q in enumerate(arriving) if q in arrays.joined]
         if places:
             pop[t.JOINED], pop[t.JOINED_END] = places[0], places[-1] + 1
-            stretches.append([q for q in arriving if q in arrays.joined])
-    rows = _group_rows(arrays.program, stretches)
+            series.append([q for q in arriving if q in arrays.joined])
+    rows = _group_rows(arrays.program, series)
     shared = _SHARED_ROWS.get(arrays.program)
     unchanged = as_described(arrays).issuperset(q for row in rows for q in row)
     if shared is not None and unchanged and shared.rows == rows and np.array_equal(shared.edges, arrays.net["edges"]):

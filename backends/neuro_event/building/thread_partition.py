@@ -74,7 +74,7 @@ def whole_populations(program: Program, threads: int) -> Ints | None:
         leads = population.kind == "neuron" or len(driven) != 1
         members.setdefault(index if leads else min(driven), []).append(index)
     units = list(members.values())
-    owner = _divided(np.array([sum(_work(program, index) for index in unit) for unit in units]), threads)
+    owner = _divide(np.array([sum(_work(program, index) for index in unit) for unit in units]), threads)
     if owner is None:
         return None
     owners = np.zeros(len(program.populations), dtype=np.int64)
@@ -83,7 +83,7 @@ def whole_populations(program: Program, threads: int) -> Ints | None:
     return owners
 
 
-def _divided(work: Ints, threads: int) -> Ints | None:
+def _divide(work: Ints, threads: int) -> Ints | None:
     """Return the thread of each unit with the smallest maximal load, or None if no even division is found in time."""
     from scipy.optimize import LinearConstraint, milp
 

@@ -90,7 +90,7 @@ class SynapseReader:
             self._updated = k, step
         return by_id(self._y[row, own], arranged.order)
 
-    def keep_read(self, k: int, step: int) -> None:
+    def write_back(self, k: int, step: int) -> None:
         """Copy states that a read in this step has updated back to the kernels, before a signal acts.
 
         The signal would have to update them otherwise.

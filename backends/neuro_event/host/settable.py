@@ -86,7 +86,7 @@ class Settable(Running):
             part = self._program.projections[q]
             if part.signal == signal:
                 inner = np.ascontiguousarray(self._arrays.places[part.target].by_place(values), dtype=np.float64)
-                self._synapse_reader.keep_read(k, self._step)
+                self._synapse_reader.write_back(k, self._step)
                 histories.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
