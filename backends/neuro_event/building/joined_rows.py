@@ -95,11 +95,11 @@ def _series(program: Program, candidates: set[int]) -> list[Row]:
         ringed = layout.learns_from_pairs(p) or (layout.has_own_delays(p) and not layout.in_runs(program, p))
         if p.size and p.carries == "spikes" and (q in candidates or not ringed):
             arriving.setdefault(p.target, []).append(q)
-    series = (
+    all_series = (
         [list(few) for joined, few in groupby(arriving_at, candidates.__contains__) if joined]
         for arriving_at in arriving.values()
     )
-    return [max(series, key=len) for series in series if series]
+    return [max(series, key=len) for series in all_series if series]
 
 
 def _group_rows(program: Program, series: list[Row]) -> list[Row]:
