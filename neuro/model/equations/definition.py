@@ -119,7 +119,7 @@ class Definition:
 
 
 @contextmanager
-def at(*path: str) -> Iterator[None]:
+def under_path(*path: str) -> Iterator[None]:
     """Add a path within the words to errors raised inside."""
     try:
         yield
@@ -144,11 +144,11 @@ def read(name: str, words: Mapping[str, Any]) -> Definition:
     receptors = _receptors(words.get("receptors", {}))
     for kind, names in (("equations", states), ("let", let), ("receptors", [r.name for r in receptors])):
         for word in names:
-            with at(kind, word):
+            with under_path(kind, word):
                 _refuse_name(word, kind, parameters, states, let, receptors)
     threshold = None
     if "threshold" in words:
-        with at("threshold"):
+        with under_path("threshold"):
             threshold = parse(words["threshold"])
     refractory = _refractory(words.get("refractory"), states, parameters)
     integrator, settings = _integrator(words.get("integrator"))
@@ -197,20 +197,20 @@ def expressions(words: Mapping[str, Any], section: str) -> dict[str, Expression]
         raise ModelError(f"{section}: found {shown(texts)}: expected {{name: expression}}", hint=hint, path=(section,))
     parsed = {}
     for name, text in texts.items():
-        with at(section, str(name)):
+        with under_path(section, str(name)):
             parsed[str(name)] = parse(text)
             refuse_inner_comparisons(parsed[str(name)], parsed[str(name)].tree)
     return parsed
 
 
 def _receptors(section: Any) -> tuple[Receptor, ...]:
-    with at("receptors"):
+    with under_path("receptors"):
         if not isinstance(section, Mapping) or len(section) > MAX_RECEPTORS:
             limit = f"at most {MAX_RECEPTORS}, {{name: {{kernel: exp, tau: ...}}}}"
             raise ModelError(f"found {shown(section)}: expected {limit}")
     receptors = []
     for name, words in section.items():
-        with at("receptors", str(name)):
+        with under_path("receptors", str(name)):
             receptor_words = mapping(words, ("kernel", "tau"), "a receptor")
             kernel = receptor_words.get("kernel")
             if kernel not in KERNELS:
@@ -220,7 +220,7 @@ def _receptors(section: Any) -> tuple[Receptor, ...]:
                 raise ModelError(f"kernel {kernel} {needs}")
         tau = None
         if "tau" in receptor_words:
-            with at("receptors", str(name), "tau"):
+            with under_path("receptors", str(name), "tau"):
                 tau = parse(receptor_words["tau"])
                 refuse_inner_comparisons(tau, tau.tree)
         receptors.append(Receptor(str(name), kernel, tau))
@@ -230,7 +230,7 @@ def _receptors(section: Any) -> tuple[Receptor, ...]:
 def _refractory(value: Any, states: Mapping[str, Any], parameters: Mapping[str, Parameter]) -> tuple[str, ...] | None:
     if value is None:
         return None
-    with at("refractory"):
+    with under_path("refractory"):
         if not isinstance(value, Mapping):
             text = f"found {shown(value)}: expected the words of refractory: time, hold"
             raise ModelError(text, hint=REFRACTORY)
@@ -259,7 +259,7 @@ def _integrator(option: Any) -> tuple[str, dict[str, float]]:
         return "", {}
     if isinstance(option, str):
         option = {option: {}}
-    with at("integrator"):
+    with under_path("integrator"):
         name = next(iter(option), "") if isinstance(option, Mapping) and len(option) == 1 else ""
         if name not in INTEGRATORS:
             names = ", ".join(INTEGRATORS)
@@ -308,68 +308,73 @@ def check_name(word: str) -> None:
         raise ModelError(f"name {shown(word)}: {NAME}")
 
 
-def _check_dimensions(d: Definition) -> Definition:
+def _check_dimensions(definition: Definition) -> Definition:
     """Return the definition with its dimensions.
 
     Raises:
         ModelError: names are unknown, or units do not match. All such mistakes are reported.
     """
-    kernels = [r.name for r in d.receptors if r.kernel != "delta"]
-    states = (*d.states, *kernels)
-    for name in d.initial:
+    kernels = [r.name for r in definition.receptors if r.kernel != "delta"]
+    states = (*definition.states, *kernels)
+    for name in definition.initial:
         if name not in states:
             raise unknown("state", name, states, path=("initial", name))
-    known_dimensions = {name: p.dimension for name, p in d.parameters.items()} | {CURRENT_NAME: CURRENT}
-    potential = {"V_m": VOLTAGE} if "V_m" in d.states else {}
+    known_dimensions = {name: p.dimension for name, p in definition.parameters.items()} | {CURRENT_NAME: CURRENT}
+    potential = {"V_m": VOLTAGE} if "V_m" in definition.states else {}
     dims = Dimensions(known_dimensions | potential, tuple(name for name in states if name not in potential))
-    for receptor in d.receptors:
+    for receptor in definition.receptors:
         if receptor.tau is not None:
-            with dims.at("receptors", receptor.name, "tau"):
+            with dims.under_path("receptors", receptor.name, "tau"):
                 dims.only(known_dimensions).check(receptor.tau, Powers(TIME, {}))
-    for name, expression in d.let.items():
-        with dims.at("let", name):
+    for name, expression in definition.let.items():
+        with dims.under_path("let", name):
             dims.names[name] = dims.powers(expression, expression.tree)
-    for name, expression in d.states.items():
-        with dims.at("equations", name):
+    for name, expression in definition.states.items():
+        with dims.under_path("equations", name):
             dims.check(expression, dims.name(name, -1))
-    _check_spike(d, dims)
-    for name, expression in d.initial.items():
-        with dims.at("initial", name):
-            dims.only(d.parameters).check(expression, dims.name(name))
+    _check_spike(definition, dims)
+    for name, expression in definition.initial.items():
+        with dims.under_path("initial", name):
+            dims.only(definition.parameters).check(expression, dims.name(name))
     dims.refuse()
     dimensions = {}
     for name in states:
-        dimension = dims.of(name)
+        dimension = dims.dimension(name)
         if dimension is None:
             raise unit_unknown(name)
         dimensions[name] = dimension
     receptors = tuple(
         Receptor(r.name, r.kernel, r.tau, r.kernel != "delta" and dimensions[r.name] == CONDUCTANCE)
-        for r in d.receptors
+        for r in definition.receptors
     )
-    return Definition(**{**vars(d), "dimensions": dimensions, "receptors": receptors})
+    return Definition(**{**vars(definition), "dimensions": dimensions, "receptors": receptors})
 
 
-def _check_spike(d: Definition, dims: Dimensions) -> None:
-    if d.threshold is None:
+def _check_spike(definition: Definition, dims: Dimensions) -> None:
+    if definition.threshold is None:
         for section in ("reset", "refractory"):
-            if section in d.plain:
+            if section in definition.plain:
                 message = f"{section} without 'threshold': expected one, e.g. V_m >= V_th"
                 raise ModelError(message, path=(section,), about=("threshold",))
         return
-    with dims.at("threshold"):
-        if not is_comparison(d.threshold.tree):
-            raise d.threshold.mistake(0, "expected a comparison, e.g. V_m >= V_th")
-        assert isinstance(d.threshold.tree, Binary)
-        for side in (d.threshold.tree.left, d.threshold.tree.right):
-            refuse_inner_comparisons(d.threshold, side)
-        dims.powers(d.threshold, d.threshold.tree)
-    for word, text in {"threshold": d.threshold, **{f"reset.{name}": e for name, e in d.reset.items()}}.items():
-        if CURRENT_NAME in algebra.names(d.full(text.tree)):
-            with dims.at(*word.split(".")):
+    with dims.under_path("threshold"):
+        if not is_comparison(definition.threshold.tree):
+            raise definition.threshold.mistake(0, "expected a comparison, e.g. V_m >= V_th")
+        assert isinstance(definition.threshold.tree, Binary)
+        for side in (definition.threshold.tree.left, definition.threshold.tree.right):
+            refuse_inner_comparisons(definition.threshold, side)
+        dims.powers(definition.threshold, definition.threshold.tree)
+    for word, text in {
+        "threshold": definition.threshold,
+        **{f"reset.{name}": e for name, e in definition.reset.items()},
+    }.items():
+        if CURRENT_NAME in algebra.names(definition.full(text.tree)):
+            with dims.under_path(*word.split(".")):
                 raise ModelError(f"found {CURRENT_NAME}, the current of generators: expected states and parameters")
-    for name, expression in d.reset.items():
-        if name not in dims.names or name in d.parameters or name in d.let or name == CURRENT_NAME:
-            raise unknown("state", name, [*d.states, *(r.name for r in d.receptors)], path=("reset", name))
-        with dims.at("reset", name):
+    for name, expression in definition.reset.items():
+        if name not in dims.names or name in definition.parameters or name in definition.let or name == CURRENT_NAME:
+            raise unknown(
+                "state", name, [*definition.states, *(r.name for r in definition.receptors)], path=("reset", name)
+            )
+        with dims.under_path("reset", name):
             dims.check(expression, dims.name(name))

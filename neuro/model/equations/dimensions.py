@@ -81,7 +81,7 @@ class Dimensions:
         return restricted
 
     @contextmanager
-    def at(self, *path: str) -> Iterator[None]:
+    def under_path(self, *path: str) -> Iterator[None]:
         """Set the path of an expression within the words, and record a mistake that is raised inside."""
         before, self.path = self.path, path
         try:
@@ -153,7 +153,7 @@ class Dimensions:
         over, _, under = unit.replace(" ", "*").partition("/")
         return f"write {text_of(tree)}{f' {over}' * (over != '1')}{f'/{under}' * bool(under)}"
 
-    def of(self, name: str) -> Dimension | None:
+    def dimension(self, name: str) -> Dimension | None:
         """Return the dimension of a name, or None if it is unknown."""
         powers = self.reduced(self.names[name])
         return None if powers.unknown else powers.known

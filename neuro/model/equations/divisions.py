@@ -88,7 +88,7 @@ class Divisions:
             for path, expression in self.all.items():
                 evaluator = _Evaluator(expression, {**self.units, **known_values})
                 try:
-                    value_of_tree = evaluator.at(expression.tree)
+                    value_of_tree = evaluator.evaluate(expression.tree)
                     if path in self.taus and value_of_tree is not None and np.any(value_of_tree <= 0.0):
                         raise evaluator.mistake(
                             expression.tree, "is not above 0: expected a time constant > 0 ms", value_of_tree > 0
@@ -129,7 +129,7 @@ class _Evaluator:
         self.wrong_tree, self.first = tree, int(np.argmin(good))
         return self.whole.mistake(at, f"'{text_of(tree)}' {message}")
 
-    def at(self, tree: Tree) -> Any:
+    def evaluate(self, tree: Tree) -> Any:
         """Return the value of a subtree, or None if it is unknown. A mistake in the subtree is raised."""
         match tree:
             case Number(value, unit):
@@ -137,12 +137,12 @@ class _Evaluator:
             case Name(name):
                 return self.known.get(name)
             case Negative(of):
-                value = self.at(of)
+                value = self.evaluate(of)
                 return None if value is None else -value
             case Call("where", (Binary() as condition, first, second)):
                 return self.choice(condition, first, second)
         operands = algebra.operands(tree)
-        values = [self.at(operand) for operand in operands]
+        values = [self.evaluate(operand) for operand in operands]
         sign = tree.sign if isinstance(tree, Binary) else tree.name
         if sign == "/" and values[1] is not None and np.any(values[1] == 0.0):
             raise self.mistake(operands[1], "is 0: expected a divisor other than 0", values[1] != 0.0, tree.at)
@@ -157,11 +157,11 @@ class _Evaluator:
 
     def choice(self, condition: Binary, first: Tree, second: Tree) -> Any:
         """Return the value of a `where`. A branch that no neuron selects may have any value."""
-        holds = self.at(condition)
+        holds = self.evaluate(condition)
         if holds is None or np.all(holds):
-            branch = self.at(first)
+            branch = self.evaluate(first)
         if holds is None or not np.any(holds):
-            branch = self.at(second)
+            branch = self.evaluate(second)
         return branch if holds is not None and (np.all(holds) or not np.any(holds)) else None
 
 

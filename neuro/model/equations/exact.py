@@ -56,13 +56,13 @@ def slope_of(receptor: Receptor) -> str:
     return f"d{receptor.name}"
 
 
-def system(d: Definition) -> System | None:
+def system(definition: Definition) -> System | None:
     """Return the equations as a linear system, or None if they are not linear."""
-    kernels = [row for receptor in d.receptors for row in kernel_rows(receptor).items()]
-    variables = {*d.states, *(name for name, _ in kernels), CURRENT_NAME}
+    kernels = [row for receptor in definition.receptors for row in kernel_rows(receptor).items()]
+    variables = {*definition.states, *(name for name, _ in kernels), CURRENT_NAME}
     rows: dict[str, Mapping[str, Tree]] = {}
-    for name, expression in d.states.items():
-        row = algebra.affine(d.full(expression.tree), variables)
+    for name, expression in definition.states.items():
+        row = algebra.affine(definition.full(expression.tree), variables)
         if row is None:
             return None
         rows[name] = {word: factor for word, factor in row.items() if factor != algebra.ZERO}
@@ -109,21 +109,21 @@ def solution(linear: System, name: str, place: str, fixed: tuple[str, ...] = ())
     return lines, change if names == {name} else f"{local(name)} + ({change})"
 
 
-def quiet_lines(d: Definition, linear: System, constants: Constants, held_row: int | None) -> list[str] | None:
+def quiet_lines(definition: Definition, linear: System, constants: Constants, held_row: int | None) -> list[str] | None:
     """Return the body of `quiet`, or None if no bound is known.
 
     The bound is the state at the threshold, relaxed under its constant drive, plus the remaining charge of all kernels.
     """
-    if d.threshold is None:
+    if definition.threshold is None:
         return ["return True"]
-    tree = d.threshold.tree
+    tree = definition.threshold.tree
     assert isinstance(tree, Binary)
     if tree.sign not in (">", ">=") or not isinstance(tree.left, Name) or tree.left.name not in linear.rows:
         return None
     if not constants.is_of_parameters(tree.right):
         return None
     name, row = tree.left.name, linear.rows[tree.left.name]
-    drivers = _charges(d, linear, name, constants)
+    drivers = _charges(definition, linear, name, constants)
     if drivers is None:
         return None
     leak = algebra.negate(row.get(name, algebra.ZERO))
@@ -143,9 +143,9 @@ def quiet_lines(d: Definition, linear: System, constants: Constants, held_row: i
     ]
 
 
-def _charges(d: Definition, linear: System, name: str, constants: Constants) -> list[tuple[str, str]] | None:
+def _charges(definition: Definition, linear: System, name: str, constants: Constants) -> list[tuple[str, str]] | None:
     """Return the kernel states that drive a state, each with the charge of one unit. None if other states drive it."""
-    kernels = {r.name: r for r in d.receptors if r.kernel != "delta"}
+    kernels = {r.name: r for r in definition.receptors if r.kernel != "delta"}
     charges = []
     for word, factor in linear.rows[name].items():
         if word in (name, REST, CURRENT_NAME):

@@ -70,56 +70,70 @@ def neuron(name: str, words: Mapping[str, Any]) -> type[EquationNeuron]:
     Raises:
         ModelError: the first mistake in the words.
     """
-    d = read(name, words)
-    refuse_attributes(d.parameters, EquationNeuron)
-    steps.refuse_reserved(d, _RESERVED | dict.fromkeys(EquationNeuron.quantities(), "a parameter of every neuron"))
-    constants = Constants(d.parameters, 1, {*d.states, *d.let, *(r.name for r in d.receptors), CURRENT_NAME}, d.full)
+    definition = read(name, words)
+    refuse_attributes(definition.parameters, EquationNeuron)
+    steps.refuse_reserved(
+        definition, _RESERVED | dict.fromkeys(EquationNeuron.quantities(), "a parameter of every neuron")
+    )
+    constants = Constants(
+        definition.parameters,
+        1,
+        {*definition.states, *definition.let, *(r.name for r in definition.receptors), CURRENT_NAME},
+        definition.full,
+    )
     expressions: dict[Words, Expression] = {
-        ("receptors", r.name, "tau"): r.tau for r in d.receptors if r.tau is not None
+        ("receptors", r.name, "tau"): r.tau for r in definition.receptors if r.tau is not None
     }
     taus = [*expressions]
-    if d.threshold is not None:
-        expressions["threshold",] = d.threshold
-    for section, texts_by_name in (("equations", d.states), ("reset", d.reset), ("initial", d.initial)):
+    if definition.threshold is not None:
+        expressions["threshold",] = definition.threshold
+    for section, texts_by_name in (
+        ("equations", definition.states),
+        ("reset", definition.reset),
+        ("initial", definition.initial),
+    ):
         expressions |= {(section, word): expression for word, expression in texts_by_name.items()}
-    divisions = Divisions(d.parameters, constants.variables, d.let, expressions, taus)
-    refuse(divisions.mistakes({name: p.default for name, p in d.parameters.items()}))
-    linear = system(d)
-    neuron_steps = steps.check_integrator(steps.NeuronSteps(d, linear, constants))
+    divisions = Divisions(definition.parameters, constants.variables, definition.let, expressions, taus)
+    refuse(divisions.mistakes({name: p.default for name, p in definition.parameters.items()}))
+    linear = system(definition)
+    neuron_steps = steps.check_integrator(steps.NeuronSteps(definition, linear, constants))
     text, width = _text(neuron_steps)
     arithmetic = module(text)
-    positive = {*_divisors(d), *(r.tau.tree.name for r in d.receptors if r.tau and isinstance(r.tau.tree, Name))}
-    quantities = {word: p.quantity(word in positive) for word, p in d.parameters.items()}
-    if (p := d.parameters.get("t_ref")) is not None:
+    positive = {
+        *_divisors(definition),
+        *(r.tau.tree.name for r in definition.receptors if r.tau and isinstance(r.tau.tree, Name)),
+    }
+    quantities = {word: p.quantity(word in positive) for word, p in definition.parameters.items()}
+    if (p := definition.parameters.get("t_ref")) is not None:
         quantities["t_ref"] = Quantity(unit=p.unit, doc=p.doc or "refractory period", at_least=0, arrays=True)
-    threshold = d.plain.get("threshold", "")
-    texts = [f"{state}' = {expression.text.strip()}" for state, expression in d.states.items()]
-    texts += [f"{word} = {expression.text.strip()}" for word, expression in d.let.items()]
+    threshold = definition.plain.get("threshold", "")
+    texts = [f"{state}' = {expression.text.strip()}" for state, expression in definition.states.items()]
+    texts += [f"{word} = {expression.text.strip()}" for word, expression in definition.let.items()]
     result: type[EquationNeuron] = EquationNeuron.create(
-        d.name,
+        definition.name,
         [
             (field_of(word), Value, field(default=p.default, metadata={"quantity": quantities[word]}))
-            for word, p in d.parameters.items()
+            for word, p in definition.parameters.items()
         ],
         arithmetic,
-        __doc__=d.plain.get("doc") or f"A neuron in equations, integrated by {neuron_steps.integrator}.",
-        definition=d.plain,
+        __doc__=definition.plain.get("doc") or f"A neuron in equations, integrated by {neuron_steps.integrator}.",
+        definition=definition.plain,
         divisions=divisions,
         equation="; ".join([*texts, *([f"spike at {threshold}"] if threshold else [])]),
-        source=d.plain.get("source", ""),
+        source=definition.plain.get("source", ""),
         states=_states(neuron_steps),
-        receptors=max(1, len(d.receptors)),
-        receptor_names=tuple(r.name for r in d.receptors),
-        conductances=tuple(r.name for r in d.receptors if r.magnitude),
+        receptors=max(1, len(definition.receptors)),
+        receptor_names=tuple(r.name for r in definition.receptors),
+        conductances=tuple(r.name for r in definition.receptors if r.magnitude),
         linear=neuron_steps.integrator == "exact",
         width=width,
         resets_in_step=neuron_steps.resets_in_step,
-        takes_current=d.takes_current,
+        takes_current=definition.takes_current,
     )
     return result
 
 
-def _divisors(d: Definition) -> set[str]:
+def _divisors(definition: Definition) -> set[str]:
     """Return the parameters that are divisors."""
 
     def inner(tree: Tree) -> set[str]:
@@ -134,24 +148,24 @@ def _divisors(d: Definition) -> set[str]:
                 return set().union(*map(inner, arguments))
         return set()
 
-    return set().union(*(inner(d.full(e.tree)) for e in d.states.values()))
+    return set().union(*(inner(definition.full(e.tree)) for e in definition.states.values()))
 
 
 def _states(neuron_steps: steps.NeuronSteps) -> tuple[State, ...]:
-    d = neuron_steps.definition
-    slopes = {slope_of(r): r for r in d.receptors if r.kernel == "alpha"}
+    definition = neuron_steps.definition
+    slopes = {slope_of(r): r for r in definition.receptors if r.kernel == "alpha"}
     states = []
     for name in neuron_steps.rows:
         if name in slopes:
-            dimension = times(d.dimensions[slopes[name].name], TIME, -1)
+            dimension = times(definition.dimensions[slopes[name].name], TIME, -1)
             states.append(State(name, unit_of(dimension), f"slope of {slopes[name].name}"))
-        elif name in d.dimensions:
-            lowest = 0.0 if any(r.name == name and r.magnitude for r in d.receptors) else None
-            if name in d.states:
-                doc = f"{name}' = {d.states[name].text.strip()}"
+        elif name in definition.dimensions:
+            lowest = 0.0 if any(r.name == name and r.magnitude for r in definition.receptors) else None
+            if name in definition.states:
+                doc = f"{name}' = {definition.states[name].text.strip()}"
             else:
-                doc = f"response to spikes, an {next(r.kernel for r in d.receptors if r.name == name)} kernel"
-            states.append(State(name, unit_of(d.dimensions[name]), doc, at_least=lowest))
+                doc = f"response to spikes, an {next(r.kernel for r in definition.receptors if r.name == name)} kernel"
+            states.append(State(name, unit_of(definition.dimensions[name]), doc, at_least=lowest))
         else:
             doc = "remaining refractory steps" if name == REFRACTORY_STEPS else "size of the next substep"
             states.append(State(name, "steps" if name == REFRACTORY_STEPS else "ms", doc, hidden=True))
@@ -160,16 +174,16 @@ def _states(neuron_steps: steps.NeuronSteps) -> tuple[State, ...]:
 
 def _text(neuron_steps: steps.NeuronSteps) -> tuple[str, int]:
     """Return the text of the module, and the number of constants."""
-    d, constants, linear = neuron_steps.definition, neuron_steps.constants, neuron_steps.linear
-    if "V_th" in d.parameters:
+    definition, constants, linear = neuron_steps.definition, neuron_steps.constants, neuron_steps.linear
+    if "V_th" in definition.parameters:
         constants.place(Name("V_th", 0))
     step = steps.step_lines(neuron_steps)
     fire = steps.fire_lines(neuron_steps)
     quiet = None
     if neuron_steps.integrator == "exact" and linear is not None:
-        quiet = quiet_lines(d, linear, constants, neuron_steps.rows.get(REFRACTORY_STEPS))
-    initial = {name: e.tree for name, e in d.initial.items()}
-    if "V_m" in d.states and "E_L" in d.parameters:
+        quiet = quiet_lines(definition, linear, constants, neuron_steps.rows.get(REFRACTORY_STEPS))
+    initial = {name: e.tree for name, e in definition.initial.items()}
+    if "V_m" in definition.states and "E_L" in definition.parameters:
         initial.setdefault("V_m", Name("E_L", 0))
     begin = [f"z[{neuron_steps.rows[name]}] = {constants.of_parameters(tree)}" for name, tree in initial.items()]
     functions = [
@@ -194,5 +208,5 @@ def _text(neuron_steps: steps.NeuronSteps) -> tuple[str, int]:
             constant_lines += matrix_lines(linear, constants, "HELD_SYSTEM", neuron_steps.hold)
             numbers, places = numbers + f"HELD_SYSTEM = {places}\n", places + room(linear)
     functions.insert(0, function("constants(p, h, c)", "Compute the constants.", constant_lines or ["pass"]))
-    text = "\n\n".join(["\n".join([f'"""{d.name}"""', _HEAD, numbers]).rstrip() + "\n", *functions])
-    return text, max(Neuron.width, len(d.parameters) + 1, places)
+    text = "\n\n".join(["\n".join([f'"""{definition.name}"""', _HEAD, numbers]).rstrip() + "\n", *functions])
+    return text, max(Neuron.width, len(definition.parameters) + 1, places)

@@ -16,7 +16,7 @@ from neuro.core.quantities import field_of
 from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, times, told, unit_of
 from neuro.core.values import shown
 from neuro.model.equations.algebra import innermost_misfit, names, polynomial, subtrees
-from neuro.model.equations.definition import at, check_name, expressions, mapping
+from neuro.model.equations.definition import check_name, expressions, mapping, under_path
 from neuro.model.equations.dimensions import Dimensions, refuse, text_of
 from neuro.model.equations.divisions import Divisions, InEquations, Words
 from neuro.model.equations.functions import ARGUMENTS, PUBLIC
@@ -108,7 +108,7 @@ def read(name: str, words: Mapping[str, Any]) -> Pairs:
 def _check_special(word: str, parameter: Parameter) -> None:
     """Raise an error for parameters with a reserved name, or with a wrong unit if their numbers are used elsewhere."""
     if word == WEIGHT or word in ARGUMENTS:
-        with at("parameters", word):
+        with under_path("parameters", word):
             raise ModelError(f"'{word}' is reserved: expected another name")
     if word in ("Wmin", "Wmax") and parameter.factor != 1.0:
         message = f"{word} is in '{parameter.unit}': expected pA, nS or mV, the units of weights"
@@ -121,7 +121,7 @@ def _traces(section: Any, parameters: Mapping[str, Parameter]) -> dict[str, tupl
     """Return side and trace by name."""
     traces = {}
     for name, words in _items(section, "traces", "{name: {of: pre, tau: ...}}"):
-        with at("traces", name):
+        with under_path("traces", name):
             _refuse_name(name, parameters)
             trace_words = mapping(words, ("of", "tau", "nearest"), "a trace")
             if trace_words.get("of") not in ("pre", "post"):
@@ -138,7 +138,7 @@ def _states(section: Any, parameters: Mapping[str, Parameter], traces: Mapping[s
     """Return the parameter with the time constant of each state."""
     states: dict[str, str] = {}
     for name, words in _items(section, "states", "{name: {tau: ...}}"):
-        with at("states", name):
+        with under_path("states", name):
             _refuse_name(name, parameters)
             if name in traces or name in RESERVED:
                 raise ModelError(f"'{name}' is reserved: expected another name")
@@ -185,13 +185,13 @@ def _check_dimensions(pairs: Pairs) -> Pairs:
         for name, expression in changes.items():
             if name not in changed:
                 raise unknown("state of a synapse", name, list(changed), path=(word, name))
-            with dims.at(word, name):
+            with dims.under_path(word, name):
                 if pairs.drift is not None:
                     _refuse(expression, (SIGNAL,), "is the signal, which acts between spikes", "use it in on_signal")
                 dims.check(expression, dims.name(name))
                 _check_weight(expression, dims)
     if pairs.drift is not None:
-        with dims.at("on_signal", WEIGHT):
+        with dims.under_path("on_signal", WEIGHT):
             hint = "keep it in a state, which on_pre or on_post sets"
             _refuse(pairs.drift, traces, "is a trace, which is known at spikes only", hint)
             dims.check(pairs.drift, dims.name(WEIGHT, -1))
@@ -199,15 +199,15 @@ def _check_dimensions(pairs: Pairs) -> Pairs:
     for name, expression in pairs.initial.items():
         if name not in pairs.states:
             raise unknown("state of a synapse", name, list(pairs.states), path=("initial", name))
-        with dims.at("initial", name):
+        with dims.under_path("initial", name):
             dims.only(parameters).check(expression, dims.name(name))
     dims.refuse()
-    return Pairs(**{**vars(pairs), "dimensions": {name: dims.of(name) for name in pairs.states}})
+    return Pairs(**{**vars(pairs), "dimensions": {name: dims.dimension(name) for name in pairs.states}})
 
 
 def _check_weight(expression: Expression, dims: Dimensions) -> None:
     """Record a mistake if the derived unit of the weight is not a unit of weights."""
-    dimension = dims.of(WEIGHT)
+    dimension = dims.dimension(WEIGHT)
     if dimension not in (None, NONE, CURRENT, CONDUCTANCE, VOLTAGE):
         assert dimension is not None
         message = f"'{WEIGHT}' would be {told(dimension)}: expected it in pA, nS or mV, or without unit"
@@ -265,7 +265,7 @@ def rule(name: str, words: Mapping[str, Any]) -> type[EquationSynapse]:
     base = _Between if pairs.changes_between_spikes else EquationSynapse
     refuse_attributes(pairs.parameters, base)
     for state in pairs.states:
-        with at("states", state):
+        with under_path("states", state):
             if state in base.quantities():
                 raise ModelError(f"'{state}' is a parameter of these rules: expected another name")
     constants = Constants(pairs.parameters, 0, {WEIGHT, *pairs.traces, *pairs.states}, lambda tree: tree)
@@ -322,7 +322,7 @@ def _text(pairs: Pairs, constants: Constants) -> str:
         for word in SPIKES
     ]
     if pairs.changes_between_spikes:
-        with at("on_signal", WEIGHT):
+        with under_path("on_signal", WEIGHT):
             lines = advance_lines(pairs, constants)
         functions.append(function("advance(y, e, c, begin, end, n, grid)", "Integrate between spikes.", lines))
     rows = {name: k for k, name in enumerate(pairs.states)}

@@ -70,21 +70,29 @@ class NeuronSteps:
         return self.write(self.definition.threshold.tree, variables)
 
 
-def refuse_reserved(d: Definition, descriptions: Mapping[str, str]) -> None:
+def refuse_reserved(definition: Definition, descriptions: Mapping[str, str]) -> None:
     """Raise an error for names of hidden states of the model, and for reserved names.
 
     Args:
-        d: the neuron.
+        definition: the neuron.
         descriptions: descriptions of reserved names, by name.
 
     Raises:
         ModelError: the first such name. The path of the error leads to the name.
     """
-    slopes = {slope_of(r): f"the slope of {r.name}" for r in d.receptors if r.kernel == "alpha"}
-    reserved = {**descriptions, **slopes, **({PART: "the size of a substep"} if d.integrator == "rkf45" else {})}
-    kernels = [receptor.name for receptor in d.receptors]
-    sections = (("equations", d.states, reserved), ("receptors", kernels, reserved))
-    for section, names, meanings in (*sections, ("parameters", d.parameters, slopes), ("let", d.let, slopes)):
+    slopes = {slope_of(r): f"the slope of {r.name}" for r in definition.receptors if r.kernel == "alpha"}
+    reserved = {
+        **descriptions,
+        **slopes,
+        **({PART: "the size of a substep"} if definition.integrator == "rkf45" else {}),
+    }
+    kernels = [receptor.name for receptor in definition.receptors]
+    sections = (("equations", definition.states, reserved), ("receptors", kernels, reserved))
+    for section, names, meanings in (
+        *sections,
+        ("parameters", definition.parameters, slopes),
+        ("let", definition.let, slopes),
+    ):
         for name in names:
             if name in meanings:
                 message = f"{section}.{name}: '{name}' is also {meanings[name]}: expected another name"
@@ -98,8 +106,10 @@ def check_integrator(neuron: NeuronSteps) -> NeuronSteps:
         ModelError: the equations are not linear, as the exact integrator requires.
     """
     if neuron.integrator == "exact" and neuron.linear is None:
-        d, variables = neuron.definition, {*neuron.integrated, CURRENT_NAME}
-        name = next(n for n, e in d.states.items() if algebra.affine(d.full(e.tree), variables) is None)
+        definition, variables = neuron.definition, {*neuron.integrated, CURRENT_NAME}
+        name = next(
+            n for n, e in definition.states.items() if algebra.affine(definition.full(e.tree), variables) is None
+        )
         message = "are not linear" if not neuron.definition.integrator else "are not linear, as 'exact' requires"
         raise ModelError(
             f"the equations {message}, see {name}: expected an integrator",
@@ -161,16 +171,16 @@ def _euler(neuron: NeuronSteps) -> list[str]:
 
     Kernels decay exactly.
     """
-    d = neuron.definition
+    definition = neuron.definition
     variables = {name: local(name) for name in neuron.integrated} | {CURRENT_NAME: "i_0[i]"}
     updates = {}
-    for name, expression in d.states.items():
+    for name, expression in definition.states.items():
         if neuron.integrator == "euler":
             h = neuron.constants.place_of("h")
             updates[name] = f"{local(name)} + {h} * ({neuron.write(expression.tree, variables)})"
         else:
             updates[name] = _exponential_euler(neuron, name, expression.tree, variables)
-    for receptor in d.receptors:
+    for receptor in definition.receptors:
         updates |= _kernel_updates(neuron, receptor)
     return _loop(neuron, updates)
 
@@ -281,17 +291,17 @@ def _spike_lines(neuron: NeuronSteps) -> Iterator[str]:
 
     The refractory period includes this step.
     """
-    d = neuron.definition
-    if d.threshold is None:
+    definition = neuron.definition
+    if definition.threshold is None:
         return
     variables = {name: local(name) for name in neuron.integrated}
-    yield f"if {'held == 0.0 and ' if d.hold is not None else ''}{neuron.fires(variables)}:"
+    yield f"if {'held == 0.0 and ' if definition.hold is not None else ''}{neuron.fires(variables)}:"
     yield "    fired[i] = True"
-    for name, expression in d.reset.items():
+    for name, expression in definition.reset.items():
         yield f"    {local(name, 'next')} = {neuron.write(expression.tree, variables)}"
-    for name in d.reset:
+    for name in definition.reset:
         yield f"    {local(name)} = {local(name, 'next')}"
-    if d.hold is not None:
+    if definition.hold is not None:
         steps = neuron.constants.place_of("round(t_ref_ / h)")
         yield f"    held = {steps} + 1.0 if {steps} > 0.0 else 0.0"
 
@@ -301,26 +311,28 @@ def rates_function(neuron: NeuronSteps) -> tuple[str, list[str]]:
 
     A state above its threshold counts as at the threshold, because a step that crosses the threshold ends in a reset.
     """
-    d = neuron.definition
+    definition = neuron.definition
     variables = {name: local(name) for name in neuron.integrated} | {CURRENT_NAME: "current"}
     lines = []
     if (limited := _limited_state(neuron)) is not None:
         name, limit = limited
         lines.append(f"{local(name)} = min({local(name)}, {neuron.write(limit, {})})")
-    for name, expression in d.let.items():
+    for name, expression in definition.let.items():
         if not neuron.constants.is_of_parameters(expression.tree):
             leaf = neuron.constants.leaf(variables)
             lines.append(f"{local(name)} = {to_python(expression.tree, leaf)}")
             variables[name] = local(name)
-    texts = [to_python(e.tree, neuron.constants.leaf(variables)) for e in d.states.values()]
-    texts = [f"0.0 if held != 0.0 else {t}" if n in neuron.hold else t for n, t in zip(d.states, texts, strict=True)]
-    for receptor in d.receptors:
+    texts = [to_python(e.tree, neuron.constants.leaf(variables)) for e in definition.states.values()]
+    texts = [
+        f"0.0 if held != 0.0 else {t}" if n in neuron.hold else t for n, t in zip(definition.states, texts, strict=True)
+    ]
+    for receptor in definition.receptors:
         for row in kernel_rows(receptor).values():
             terms = [neuron.write(algebra.multiply(factor, Name(word, 0)), variables) for word, factor in row.items()]
             texts.append(" + ".join(terms))
     lines.append(f"return ({', '.join(texts)},)")
     names, lines = hoist_constants(lines)
-    arguments = [*names, *(["held"] if d.hold is not None else []), "current"]
+    arguments = [*names, *(["held"] if definition.hold is not None else []), "current"]
     return ", ".join([*arguments, *(local(name) for name in neuron.integrated)]), lines
 
 

@@ -63,32 +63,34 @@ class Twin:
         }
 
 
-def twin(d: Definition) -> Twin:
+def twin(definition: Definition) -> Twin:
     """Return the built-in model with the equations of a neuron.
 
     Raises:
         ModelError: there is no such model. The message is the reason.
     """
-    linear = system(d)
+    linear = system(definition)
     if linear is None:
-        variables = {*d.states, *(receptor.name for receptor in d.receptors), CURRENT_NAME}
+        variables = {*definition.states, *(receptor.name for receptor in definition.receptors), CURRENT_NAME}
 
         def is_linear(tree: Tree) -> bool:
             return algebra.affine(tree, variables) is not None
 
-        name, tree = next((n, d.full(e.tree)) for n, e in d.states.items() if not is_linear(d.full(e.tree)))
+        name, tree = next(
+            (n, definition.full(e.tree)) for n, e in definition.states.items() if not is_linear(definition.full(e.tree))
+        )
         raise ModelError(
             f"its equation of {name} is not linear, see '{text_of(algebra.innermost_misfit(tree, is_linear))}'"
         )
-    if d.integrator not in ("", "exact"):
+    if definition.integrator not in ("", "exact"):
         hint = "leave out 'integrator': the equations are linear and are solved exactly"
-        raise ModelError(f"its integrator is {d.integrator}", hint=hint)
-    if len(d.states) > 1:
-        others = ", ".join(list(d.states)[1:])
-        raise ModelError(f"it has equations of {others} in addition to {next(iter(d.states))}")
-    potential = next(iter(d.states))
-    receptors = _receptors(d, linear, potential)
-    trees = _membrane(d, linear.rows[potential], potential, receptors) | _spike(d, potential)
+        raise ModelError(f"its integrator is {definition.integrator}", hint=hint)
+    if len(definition.states) > 1:
+        others = ", ".join(list(definition.states)[1:])
+        raise ModelError(f"it has equations of {others} in addition to {next(iter(definition.states))}")
+    potential = next(iter(definition.states))
+    receptors = _receptors(definition, linear, potential)
+    trees = _membrane(definition, linear.rows[potential], potential, receptors) | _spike(definition, potential)
     states: dict[str, tuple[str, ...]] = {potential: ("V_m",)}
     if receptors and receptors[0].kernel == "exp":
         built_in_states = [_CURRENTS] if len(receptors) == 1 else [(name,) for name in _CURRENTS]
@@ -98,39 +100,46 @@ def twin(d: Definition) -> Twin:
         model: type[Neuron] = iaf_psc_exp
     else:
         model = iaf_psc_delta
-    constants = Constants(d.parameters, 1, {*d.states, *d.let, *(r.name for r in d.receptors), CURRENT_NAME}, d.full)
+    constants = Constants(
+        definition.parameters,
+        1,
+        {*definition.states, *definition.let, *(r.name for r in definition.receptors), CURRENT_NAME},
+        definition.full,
+    )
     lines = [f"q[{k}] = {constants.of_parameters(tree)}" for k, tree in enumerate(trees.values())]
     body = [*constants.locals(), *lines]
     doc = f"The parameters of {model.__name__}."
     return Twin(model, states, tuple(trees), module(f"{_HEAD}\n\n{function('twin(p, q)', doc, body)}"))
 
 
-def _receptors(d: Definition, linear: System, potential: str) -> tuple[Receptor, ...]:
+def _receptors(definition: Definition, linear: System, potential: str) -> tuple[Receptor, ...]:
     """Return the receptors if a built-in model has receptors with the same effects."""
-    kernels = {receptor.kernel for receptor in d.receptors}
+    kernels = {receptor.kernel for receptor in definition.receptors}
     if "alpha" in kernels:
-        name = next(receptor.name for receptor in d.receptors if receptor.kernel == "alpha")
+        name = next(receptor.name for receptor in definition.receptors if receptor.kernel == "alpha")
         raise ModelError(f"{name} has an alpha kernel, which has two states", hint="use kernel exp")
     if len(kernels) > 1:
         raise ModelError("it has receptors of kernels exp and delta", hint="use one kernel for both")
-    if any(receptor.magnitude for receptor in d.receptors[1:]):
-        raise ModelError(f"{d.receptors[1].name} is a conductance, which grows by |w|", hint="use currents, in pA")
-    for receptor in d.receptors:
+    if any(receptor.magnitude for receptor in definition.receptors[1:]):
+        raise ModelError(
+            f"{definition.receptors[1].name} is a conductance, which grows by |w|", hint="use currents, in pA"
+        )
+    for receptor in definition.receptors:
         if receptor.kernel == "exp" and receptor.name not in linear.rows[potential]:
             raise ModelError(f"{receptor.name} does not act on {potential}")
-    return d.receptors
+    return definition.receptors
 
 
 def _membrane(
-    d: Definition, row: Mapping[str, Tree], potential: str, receptors: tuple[Receptor, ...]
+    definition: Definition, row: Mapping[str, Tree], potential: str, receptors: tuple[Receptor, ...]
 ) -> dict[str, Tree]:
     """Return the expressions of the time constant, capacity, resting potential and constant current."""
-    leak = products(algebra.negate(row.get(potential, algebra.ZERO)), d.parameters)
+    leak = products(algebra.negate(row.get(potential, algebra.ZERO)), definition.parameters)
     if not leak:
         raise ModelError(f"{potential} has no leak", hint=f"add one, e.g. (E_L - {potential})/tau_m")
-    rest = products(row.get(REST, algebra.ZERO), d.parameters)
+    rest = products(row.get(REST, algebra.ZERO), definition.parameters)
     currents = [CURRENT_NAME, *(receptor.name for receptor in receptors if receptor.kernel == "exp")]
-    gains = {name: products(row[name], d.parameters) for name in currents if name in row}
+    gains = {name: products(row[name], definition.parameters) for name in currents if name in row}
     constant: list[Product] = []
     trees = {"tau_m": ratio([UNITY], leak)}
     if gains:
@@ -150,26 +159,26 @@ def _is_current(term: Product, leak: list[Product], gain: list[Product]) -> bool
     return len(term.times(gain[0], -1).powers) < len(term.times(leak[0], -1).powers)
 
 
-def _spike(d: Definition, potential: str) -> dict[str, Tree]:
+def _spike(definition: Definition, potential: str) -> dict[str, Tree]:
     """Return the expressions of the threshold, the reset and the refractory period."""
-    if d.threshold is None:
+    if definition.threshold is None:
         raise ModelError("it has no threshold", hint=f"add threshold: {potential} >= V_th")
-    tree = d.threshold.tree
+    tree = definition.threshold.tree
     assert isinstance(tree, Binary)
-    parameters = {*d.parameters}
-    limit = d.full(tree.right)
+    parameters = {*definition.parameters}
+    limit = definition.full(tree.right)
     if tree.sign != ">=" or not (isinstance(tree.left, Name) and tree.left.name == potential):
-        raise ModelError(f"its threshold is {d.threshold.text.strip()}", hint=f"write {potential} >= V_th")
-    reset = {name: d.full(expression.tree) for name, expression in d.reset.items()}
+        raise ModelError(f"its threshold is {definition.threshold.text.strip()}", hint=f"write {potential} >= V_th")
+    reset = {name: definition.full(expression.tree) for name, expression in definition.reset.items()}
     if [*reset] != [potential]:
         raise ModelError(f"a spike resets {', '.join(reset) or 'nothing'}", hint=f"reset only {potential}")
     for what, of in (("threshold", limit), (f"reset of {potential}", reset[potential])):
         names = [name for name in algebra.names(of) if name not in parameters and name not in UNITS]
         if names:
             raise ModelError(f"its {what} depends on {names[0]}", hint="use only parameters")
-    if d.hold is not None and potential not in d.hold:
+    if definition.hold is not None and potential not in definition.hold:
         raise ModelError(f"{potential} is not constant during refractoriness", hint=f"write hold: [{potential}]")
-    period = Name("t_ref", 0) if d.hold is not None else algebra.ZERO
+    period = Name("t_ref", 0) if definition.hold is not None else algebra.ZERO
     return {"V_th": limit, "V_reset": reset[potential], "t_ref": period}
 
 

@@ -42,7 +42,7 @@ def evaluate(text: str, lookup: Callable[[Expression, Name], Measure], names: Co
         Misread: the text is not an expression, or its value is not finite. The error has the position in the text.
     """
     expression = parse(text, _HINTS)
-    return _Evaluator(expression, lookup, names).of(expression.tree).as_value()
+    return _Evaluator(expression, lookup, names).evaluate(expression.tree).as_value()
 
 
 class _Evaluator:
@@ -51,7 +51,7 @@ class _Evaluator:
     ) -> None:
         self.expression, self.lookup, self.names = expression, lookup, names
 
-    def of(self, tree: Tree) -> Measure:
+    def evaluate(self, tree: Tree) -> Measure:
         match tree:
             case Number(value, ""):
                 return Measure(value)
@@ -65,16 +65,16 @@ class _Evaluator:
             case Name():
                 return self.lookup(self.expression, tree)
             case Negative(of):
-                inner = self.of(of)
+                inner = self.evaluate(of)
                 return Measure(-inner.value, inner.dimension)
             case Call():
                 return self._call(tree)
             case Binary("^"):
                 return self._power(tree)
             case Binary("*" | "/" as sign, left, right):
-                return self._product(tree, sign, self.of(left), self.of(right))
+                return self._product(tree, sign, self.evaluate(left), self.evaluate(right))
             case Binary("+" | "-" as sign, left, right):
-                a, b = self.of(left), self.of(right)
+                a, b = self.evaluate(left), self.evaluate(right)
                 self._check_same_unit(tree.at, a, b)
                 return self._finite(tree.at, a.value + b.value if sign == "+" else a.value - b.value, a.dimension)
             case Binary(sign):
@@ -90,7 +90,7 @@ class _Evaluator:
     def _power(self, tree: Binary) -> Measure:
         if self.expression.text[tree.at] == "^":
             raise self.expression.mistake(tree.at, "found '^': expected + - * / or **", "a power is written **")
-        a, b = self.of(tree.left), self.of(tree.right)
+        a, b = self.evaluate(tree.left), self.evaluate(tree.right)
         if b.dimension != NONE:
             message = f"an exponent {told(b.dimension)}: expected a number without unit"
             raise self.expression.mistake(tree.at, message)
@@ -110,7 +110,7 @@ class _Evaluator:
     def _call(self, tree: Call) -> Measure:
         if tree.name not in FUNCTIONS:
             raise self.expression.mistake(tree.at, f"unknown function '{tree.name}'", nearest(tree.name, FUNCTIONS))
-        values = [self.of(argument) for argument in tree.arguments]
+        values = [self.evaluate(argument) for argument in tree.arguments]
         if tree.name in ("min", "max"):
             for other in values[1:]:
                 self._check_same_unit(tree.at, values[0], other)
