@@ -16,8 +16,19 @@ from neuro.core.tables import aligned
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Program
 
-POPULATIONS = ("population", "neurons", "is a", "units per mV", "quantity", "described", "on the chip", "error")
-PROJECTIONS = ("projection", "weights", "bits", "signs", "scale", "a step", "delay", "become 0", "largest error", "rms")
+POPULATIONS = ("population", "neurons", "kind", "units per mV", "quantity", "described", "on the chip", "error")
+PROJECTIONS = (
+    "projection",
+    "weights",
+    "bits",
+    "signs",
+    "scale",
+    "weight step",
+    "delay",
+    "become 0",
+    "largest error",
+    "rms",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,6 +17,8 @@ from neuro.core.system import speaks
 
 _MORE = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*)\)")
 _CHOICE = re.compile(r"Invalid value for ('[^']*'): Value error, (.*) is not one of (.*)")
+_ITEM = "\n    - "
+_LIST = re.compile(rf"({_ITEM}[^\n]*)+")
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
 
 
@@ -41,6 +43,17 @@ def telling() -> Iterator[None]:
 
             typer.echo(f"error: {printable(message)}", err=True)
         sys.exit(2)
+
+
+@contextmanager
+def listed_approximations() -> Iterator[None]:
+    """Print warnings with their lists, such as the differences of a rule on a chip."""
+    tell = warnings.showwarning
+    warnings.showwarning = lambda message, *more, **named: _print_warning(str(message))
+    try:
+        yield
+    finally:
+        warnings.showwarning = tell
 
 
 @contextmanager
@@ -91,11 +104,20 @@ def _of_output(error: Exception) -> str | None:
 
 
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
-    """Print a warning for the user, without the place in our sources that raised it."""
+    """Print a warning for the user, without the place in our sources that raised it, and without its list."""
+    _print_warning(_LIST.sub(_number_of_items, str(message)))
+
+
+def _number_of_items(items: re.Match[str]) -> str:
+    """Return the number of items in the list of a chip's differences, and where the list is printed."""
+    return f" {items[0].count(_ITEM)}, listed by neuro fit"
+
+
+def _print_warning(text: str) -> None:
     if speaks():
         from neuro.core.values import printable
 
-        typer.echo(f"warning: {printable(str(message))}", err=True)
+        typer.echo(f"warning: {printable(text)}", err=True)
 
 
 def mistake(error: Exception) -> str | None:

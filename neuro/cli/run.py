@@ -7,7 +7,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.mistakes import counted_approximations
+from neuro.cli.mistakes import counted_approximations, listed_approximations
 from neuro.cli.options import (
     Backend,
     Duration,
@@ -152,7 +152,7 @@ def approximations(file: Path | str, backend: str, verbose: bool) -> AbstractCon
     from neuro.chips.known import CHIPS, is_table
 
     if verbose:
-        return nullcontext()
+        return listed_approximations()
     is_chip = backend in CHIPS or is_table(backend)
     command = ["fit", str(file), "--chip"] if is_chip else ["check", str(file), "--backend"]
     return counted_approximations(backend, shlex.join(["neuro", *command, backend]))

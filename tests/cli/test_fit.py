@@ -60,6 +60,13 @@ def test_a_run_counts_the_approximations_that_fit_lists(neuro, file):
     run = ("run", file(OFTEN), "--for", "10", "--backend", "loihi")
     counted, verbose, fit = neuro(*run), neuro(*run, "--verbose"), neuro("fit", "net.yaml", "--chip", "loihi")
     listed = [line.removeprefix("approximated: ") for line in fit.out.splitlines() if line.startswith("approximated: ")]
+    items = [line for line in fit.out.splitlines() if line.startswith("    - ")]
+    assert items == [line for line in verbose.err.splitlines() if line.startswith("    - ")]
+    priced = neuro("energy", "net.yaml", "--backend", "loihi", "--for", "10").err
+    short = [f"{text} {len(items)}, listed by neuro fit" if text.endswith(":") else text for text in listed]
+    assert [each for each in priced.splitlines() if "loihi" in each] == [
+        f"warning: backend 'loihi': {s}" for s in short
+    ]
     assert len(listed) == 2
     line = "backend 'loihi': 2 approximations of the network; --verbose or neuro fit net.yaml --chip loihi lists all"
     assert [each for each in counted.err.splitlines() if "loihi" in each] == [f"warning: {line}"]
