@@ -82,9 +82,9 @@ def matrix_lines(linear: System, constants: Constants, place: str, fixed: tuple[
     yield f"change(c, {place}, {len(linear.rows)}, 2, h)"
 
 
-def room(linear: System) -> int:
+def buffer_size(linear: System) -> int:
     """Return the size of the buffer for the solution of the system."""
-    return ROOM * linear.size**2
+    return N_MATRICES * linear.size**2
 
 
 def solution(linear: System, name: str, place: str, fixed: tuple[str, ...] = ()) -> tuple[list[str], str]:
@@ -166,7 +166,7 @@ def _charges(definition: Definition, linear: System, name: str, constants: Const
 
 TERMS = 14
 """Number of terms of the series. The error is below 1e-16 for a norm of at most 1/2."""
-ROOM = 3
+N_MATRICES = 3
 """Number of matrices in the buffer of the exponential, including the result."""
 
 
@@ -201,7 +201,7 @@ def change(c, at, n, more, h):
         norm *= 0.5
         part *= 0.5
         squarings += 1
-    first, room = at + size * size, at + 2 * size * size
+    first, buffer = at + size * size, at + 2 * size * size
     for k in range(size * size):
         c[at + k] *= part
         c[first + k] = c[at + k]
@@ -210,13 +210,13 @@ def change(c, at, n, more, h):
             c[at + k] /= term
         for i in range(size):
             c[at + i * size + i] += 1.0
-        multiply(c, first, at, room, size)
+        multiply(c, first, at, buffer, size)
         for k in range(size * size):
-            c[at + k] = c[room + k]
+            c[at + k] = c[buffer + k]
     for _ in range(squarings):
-        multiply(c, at, at, room, size)
+        multiply(c, at, at, buffer, size)
         for k in range(size * size):
-            c[at + k] = 2.0 * c[at + k] + c[room + k]
+            c[at + k] = 2.0 * c[at + k] + c[buffer + k]
 
 
 def multiply(c, a, b, to, size):

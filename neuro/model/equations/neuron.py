@@ -16,7 +16,7 @@ from neuro.model.equations import steps
 from neuro.model.equations.definition import CURRENT_NAME, REFRACTORY_STEPS, Definition, read
 from neuro.model.equations.dimensions import refuse
 from neuro.model.equations.divisions import Divisions, InEquations, Words
-from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
+from neuro.model.equations.exact import buffer_size, matrix_lines, quiet_lines, slope_of, system
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.parameters import refuse_attributes
 from neuro.model.equations.twin import Twin, twin
@@ -203,10 +203,10 @@ def _text(neuron_steps: steps.NeuronSteps) -> tuple[str, int]:
     numbers, places = "", len(constants.places)
     if neuron_steps.integrator == "exact" and linear is not None:
         constant_lines += matrix_lines(linear, constants, "SYSTEM")
-        numbers, places = f"SYSTEM = {places}\n", places + room(linear)
+        numbers, places = f"SYSTEM = {places}\n", places + buffer_size(linear)
         if "HELD_SYSTEM" in "".join(step):
             constant_lines += matrix_lines(linear, constants, "HELD_SYSTEM", neuron_steps.hold)
-            numbers, places = numbers + f"HELD_SYSTEM = {places}\n", places + room(linear)
+            numbers, places = numbers + f"HELD_SYSTEM = {places}\n", places + buffer_size(linear)
     functions.insert(0, function("constants(p, h, c)", "Compute the constants.", constant_lines or ["pass"]))
     text = "\n\n".join(["\n".join([f'"""{definition.name}"""', _HEAD, numbers]).rstrip() + "\n", *functions])
     return text, max(Neuron.width, len(definition.parameters) + 1, places)

@@ -14,9 +14,8 @@ constants `c`.
 
 For a model with `linear`, n steps without input are equal to one step of n h, or to a fifth function:
 
-    catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which no neuron fires; `c` is a
-    buffer
-                                          for constants
+    catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which no neuron fires;
+                                          `c` is a buffer for constants
 
 A neuron that fires at random sets `draws`. Its step is `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a
 uniform random number in [0, 1) per neuron and step, and its `quiet` is false if a draw can make a neuron fire.
@@ -24,8 +23,7 @@ uniform random number in [0, 1) per neuron and step, and its `quiet` is false if
 A generator has, beside `constants`,
 
     emit(s, c, u, step, lo, hi, out)      set `out[i]`, initially 0, to the number of spikes of neuron i in a step;
-    `step`
-                                          is an integer from 1 on, and the step covers the last h ms up to step x h;
+                                          `step` is an integer from 1 on, and covers the last h ms up to step x h;
                                           `u[i]` is a uniform random number in [0, 1) per neuron and step
 """
 

@@ -10,11 +10,10 @@ holds the constants of the rule.
     on_post(y, e, c, pre, post)               handle a post spike, with the traces of strictly earlier spikes
     on_pre(y, e, c, pre, post)                handle a pre spike, with the traces of strictly earlier spikes; with
                                               `draws` there is a sixth argument `u`, a random number in [0, 1)
-    sent(y, e, c)                             return the value that the pre spike sends; without this function the
-    weight advance(y, e, c, begin, end, n, grid)     integrate between events, from step `begin` to `end`, for
-    subclasses of
-                                              `Modulated`: n is the modulator's concentration at `begin`, `grid` the
-                                              delivery grid
+    sent(y, e, c)                             return the value that the pre spike sends; by default the weight
+    advance(y, e, c, begin, end, n, grid)     integrate between events, from step `begin` to `end`, for subclasses
+                                              of `Modulated`: n is the modulator's concentration at `begin`, `grid`
+                                              the delivery grid
 
 A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. Such rules use emission times:
 `pre` has the emissions, which arrive `y[1]` later, and post spikes reach the synapse without delay.
@@ -22,12 +21,11 @@ A rule that changes delays (`delays`) has the delay in ms as its first state, `y
 A rule for trials returns from its method `lessons` which neurons the end of a trial teaches (`Lesson`), and has
 `constants` and
 
-    teach(w, since, lesson, c)                return the new weight of an input of a taught neuron: `since` is the time
-    in
-                                              ms from the arrival of the input's first spike (with `spikes: each` of
-                                              each spike in turn) to the time of the lesson, negative for later spikes
-                                              and -inf without a spike; rules with `delays` get and return the delay in
-                                              ms instead of the weight
+    teach(w, since, lesson, c)                return the new weight of an input of a taught neuron: `since` is the
+                                              time in ms from the arrival of the input's first spike (with
+                                              `spikes: each` of each spike in turn) to the time of the lesson,
+                                              negative for later spikes and -inf without a spike; rules with `delays`
+                                              get and return the delay in ms instead of the weight
     settle(w, since, total, c)                return the new weight after all inputs of the neuron were taught and their
                                               sum is `total`; optional
     encourage(w, c)                           return the new weight of an input of maps that grow; required only if
