@@ -387,9 +387,9 @@ def weigh(rows, core_of, scratch, bits, index, sends, axons_in, blocks, longest)
     """Add the memory and the axons that a projection needs on each core.
 
     Args:
-        rows: first argument of `projections_by_source`.
-        core_of: second argument of `projections_by_source`.
-        scratch: third argument of `projections_by_source`.
+        rows: rows of the projection, from `projections_by_source`.
+        core_of: core of each target, from `projections_by_source`.
+        scratch: scratch arrays, from `projections_by_source`.
         bits: bits of one synapse, without the index of its neuron.
         index: bits that number the neurons of each core; empty where synapses are stored in rows.
         sends: output, number of cores that each source reaches; increased.

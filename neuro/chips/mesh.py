@@ -162,9 +162,9 @@ def travel(rows, core_of, scratch, start_of, places, moves):
     """Add the moves of a spike of each source, which is sent separately to each core.
 
     Args:
-        rows: first argument of `projections_by_source`.
-        core_of: second argument of `projections_by_source`.
-        scratch: third argument of `projections_by_source`.
+        rows: rows of the projection, from `projections_by_source`.
+        core_of: core of each target, from `projections_by_source`.
+        scratch: scratch arrays, from `projections_by_source`.
         start_of: column, row, chip's column and chip's row of each source.
         places: the same of each core.
         moves: output by source: number of cores, cores on the source's tile, and columns, rows and chips that spikes
@@ -191,9 +191,9 @@ def spread(rows, core_of, scratch, begin, places, cores_reached, local, along, a
     """Add destinations to the links that sources use: first along their row, then along columns.
 
     Args:
-        rows: first argument of `projections_by_source`.
-        core_of: second argument of `projections_by_source`.
-        scratch: third argument of `projections_by_source`.
+        rows: rows of the projection, from `projections_by_source`.
+        core_of: core of each target, from `projections_by_source`.
+        scratch: scratch arrays, from `projections_by_source`.
         begin: column and row of each source.
         places: column and row of each core.
         cores_reached: output, number of cores that each source reaches; increased.
