@@ -361,3 +361,27 @@ def test_a_world_in_a_process_of_its_own(line):
         loop = neuro.closed_loop(line(("step: 50.0", f"step: 50.0\n  process: {process}")), Line)
         returns.append(loop.run(episodes=1).returns.tolist())
     assert returns[0] == returns[1]
+
+
+OWN_DOPAMINE = (
+    (
+        "  dopamine: {to: motors}\n",
+        "  dopamine: {to: motors, values: {population: {population: motors, baseline: 3.0}}}\n",
+    ),
+    ("  reward: {dopamine: {info: {key: error, scale: 0.3, opposed: true}}}\n", ""),
+)
+
+
+def test_a_network_that_teaches_itself_keeps_its_weights_from_block_to_block(line):
+    loop = neuro.closed_loop(line(*OWN_DOPAMINE), Line, seed=1)
+    loop.run(steps=290)
+    before = weights(loop)
+    loop.pilot.begin(1, block=1)
+    assert before.std() > 0
+    assert np.array_equal(weights(loop), before)
+
+
+def test_a_network_that_teaches_itself_learns_nothing_if_the_loop_does_not(line):
+    loop = neuro.closed_loop(line(*OWN_DOPAMINE), Line, seed=1, learns=False)
+    loop.test(1)
+    assert np.array_equal(np.unique(weights(loop)), [1500.0])

@@ -54,7 +54,7 @@ def run_world(
 
     if shared():
         raise ModelError("a network in its world runs in one process: found several, of mpirun", hint="--copies N")
-    learns = not frozen and net.world_section is not None and bool(net.world_section.reward)
+    learns = not frozen
     with stoppable(lambda: _left(loop, out, learns)) as bar:
         bar.say("preparing")
         with compiling():
