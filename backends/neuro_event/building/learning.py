@@ -45,7 +45,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
     synapses, sources, targets = (
         np.array(sizes, dtype=np.int64)
         for sizes in (
-            [arranged_part.targets.size for arranged_part in arranged],
+            [csr.targets.size for csr in arranged],
             [program.populations[part.source].size * stride for part, stride in zip(parts, strides, strict=True)],
             [program.populations[part.target].size for part in parts],
         )
@@ -59,13 +59,13 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
     incoming: list[Ints] = [np.zeros(0, dtype=np.int64)]
     in_synapse, in_source = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int32)]
     n_history = 0
-    for k, (q, part, arranged_part, row) in enumerate(zip(learning, parts, arranged, table, strict=True)):
+    for k, (q, part, csr, row) in enumerate(zip(learning, parts, arranged, table, strict=True)):
         rule, target = part.synapse, program.populations[part.target]
         row[t.PROJECTION], row[t.RULE_NUMBER] = q, k
         if type(rule) in RULES:
             row[t.RULE] = RULES.index(type(rule))
             row[t.MODULATED] = 0 if rule.modulated else t.NONE
-        _ask_entry(arrays, row, type(rule), False)
+        _request_entry(arrays, row, type(rule), False)
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = part.dopamine, int(part.dopamine_one_to_one)
         row[t.DOPAMINE_DELAY] = part.dopamine_delay
         # Longest delay: after so many steps a spike of a target has reached all its synapses.
@@ -76,27 +76,19 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
         if np.all(tau_minus == tau_minus[0]):
             decay[k, 2] = _decay(tau_minus[0], program.resolution)
             decay[k, OWN:][kinds[k, :, TAU] == OF_NEURON] = decay[k, 2]
-        pre = np.repeat(
-            np.arange(program.populations[part.source].size, dtype=np.int32), np.diff(arranged_part.row_ends)
-        )
-        order = np.argsort(arranged_part.targets, kind="stable")
-        ends = np.cumsum(np.bincount(arranged_part.targets, minlength=target.size), dtype=np.int64)
+        pre = np.repeat(np.arange(program.populations[part.source].size, dtype=np.int32), np.diff(csr.row_ends))
+        order = np.argsort(csr.targets, kind="stable")
+        ends = np.cumsum(np.bincount(csr.targets, minlength=target.size), dtype=np.int64)
         incoming.append(np.concatenate([[0], ends]) + row[t.FIRST_SYNAPSE])
         in_synapse.append(order.astype(np.int32))
         in_source.append(pre[order])
         if row[t.EAGER] == 0 and pops[part.target, t.HISTORY] < 0:
             pops[part.target, t.HISTORY] = n_history
             n_history += target.size
-        own = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + arranged_part.targets.size)
-        states[0, own] = (
-            part.weight[arranged_part.order]
-            if arranged_part.order is not None and part.weight.size > 1
-            else part.weight
-        )
+        own = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + csr.targets.size)
+        states[0, own] = part.weight[csr.order] if csr.order is not None and part.weight.size > 1 else part.weight
         initial = rule.first_states()
-        in_order = (
-            initial[:, arranged_part.order] if arranged_part.order is not None and initial.shape[1] > 1 else initial
-        )
+        in_order = initial[:, csr.order] if csr.order is not None and initial.shape[1] > 1 else initial
         states[1 : 1 + len(initial), own] = in_order
         if rule.delays:
             states[DELAY, own] = arrays.net["delays"][delay_slice(arrays, q)] * program.resolution
@@ -105,11 +97,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
     t_refs = [program.populations[part.target].parameters.get("t_ref", 0.0) for part in parts]
     t_ref_of = {q: float(np.min(t_ref)) for q, t_ref in zip(learning, t_refs, strict=True)}
     draws = any(part.synapse.draws for part in parts)
-    numbers = [
-        np.arange(arranged_part.targets.size) if arranged_part.order is None else arranged_part.order
-        for arranged_part in arranged
-        if draws
-    ]
+    numbers = [np.arange(csr.targets.size) if csr.order is None else csr.order for csr in arranged if draws]
     modulated = any(part.synapse.modulated for part in parts)
     arrays.plastic |= {
         **zeros(t.PLASTIC_ARRAYS, {"threads": threads, "sources": sources.sum(), "targets": targets.sum()}),
@@ -161,7 +149,7 @@ def source_traces(arrays: EventArrays, row: Ints, traces: Floats) -> list[Floats
     return [traces[:, first + j : end : stride] for j in range(stride)]
 
 
-def _ask_entry(arrays: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
+def _request_entry(arrays: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
     """Request the compiled pass of a rule, with a row of constants for all synapses or one for each.
 
     | condition | path | reason |
@@ -262,7 +250,7 @@ def set_constants(arrays: EventArrays, projection: int, vector: Floats) -> bool:
     if grows:
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(table) - row[t.FIRST_SYNAPSE], 1
         arrays.plastic["rule"] = np.concatenate([table, np.zeros((part.size, table.shape[1]))])
-        _ask_entry(arrays, row, type(part.synapse), True)
+        _request_entry(arrays, row, type(part.synapse), True)
     first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], part.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
     in_order = constants[order] if constants.ndim == 2 and order is not None else constants
     arrays.plastic["rule"][first : first + n, : part.synapse.width] = in_order
