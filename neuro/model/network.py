@@ -193,7 +193,7 @@ class Network(Description):
         initial: Mapping[str, Any] | None = None,
         drive: Any = None,
     ) -> Population:
-        """Add a wiring diagram: a population of its neurons, and a projection of its edges.
+        """Add a wiring diagram: a population of the neurons, and a projection of the edges.
 
         Args:
             name: name of the population. The projection is called `name_name`.

@@ -101,7 +101,7 @@ class Trials(Choice):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readout(Choice):
-    """Presentation of recordings of event cameras to a network, and the decision of its output on their class."""
+    """Presentation of event-camera recordings to a network, and classification by the network's output."""
 
     kind: ClassVar[str] = "readout"
     word: ClassVar[str] = "readout"

@@ -58,7 +58,7 @@ class computed(Source):
     """The value of an expression of spikes, computed at a fixed interval and applied after a delay.
 
     An expression consists of numbers, + - * / ^, comparisons and the functions of equations, e.g.
-    `where(a > b, 1, -1)`. In the following, `p` and `q` are populations or some of their neurons, such as `motors[0]`:
+    `where(a > b, 1, -1)`. Below, `p` and `q` are populations or some neurons of a population, e.g. `motors[0]`:
 
     - `count(p)` is the number of spikes of p since the last evaluation, and `rate(p)` the mean rate per neuron in Hz.
     - `after(p, q, within=20)` is the number of spikes of q at most 20 ms after a spike of p (20 is the default).

@@ -30,7 +30,7 @@ def one_line(part: Any) -> str:
 
 
 def in_full(part: Any) -> str:
-    """Return a part as a table, with all parameters of its models and their units."""
+    """Return a part as a table, with all parameters of the models and the units."""
     return as_text(f"{part.word} '{part.name}'", _tables(part))
 
 

@@ -24,7 +24,7 @@ _CLASSES: dict[str, type[EquationNeuron] | type[EquationSynapse]] = {}
 
 
 def equations(name: str, **words: Any) -> Any:
-    """Create a model class from equations. Its instances are used like those of other models, e.g. `adex(C_m=200.0)`.
+    """Create a model class from equations, which is used like other model classes, e.g. `adex(C_m=200.0)`.
 
     Args:
         name: name of the model.

@@ -101,7 +101,7 @@ class Dimensions:
     def _errors(self, mistake: ModelError | Sum) -> Iterator[ModelError]:
         """Yield an error for each term whose dimension differs from the sum's.
 
-        If the dimension of the sum is unknown, it is that of the first term with a known dimension.
+        If the dimension of the sum is unknown, the first term with a known dimension decides.
         """
         if isinstance(mistake, ModelError):
             yield mistake

@@ -183,7 +183,7 @@ class InEquations:
 
     @classmethod
     def create(cls, name: str, fields: list[Any], arithmetic: ModuleType, **attributes: Any) -> Any:
-        """Create the class of a model from its fields, the module of its functions and its class attributes."""
+        """Create a model class from fields, the module of the functions, and class attributes."""
         model = make_dataclass(name, fields, bases=(cls,), namespace=attributes, frozen=True, kw_only=True, eq=False)
         model.__module__ = arithmetic.__name__
         return model

@@ -31,7 +31,7 @@ class Measure:
 
 
 def evaluate(text: str, lookup: Callable[[Expression, Name], Measure], names: Container[str]) -> float | str:
-    """Return the value of an expression, with its unit if it has one.
+    """Return the value of an expression, with the unit if there is one.
 
     Args:
         text: the expression between the brackets.

@@ -269,7 +269,7 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
 
 
 def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
-    """Return the names in a group, and the clock of its steps if it has steps, as in files of results.
+    """Return the names in a group, and the clock if there is a data set `steps`, as in files of results.
 
     The result is None if there is no such group, or if the file cannot be read: reading the data reports the error.
     """

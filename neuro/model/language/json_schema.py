@@ -216,7 +216,7 @@ def _units(q: Quantity) -> list[Schema]:
 
 
 def _measured(*units: str) -> Schema:
-    """Return the schema of a number with one of these units.
+    """Return the schema of a number with a unit.
 
     The pattern also accepts every unit composed by * / ^, because a pattern cannot check dimensions.
     """

@@ -76,7 +76,7 @@ def check_network_file(path: str | Path) -> Path:
 
 
 def to_text(sections: dict[str, Any]) -> str:
-    """Return a description as YAML, with one part per line if it fits."""
+    """Return a description as YAML. A part that fits is written on one line."""
     lines = []
     for word, section in sections.items():
         if isinstance(section, dict):
@@ -125,7 +125,7 @@ def _flow(value: Any) -> str:
 
 
 def _word(text: str) -> str:
-    """Return text in quotes if it needs them here or in other readers of YAML."""
+    """Return text, in quotes if this reader or other readers of YAML need quotes."""
     plain = _PLAIN.fullmatch(text) and text.lower() not in _YAML_1_1_WORDS and scalar(text, Where("")) == text
     return text if plain else json.dumps(text, ensure_ascii=False)
 

@@ -17,8 +17,8 @@ For a model with `linear`, n steps without input are equal to one step of n h, o
     catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which no neuron fires;
                                           `c` is a buffer for constants
 
-A neuron that fires at random sets `draws`. Its step is `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a
-uniform random number in [0, 1) per neuron and step, and its `quiet` is false if a draw can make a neuron fire.
+A neuron that fires at random sets `draws`. The step is then `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a
+uniform random number in [0, 1) per neuron and step, and `quiet` is false if a draw can make a neuron fire.
 
 A generator has, beside `constants`,
 

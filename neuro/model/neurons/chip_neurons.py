@@ -141,7 +141,7 @@ class Loihi2Resonator(Neuron):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_rf(Loihi2Resonator):
-    """Resonator that fires when its phase passes 0 with a real part of at least vth. It is not reset. In lava: RF.
+    """Resonator without reset that fires when its phase passes 0 with a real part of at least vth. In lava: RF.
 
     Synapses (`static`) name the receptor, real or imag.
     """

@@ -167,7 +167,7 @@ class cuba_lif(iaf_psc_exp):
         c[FALL], c[MOST] = fall_of(p[10], p[6], p[5]), p[11]
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """Advance the currents and add their input, then V_m with these currents, then test the threshold."""
+        """Advance the currents and add the input, then advance V_m, then test the threshold."""
         v_th, e_l, p33, p30, i_e, fall, most = c[V_TH], c[E_L], c[P33], c[P30], c[I_E], c[FALL], c[MOST]
         p32_ex, p32_in, p11_ex, p11_in = c[P32_EX], c[P32_IN], c[P11_EX], c[P11_IN]
         for i in range(lo, hi):

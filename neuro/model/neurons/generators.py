@@ -238,8 +238,8 @@ MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
 class sinusoidal_poisson_generator(Timed):
     """Generator of a Poisson number of spikes per step, at a sinusoidal rate. Negative rates count as 0.
 
-    In NEST one generator sends each target a spike train of its own unless `individual_spike_trains` is false. In neuro
-    a neuron has one spike train, so a neuron may have only one target while the parameter is true.
+    In NEST each target receives a separate spike train unless `individual_spike_trains` is false. In neuro a neuron has
+    one spike train, so a neuron may have only one target while the parameter is true.
     """
 
     equation: ClassVar[str] = (
@@ -284,8 +284,8 @@ for _k in range(LARGEST_SHAPE):
 class gamma_sup_generator(Timed):
     """Generator of the superposition of independent gamma processes, as the input from a population of neurons.
 
-    A process passes through `gamma_shape` stages and spikes when it leaves the last one. In a step it leaves its stage
-    with the probability rate gamma_shape h / 1000. All targets of a neuron receive the same spike train.
+    A process passes through `gamma_shape` stages and spikes at the end of the last one. The probability to leave a
+    stage in a step is rate gamma_shape h / 1000. All targets of a neuron receive the same spike train.
     """
 
     equation: ClassVar[str] = (

@@ -2,8 +2,8 @@
 
 A system consists of two functions of a model's module. `rates(y, p)` returns the derivatives of the variables `y`, both
 as tuples of floats. `system(s, c, i_0, i)` returns the argument `p` of `rates` for neuron i as a tuple. The variables
-are the first rows of the states `s`. A module creates the functions for its number of variables and passes them on in
-`step`:
+are the first rows of the states `s`. A module creates the integrators for the number of variables, and uses the
+integrators in `step`:
 
     rkf45, rk4, (take, put) = fehlberg(3), runge_kutta(3), rows(3)
 

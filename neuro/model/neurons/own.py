@@ -111,7 +111,7 @@ def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.
     p, c = np.array([float(value) for value in parameters.values()]), np.zeros(model.width)
     x, i_0, fired, uniform = np.zeros((max(2, model.receptors), n)), np.zeros(n), np.zeros(n, np.uint8), np.zeros(n)
     extra_arguments = (uniform,) if model.draws else ()
-    # Random states around the initial ones. Hidden counters keep their initial value.
+    # Random states around the initial states. Hidden counters keep the initial value.
     rng, start = np.random.default_rng(0), np.zeros((len(model.states), n))
     initial: Mapping[str, Any] = model.initial({word: np.array([value]) for word, value in parameters.items()})
     for k, state in enumerate(model.states):

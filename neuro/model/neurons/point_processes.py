@@ -126,7 +126,7 @@ class srm0(Resting):
                 fired[i] = free and v >= v_th
 
     def fire(s, c, i):
-        """Begin an after-potential, which replaces the one before or is added to it."""
+        """Begin an after-potential, which replaces or is added to the last after-potential."""
         eta = s[ETA, i] * c[ETA_SUM] - c[ETA_0]
         s[V_M, i] += eta - s[ETA, i]
         s[ETA, i] = eta
@@ -221,10 +221,10 @@ class soft_wta(Neuron):
     """Neurons that compete softly. A spike to the receptor `ask` makes exactly one of its target neurons spike.
 
     Input to `ex` changes V_m by its weight in mV. V_m leaks towards 0 and is not reset. In a step with input to `ask`,
-    neuron k of those that receive it spikes with probability p_k = exp(V_k / Delta_V) / sum_j exp(V_j / Delta_V). That
-    is the probability to be the first to spike among point processes with rates exp(V / Delta_V). The state `p` is this
-    probability, and 0 in other steps, for rules that learn by (S - p) x. A population is one circuit of at most 64
-    neurons.
+    the neurons with this input compete: neuron k spikes with the probability p_k = exp(V_k / Delta_V) /
+    sum_j exp(V_j / Delta_V). Among point processes with rates exp(V / Delta_V), p_k is the probability to spike first.
+    The state `p` is p_k, and 0 in other steps, for rules that learn by (S - p) x. A population is one circuit of at
+    most 64 neurons.
 
     Source: Nessler, Pfeiffer, Buesing & Maass, PLoS Comput. Biol. 9:e1003037, 2013, eqs. 2 to 4.
     """

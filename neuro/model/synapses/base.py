@@ -1,6 +1,6 @@
 """Base classes of synapse models: parameters and, for plastic synapses, the functions of the learning rule.
 
-A pairwise rule reads traces of the spikes of its source (`pre`) and of its target (`post`). The rule lists the traces,
+A pairwise rule reads traces of the spikes of the source (`pre`) and of the target (`post`). The rule lists the traces,
 and the backend updates them. A post spike reaches the synapse after the synapse's delay. Events at the same time are
 handled in the order dopamine, post, pre. Synapse `e` has the states `y[:, e]`, of which the first is the weight. `c`
 holds the constants of the rule.
@@ -144,7 +144,7 @@ class Synapse(Choice):
             self._check_below(low, high)
 
     def _check_below(self, low: str, high: str) -> None:
-        """Raise an error unless one parameter is less than another one of the same unit, if both are numbers."""
+        """Raise an error if two parameters of the same unit are numbers in the wrong order."""
         small, large, unit = getattr(self, low), getattr(self, high), self.quantities()[low].unit
         if not (isinstance(small, str) or isinstance(large, str) or small < large):
             unit_text = f" {unit}" if unit else ""

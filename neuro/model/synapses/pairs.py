@@ -126,7 +126,7 @@ class stdp_nn_symm(WeightDependent):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class stdp_nn_pre_centered(WeightDependent):
-    """STDP in which each pre spike pairs with the post spike before it and with the one after it.
+    """STDP in which each pre spike pairs with the last post spike before and the first post spike after.
 
     The first post spike after several pre spikes pairs with all of them, and resets K+ to 0.
     Source: NEST 3.10, `stdp_nn_pre_centered_synapse`; Morrison, Diesmann & Gerstner, Biol. Cybern. 98:459, 2008,
@@ -409,9 +409,9 @@ def changed_delay(delay, lag, c):
 class stddp(DelayRule):
     """Spike-timing-dependent delay plasticity: delays change so that inputs arrive together. Weights do not change.
 
-    If a pre spike arrives before a post spike, the delay of its synapse increases, and if it arrives after the post
-    spike, the delay decreases. A post spike pairs with the last pre spike emitted before it, a pre spike with the last
-    post spike. The window is A dt exp(-|dt|/tau) or, with `by_step`, one step of the network up to |dt| = tau.
+    The delay of a synapse increases if a pre spike arrives before a post spike, and decreases if it arrives after. A
+    post spike pairs with the last pre spike emitted before it, a pre spike with the last post spike. The window is A dt
+    exp(-|dt|/tau) or, with `by_step`, one step of the network up to |dt| = tau.
     Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32, which gives the direction; the windows are choices
         of
     this project.

@@ -272,7 +272,7 @@ def _exchange_targets(
     """Return the targets in another order.
 
     All targets are permuted. Then each edge that repeats a pair, or connects a neuron to itself, exchanges its target
-    with a random edge, until there is no such edge. Source: Maslov & Sneppen, Science 296:910, 2002, for the exchange.
+    with a random edge, until no edge does so. Source: Maslov & Sneppen, Science 296:910, 2002, for the exchange.
     """
     allowed_twice = bool(_repeats(pre, post).size)
     allowed_self = not same or bool((pre == post).any())

@@ -278,7 +278,7 @@ class CsvMatrix:
         self._posts = _header(path)[1:]
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
-        """Yield the entries other than 0, line by line. The row of an entry is that of its source."""
+        """Yield the entries other than 0, line by line. The row of an entry is the row of the source."""
         with self.path.open(encoding="utf-8-sig", newline="") as file:
             lines, row_of_id = self._lines(file), dict[str, int]()
             next(lines)
@@ -329,7 +329,7 @@ def _is_finite(text: str) -> bool:
 
 
 def open_table(path: Path, key: str | None = None, matrix: bool = False, types: Path | None = None) -> Table:
-    """Open the table in a file. The format is recognised by its signature, and a file without one is read as CSV.
+    """Open the table in a file. The signature decides the format, and files without a signature are read as CSV.
 
     Args:
         path: CSV, Parquet, SONATA (HDF5), NPZ or NPY.

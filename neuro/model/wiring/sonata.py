@@ -1,6 +1,6 @@
 """SONATA edges and nodes in HDF5: ids and types, attributes of the groups "0", "1", ..., and attributes of types.
 
-The attribute of a row is that of its group, or that of its type if the group has no such attribute.
+The attribute of a row is read from the group of the row, or from the type of the row if the group lacks the attribute.
 Source: the SONATA Developer Guide, AllenInstitute/sonata.
 """
 
@@ -273,7 +273,7 @@ class SonataTable:
         return data
 
     def _attribute(self, file: Any, name: str, rows: _Rows) -> Column:
-        """Return an attribute of some rows: that of the group if it exists, otherwise that of the type."""
+        """Return an attribute of some rows, from the group if possible, otherwise from the type."""
         parts: list[tuple[Places, Column]] = []
         is_missing = np.ones(rows.size, dtype=bool)
         for group, row_indices, group_indices in rows.members:
@@ -368,7 +368,7 @@ def _as_slice(index: NDArray[Any]) -> Places:
 
 
 def _join_parts(parts: list[tuple[Places, Column]], size: int, what: str) -> Column:
-    """Return one column of several parts, each with its row indices."""
+    """Return one column of several parts, given with row indices."""
     if len(parts) == 1 and len(parts[0][1]) == size:
         return parts[0][1]
     texts = [(row_indices, part) for row_indices, part in parts if isinstance(part, Texts)]
