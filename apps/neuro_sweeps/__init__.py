@@ -1,1 +1,1 @@
-"""Many runs of one thing over a space of values, each kept in a folder of its own."""
+"""Many runs of one function or network over a space of values. Each run is kept in its own folder."""

@@ -1,4 +1,4 @@
-"""Sweeps of a function over a space and searches for its best points: the calls, and how all runs are done."""
+"""Execution of sweeps and searches, and their calls in Python: `sweep`, `tune` and `tuned`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from neuro import ModelError
 from neuro.apps import Bar, Quantity, check, file_path, provenance
 from neuro_sweeps.definition import Definition, Search, Sweep, limits_of, python_search, python_sweep
-from neuro_sweeps.executors import HERE, POLL_S, Executor, doing, place_of
+from neuro_sweeps.executors import HERE, POLL_S, Executor, executor_of, runner
 from neuro_sweeps.folder import SWEEP, TUNING, Folder, claimed, waiting
 from neuro_sweeps.journal import journal_of, locked, optuna, trials_of
 from neuro_sweeps.plan import SearchPlan, plan_of
@@ -20,65 +20,66 @@ from neuro_sweeps.space import Point, space_of
 from neuro_sweeps.table import SweepTable, as_text, table_of
 from neuro_sweeps.trials import Asker, TuneTable, point_of, tune_table_of
 
-Hear = Callable[[str], None]
-"""Gets the key of each run when it is there."""
+OnKept = Callable[[str], None]
+"""Function that is called with the key of each kept run."""
 
 
 def execute(
     sweep: Sweep,
     folder: Folder,
-    place: Executor,
+    executor: Executor,
     *,
     retry: bool = False,
     bar: Bar | None = None,
-    hear: Hear | None = None,
+    on_kept: OnKept | None = None,
 ) -> dict[str, int]:
-    """Do all runs of a sweep that its folder does not have.
+    """Do all runs of a sweep that are missing in its folder.
 
     Args:
         sweep: the sweep.
-        folder: where runs are kept; made if it is not there.
-        place: where they are done.
-        retry: whether to do those again that failed.
-        bar: shows how far it is.
-        hear: gets the key of each run when it is there.
+        folder: folder of the runs; a missing folder is created.
+        executor: place where the runs are done.
+        retry: repeat failed runs.
+        bar: progress bar.
+        on_kept: called with the key of each kept run.
 
     Returns:
-        How many runs are done, failed and left.
+        The numbers of runs that are done, failed and left.
 
     Raises:
-        ModelError: the folder is another's, cannot be written, or there are no such workers.
+        ModelError: the folder belongs to another sweep, cannot be written, or there are no such workers.
     """
-    folder.begin(_recorded(sweep), "digest_of_runs", "same")
-    share = place.share
+    folder.begin(_content(sweep), "digest_of_runs", "same")
+    share = executor.share
     items = [item for k, item in enumerate(sweep.items, 1) if share is None or k % share[1] == share[0]]
-    there = folder.outcomes(item.key for item in items)
+    outcomes = folder.outcomes(item.key for item in items)
     if retry:
-        for key in [key for key, outcome in there.items() if outcome.failed]:
-            folder.forget(key)
-            del there[key]
-    failed = sum(outcome.failed for outcome in there.values())
-    counts = {"done": len(there) - failed, "failed": failed, "left": len(items) - len(there)}
+        for key in [key for key, outcome in outcomes.items() if outcome.failed]:
+            folder.remove(key)
+            del outcomes[key]
+    failed = sum(outcome.failed for outcome in outcomes.values())
+    counts = {"done": len(outcomes) - failed, "failed": failed, "left": len(items) - len(outcomes)}
     total = counts["left"]
 
-    def tell(key: str, failed: bool) -> None:
+    def on_run(key: str, failed: bool) -> None:
         counts["failed" if failed else "done"] += 1
         counts["left"] -= 1
         if bar is not None:
             bar.show(total - counts["left"], total, as_text(counts))
-        if hear is not None:
-            hear(key)
+        if on_kept is not None:
+            on_kept(key)
 
     if bar is not None:
         bar.say(as_text(counts))
     if total:
-        with doing(sweep, folder, place, tell, say=None if bar is None else bar.say, wait=False) as do:
-            do([item for item in items if item.key not in there])
+        show_message = None if bar is None else bar.say
+        with runner(sweep, folder, executor, on_run, show_message=show_message, wait=False) as run_all:
+            run_all([item for item in items if item.key not in outcomes])
     return counts
 
 
-def _recorded(definition: Definition) -> dict[str, object]:
-    """What the file of a folder has."""
+def _content(definition: Definition) -> dict[str, object]:
+    """Return the content of the folder's file."""
     inputs = definition.inputs
     return definition.as_dict() | {"inputs": list(inputs), "provenance": provenance(inputs)}
 
@@ -86,127 +87,132 @@ def _recorded(definition: Definition) -> dict[str, object]:
 def execute_search(
     search: Search,
     folder: Folder,
-    place: Executor,
+    executor: Executor,
     *,
     retry: bool = False,
     bar: Bar | None = None,
-    hear: Hear | None = None,
+    on_kept: OnKept | None = None,
 ) -> dict[str, int]:
-    """Ask for trials and do their runs until there are as many as the plan says.
+    """Ask for trials and do their runs, up to the number of trials of the plan.
 
     Args:
         search: the search.
-        folder: where runs and the journal are kept; made if it is not there.
-        place: where runs are done; one that has a share asks for so many trials and does not wait for others.
-        retry: whether to do those trials again of which a run failed; not of a share.
-        bar: shows how far it is.
-        hear: gets the key of each run when it is there.
+        folder: folder of the runs and the journal; a missing folder is created.
+        executor: place where the runs are done. With a share, only the trials of the share are done, without waiting
+            for other processes.
+        retry: repeat trials with a failed run; not with a share.
+        bar: progress bar.
+        on_kept: called with the key of each kept run.
 
     Returns:
-        How many trials are done, failed, pruned and left.
+        The numbers of trials that are done, failed, pruned and left.
 
     Raises:
-        ModelError: the folder is another's, cannot be written, its journal is damaged, Optuna is not installed, no run
-            has a metric of the objectives, or there are no such workers.
+        ModelError: the folder belongs to another search or cannot be written; the journal is damaged; Optuna is not
+            installed; runs lack a metric of the objectives; there are no such workers.
     """
-    optuna()  # whether it is there shows before a folder is made
-    if retry and place.share is not None:
-        message = "what failed is done again by one process for all"
-        raise ModelError(f"{message}: expected no share", hint="run it once without, then the shares")
+    optuna()  # an error before the folder is created
+    if retry and executor.share is not None:
+        message = "retry_failed repeats the failed runs of all shares: expected no share"
+        raise ModelError(message, hint="retry without a share first, then run the shares")
     _begin_search(search, folder)
     if retry:
-        _retry_failed(search.plan, search.before, folder)
-    with closing(Asker(search.plan, search.before, folder, _share(search.plan.most, place.share))) as asker:
-        _ask(asker, search, folder, place, bar, hear)
+        _retry_failed(search.plan, search.key_prefix, folder)
+    with closing(
+        Asker(search.plan, search.key_prefix, folder, _trials_of_share(search.plan.most, executor.share))
+    ) as asker:
+        _ask(asker, search, folder, executor, bar, on_kept)
         return asker.counts()
 
 
-def _ask(asker: Asker, search: Search, folder: Folder, place: Executor, bar: Bar | None, hear: Hear | None) -> None:
-    """Do the runs that are asked for, and wait for trials of others where this has no share."""
+def _ask(
+    asker: Asker, search: Search, folder: Folder, executor: Executor, bar: Bar | None, on_kept: OnKept | None
+) -> None:
+    """Do the runs of trials. Without a share, wait for trials of other processes as well."""
 
-    def tell(key: str, failed: bool) -> None:
-        asker.tell(key)
+    def on_run(key: str, failed: bool) -> None:
+        asker.on_run(key)
         if bar is not None:
             counts = asker.counts()
             bar.show(search.plan.most - counts["left"], search.plan.most, as_text(counts))
-        if hear is not None:
-            hear(key)
+        if on_kept is not None:
+            on_kept(key)
 
     if bar is not None:
         bar.say(as_text(asker.counts()))
-    say = None if bar is None else bar.say
-    with doing(search, folder, place, tell, asker.more, say=say) as do:
-        do(())
-        while place.share is None and not asker.finished():
-            if say is not None and (others := asker.others()):
-                say(waiting(folder.claims, others, "trial"))
-            time.sleep(POLL_S)  # others work on what is left, and may die
-            if items := asker.more(1):
-                do(items)
+    show_message = None if bar is None else bar.say
+    with runner(search, folder, executor, on_run, asker.next_runs, show_message=show_message) as run_all:
+        run_all(())
+        while executor.share is None and not asker.finished():
+            if show_message is not None and (claims := asker.claims_of_others()):
+                show_message(waiting(folder.claims, claims, "trial"))
+            time.sleep(POLL_S)  # other processes do the remaining trials, and may die
+            if items := asker.next_runs(1):
+                run_all(items)
 
 
-def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Executor, bar: Bar) -> None:
-    """Run points on what is held out from all folds.
+def hold_out(search: Search, folder: Folder, points: Sequence[Point], executor: Executor, bar: Bar) -> None:
+    """Run points on the data that is held out from all folds.
 
     Args:
         search: the search.
-        folder: where it is kept.
+        folder: folder of the search.
         points: values of the parameters.
-        place: where runs are done.
-        bar: shows how far it is.
+        executor: place where the runs are done.
+        bar: progress bar.
 
     Raises:
-        ModelError: as `execute_search`.
+        ModelError: see `execute_search`.
     """
     _begin_search(search, folder)
-    items = list({item.key: item for point in points for item in search.plan.tests(search.before, point)}.values())
-    left = [item for item in items if folder.outcome(item.key) is None]
-    done = len(items) - len(left)
-    bar.begin(done)
+    items = list({item.key: item for point in points for item in search.plan.tests(search.key_prefix, point)}.values())
+    missing = [item for item in items if folder.outcome(item.key) is None]
+    finished = len(items) - len(missing)
+    bar.begin(finished)
 
-    def tell(key: str, failed: bool) -> None:
-        nonlocal done
-        done += 1
-        bar.show(done, len(items), f"{done:,} of {len(items):,} tested")
+    def on_run(key: str, failed: bool) -> None:
+        nonlocal finished
+        finished += 1
+        bar.show(finished, len(items), f"{finished:,} of {len(items):,} tested")
 
-    with doing(search, folder, place, tell, say=bar.say) as do:
-        do(left)
+    with runner(search, folder, executor, on_run, show_message=bar.say) as run_all:
+        run_all(missing)
 
 
 def _begin_search(search: Search, folder: Folder) -> None:
-    """Make the folder of a search, or go on in it, also with another number of trials."""
-    content = _recorded(search)
+    """Create the folder of a search, or continue in the folder. The number of trials may differ."""
+    content = _content(search)
     folder.begin(content, "same", "same")
-    there = folder.read()
-    if there["plan"]["trials"] != search.plan.trials:
-        kept = {word: value for word, value in there.items() if word not in ("format", "digest")}
-        folder.write(kept | {"plan": content["plan"]})
+    present = folder.read()
+    if present["plan"]["trials"] != search.plan.trials:
+        unchanged = {word: value for word, value in present.items() if word not in ("format", "digest")}
+        folder.write(unchanged | {"plan": content["plan"]})
 
 
-def _share(most: int, share: tuple[int, int] | None) -> int | None:
-    """Of how many trials a share asks at most."""
+def _trials_of_share(most: int, share: tuple[int, int] | None) -> int | None:
+    """Return the largest number of trials of a share, e.g. 4 for the first of 3 shares of 10; None for no share."""
     return None if share is None else most // share[1] + (0 < share[0] <= most % share[1])
 
 
 def _retry_failed(plan: SearchPlan, before: str, folder: Folder) -> None:
-    """Leave trials of which a run has failed as if they were under way, so that the next asker takes them over.
+    """Reopen trials with a failed run, so that the next asker takes them over as unfinished.
 
     Raises:
-        ModelError: others work in the folder, or the journal is damaged.
+        ModelError: other processes work in the folder, or the journal is damaged.
     """
     with locked(folder.claims / ".ask"):
-        if others := claimed(folder.claims):
-            message = f"{folder.path}: others work in it, on {len(others)} runs or trials"
-            raise ModelError(message, hint="what failed is done again when no other call does")
+        if claims := claimed(folder.claims):
+            message = f"{folder.path}: other processes work on {len(claims)} runs or trials"
+            raise ModelError(message, hint="retry when no other process works in the folder")
         state = optuna().trial.TrialState.FAIL
         trials = [trial for trial in trials_of(folder) if trial.state == state]
         items = {trial._trial_id: plan.items(before, point_of(plan, trial.params)) for trial in trials}
-        found = folder.outcomes({item.key: None for each in items.values() for item in each})
-        failed = {key for key, outcome in found.items() if outcome.failed}
-        again = {number for number, each in items.items() if any(item.key in failed for item in each)}
-        journal_of(folder).forget_ends(again, state.value)
+        outcomes = folder.outcomes({item.key: None for each in items.values() for item in each})
+        failed = {key for key, outcome in outcomes.items() if outcome.failed}
+        reopened = {number for number, each in items.items() if any(item.key in failed for item in each)}
+        journal_of(folder).remove_ends(reopened, state.value)
         for key in failed:
-            folder.forget(key)
+            folder.remove(key)
 
 
 _FLAG = Quantity(kind="boolean")
@@ -232,45 +238,45 @@ def sweep(
     progress: bool = True,
     each: Callable[[SweepTable], None] | None = None,
 ) -> SweepTable:
-    """Call a function at all points of a space, and keep what it returns.
+    """Call a function at all points of a space, and keep the results.
 
-    Each run is kept in a folder of its own as soon as it has ended. What is there is not done again, so the same call
-    goes on after whatever has ended it. A run that raises is kept with its error, and the others go on.
+    Each run is kept in a folder when the run ends. Kept runs are not repeated, so the same call continues an
+    interrupted sweep. A run that raises an error is kept with the error, and the sweep continues.
 
     Args:
-        function: takes the values of a point by name, and `seed` if there are seeds; returns a number, or numbers and
-            texts by name. Or the name of a registered study.
-        space: by name a list of values, or a range `{"from": 0, "to": 1, "number": 5}`, also with `"scale": "log"` and
-            `"whole": True`; or a list of points.
-        out: the folder.
-        sampling: "grid", "random" or "latin_hypercube"; the last two need no `number`.
-        runs: how many points are drawn.
-        seeds: a number of them, 0, 1, ..., or a list; each point is run with each.
-        draw: the seed with which points are drawn.
+        function: function of the values of a point by name, and of `seed` if there are seeds, that returns a number, or
+            numbers and texts by name. Or the name of a registered study.
+        space: lists of values or ranges by name, or a list of points. A range is
+            `{"from": 0, "to": 1, "number": 5}`, optionally with `"scale": "log"` and `"whole": True`.
+        out: folder of the sweep.
+        sampling: "grid", "random" or "latin_hypercube"; only grids have a `number`.
+        runs: number of points to draw, for "random" and "latin_hypercube".
+        seeds: number of seeds, which are 0, 1, ..., or a list of seeds; each point is run with each seed.
+        draw: seed of the drawn points.
         set: values that are the same in all runs.
-        on: "cores", processes of this machine; "here", this process; "tcp://host:8786" or the file of a Dask
-            scheduler, which all work in the same folder.
-        workers: how many processes of this machine; as many as there are cores if not given.
-        share: "I/N" for one of N shares of the runs, for array jobs.
-        time_limit: of a run, in s or with its unit.
-        memory_limit: of a run, as "500 MB" or "2 GB".
-        retry_failed: whether to do again what failed.
-        progress: whether to tell on stderr how many are done, failed and left, and how long it will take.
-        each: is called with the table after each run.
+        on: "cores" for processes of this machine; "here" for this process; "tcp://host:8786" or the file of a scheduler
+            for a Dask cluster, whose workers use the same folder.
+        workers: number of processes of this machine; default: the number of cores.
+        share: "I/N" to do one of N shares of the runs, for array jobs.
+        time_limit: time limit of a run, in s or with a unit.
+        memory_limit: memory limit of a run, such as "500 MB" or "2 GB".
+        retry_failed: repeat failed runs.
+        progress: show the numbers of runs and the remaining time on stderr.
+        each: called with the table after each run.
 
     Returns:
-        The table; `neuro_sweeps.table.table_of(out)` gives it while it fills, also in another process.
+        The table. `neuro_sweeps.table.table_of(out)` returns the table of a running sweep, also in another process.
 
     Raises:
-        ModelError: the function does not take the space, the space is empty or too large, the folder is of another
-            sweep, or cannot be written.
+        ModelError: the function has not the parameters of the space; the space is empty or too large; the folder
+            belongs to another sweep or cannot be written.
     """
     points = space_of(space, sampling, runs, seeds, draw)
-    limits, place = limits_of(time_limit, memory_limit), place_of(on, workers, share)
-    made = python_sweep(function, points, limits, set, place.on == HERE)
+    limits, executor = limits_of(time_limit, memory_limit), executor_of(on, workers, share)
+    definition = python_sweep(function, points, limits, set, executor.on == HERE)
     folder = Folder(file_path(out, "out"), SWEEP)
-    do, table = partial(execute, made, folder, place), partial(table_of, folder.path)
-    return _done(do, table, retry_failed, progress, each)
+    run, table = partial(execute, definition, folder, executor), partial(table_of, folder.path)
+    return _run_all(run, table, retry_failed, progress, each)
 
 
 def tune(
@@ -295,74 +301,73 @@ def tune(
     progress: bool = True,
     each: Callable[[TuneTable], None] | None = None,
 ) -> TuneTable:
-    """Look for the points of a space at which a function is best, by Optuna; needs the extra `tune`.
+    """Search for the best points of a space with Optuna; needs the extra `tune`.
 
-    A trial is a point, run once, or once for each seed and fold; its objectives are the means over its runs. Each run
-    is kept in a folder of its own, named by its arguments, so the same point is not run twice, and the same call
-    goes on after whatever has ended it, also with more trials.
+    A trial is a point with one run, or with a run for each seed and fold. The objectives are means over these runs.
+    Each run is kept in its own folder, whose name is a hash of the arguments. So no point is run twice, and the same
+    call continues an interrupted search, also with more trials.
 
     Args:
-        function: takes the values of a point by name, `seed` if there are seeds, `fold` and `folds` if there are
-            folds; returns a number, whose name is "value", or numbers and texts by name. Or the name of a registered
-            study. Other processes must find it, unless `on` is "here".
-        space: by name a list of values to choose from, or a range `{"from": 0.01, "to": 1}`, also with
-            `"scale": "log"` and `"whole": True`.
-        objectives: by the name of what the function returns "maximise" or "minimise"; of several there is a front.
-        trials: how many points, those of before included.
-        out: the folder.
-        sampler: "tpe", which one objective has if not given; "nsga2", which several have (under some 60 trials "tpe"
-            finds more); "random"; or "grid", whose ranges need `"number"`.
-        draw: the seed of the sampler: with one worker the same trials each time.
-        seeds: a number of them, 0, 1, ..., or a list.
-        folds: in how many parts the function divides its data, at least 2: it is called with `fold` 0, 1, ..., and
-            tells how good it is on that part when learnt from the others. With `fold` None, on the data that no fold
-            has, it is called by `neuro tune test` alone.
-        prune: "median" or "hyperband", or a mapping with "by" and the words of that pruner: trials end early at which
-            others were better; the function calls `neuro.report_step(value, step)`. Of several runs of a trial, the
-            means so far are compared.
+        function: function of the values of a point by name, of `seed` if there are seeds, and of `fold` and `folds` if
+            there are folds. It returns a number, which is named "value", or numbers and texts by name. Or the name of a
+            registered study. Other processes must be able to import the function, unless `on` is "here".
+        space: by name, a list of values or a range `{"from": 0.01, "to": 1}`, optionally with `"scale": "log"` and
+            `"whole": True`.
+        objectives: "maximise" or "minimise" by name of a metric. Several objectives have a Pareto front.
+        trials: number of trials, including those of earlier calls.
+        out: folder of the search.
+        sampler: "tpe" (default for one objective), "nsga2" (default for several; below some 60 trials "tpe" finds
+            better points), "random", or "grid", whose ranges need `"number"`.
+        draw: seed of the sampler. With one worker, the same seed gives the same trials.
+        seeds: number of seeds, which are 0, 1, ..., or a list of seeds.
+        folds: number of folds, at least 2. The function divides its data, trains on all folds but `fold` (0, 1, ...),
+            and returns its metrics on `fold`. Only `neuro tune test` calls it with `fold` None, for the test data that
+            no fold contains.
+        prune: "median" or "hyperband", or a mapping with "by" and settings of the pruner: end a trial early if other
+            trials were better at the same step. The function calls `neuro.report_step(value, step)`. A trial of several
+            runs is compared by its means so far.
         set: values that are the same in all runs.
-        on: "cores", processes of this machine; "here", this process; "tcp://host:8786" or the file of a Dask
-            scheduler, which all work in the same folder.
-        workers: how many processes of this machine; as many as there are cores if not given.
-        share: "I/N" for one of N processes that ask one journal, for array jobs: it asks for its share of the trials.
-        time_limit: of a run, in s or with its unit.
-        memory_limit: of a run, as "500 MB" or "2 GB".
-        retry_failed: whether to do those trials again of which a run failed.
-        progress: whether to tell on stderr how many are done, failed and left, and how long it will take.
-        each: is called with the table after each run.
+        on: "cores" for processes of this machine; "here" for this process; "tcp://host:8786" or the file of a scheduler
+            for a Dask cluster, whose workers use the same folder.
+        workers: number of processes of this machine; default: the number of cores.
+        share: "I/N" to do one of N shares of the trials, for array jobs with a common journal.
+        time_limit: time limit of a run, in s or with a unit.
+        memory_limit: memory limit of a run, such as "500 MB" or "2 GB".
+        retry_failed: repeat trials with a failed run.
+        progress: show the numbers of trials and the remaining time on stderr.
+        each: called with the table after each run.
 
     Returns:
-        The table: a row for each trial, `table.best()` are those that no other beats, each with its `point` and its
-        `values` in the order of the objectives. `neuro.tuned(out)` gives it while it fills, also in another process.
+        The table, with a row per trial. `table.best()` has the best trials, each with its `point` and its `values` in
+        the order of the objectives. `neuro.tuned(out)` returns the table of a running search, also in another process.
 
     Raises:
-        ModelError: Optuna is not installed, the function does not take the space or returns no objective, the space
-            is empty, the folder is of another search, is damaged or cannot be written.
+        ModelError: Optuna is not installed; the function has not the parameters of the space or returns no objective;
+            the space is empty; the folder belongs to another search, is damaged or cannot be written.
     """
     plan = plan_of(space, objectives, trials, sampler, draw, seeds, folds, prune)
-    limits, place = limits_of(time_limit, memory_limit), place_of(on, workers, share)
-    made = python_search(function, plan, limits, set, place.on == HERE)
+    limits, executor = limits_of(time_limit, memory_limit), executor_of(on, workers, share)
+    definition = python_search(function, plan, limits, set, executor.on == HERE)
     folder = Folder(file_path(out, "out"), TUNING)
-    return _done(
-        partial(execute_search, made, folder, place), partial(tune_table_of, folder.path), retry_failed, progress, each
-    )
+    run, table = partial(execute_search, definition, folder, executor), partial(tune_table_of, folder.path)
+    return _run_all(run, table, retry_failed, progress, each)
 
 
-def _done(
-    do: Callable[..., object], table: Callable[[], T], again: bool, progress: bool, each: Callable[[T], None] | None
+def _run_all(
+    run: Callable[..., object], table: Callable[[], T], retry: bool, progress: bool, each: Callable[[T], None] | None
 ) -> T:
-    """Do all runs, and give the table of them."""
-    retry = check(_FLAG, again, "retry_failed")
-    hear = None if each is None else lambda key: each(table())
+    """Do all runs with an optional progress bar, and return the table."""
+    retry = check(_FLAG, retry, "retry_failed")
+    on_kept = None if each is None else lambda key: each(table())
     with Bar() if check(_FLAG, progress, "progress") else nullcontext() as bar:
-        do(retry=retry, bar=bar, hear=hear)
+        run(retry=retry, bar=bar, on_kept=on_kept)
     return table()
 
 
 def tuned(path: str | PathLike[str]) -> TuneTable:
-    """The table of a search, as `neuro.tune` or `neuro tune run` keeps it in a folder.
+    """Return the table of the search in a folder of `neuro.tune` or `neuro tune run`.
 
     Raises:
-        ModelError: the folder holds none.
+        ModelError: the folder has no search.
     """
     return tune_table_of(path)

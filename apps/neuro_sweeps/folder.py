@@ -1,19 +1,19 @@
-"""The folder of a sweep or of a tuning, in which each run is a folder named by the hash of its inputs.
+"""The folder of a sweep or a tuning. Each run is a folder, whose name is the hash of the run's inputs.
 
 ```
-sweep.json        what is run, its space, its limits and where it comes from; tune.json of a tuning
-runs/HASH/        one run
-    run.json      its point, seed, outcome, metrics or error, seconds, and where it comes from
-    results.h5    what it recorded, where that is kept
-    output.txt    what it printed, if anything
-claims/HASH       which process works on it
+sweep.json        the run, its space and limits, provenance; tune.json of a tuning
+runs/HASH/        a run
+    run.json      point, seed, outcome, metrics or error, seconds, provenance
+    results.h5    recorded data, if they are kept
+    output.txt    printed text, if any
+claims/HASH       the process that works on the run
 ```
-A run is written aside and renamed when it is whole; of two that come to the same the first stays. A run that does not
-fit its sum was damaged, counts as not there, and is done again.
+A run is written to a temporary folder, which is renamed when the run is complete. If two processes do the same run, the
+first is kept. A run that does not match its checksum is damaged, counts as missing, and is done again.
 
-A claim is a file for each run under way, made only where there is none. It is given up when its run is kept, or when
-its process closes, as after an interrupt. One that is left by a process that has ended is taken over: on the machine
-where it ran that shows at once, from another one when the file has not been touched for a while.
+A claim is a file for each running run, which is created only if there is none. A process removes its claims when the
+runs are kept, or when it closes, e.g. after an interrupt. The claim of a dead process is taken over: on the machine of
+that process at once, on other machines when the file has not been touched for a while.
 """
 
 from __future__ import annotations
@@ -42,22 +42,23 @@ from neuro import ModelError
 from neuro.apps import Kind, Unwritable, make_folder, only_on_linux, sealed, write_text
 
 LEASE_S = 60.0
-"""A claim from another machine that was touched longer ago, or that much in the future, is void."""
+"""A claim of another machine is void if its file was last touched this long ago, or lies this far in the future."""
 
 WRITING_S = 1.0
-"""The same of an empty one: the process that makes it may be about to write it."""
+"""The same time for an empty claim, which its process may not have written yet."""
 
 BEAT_S = 10.0
+"""Interval in seconds at which a process touches its claims."""
 
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """The process that has a claim.
+    """The process that holds a claim.
 
     Attributes:
-        machine: as of `machine`.
-        process: its number there.
-        began: as of `began`.
+        machine: identity of the machine, see `machine`.
+        process: process number on the machine.
+        began: start time of the process, see `began`.
     """
 
     machine: str
@@ -69,94 +70,95 @@ class Holder:
 
 
 class Claims:
-    """The claims of one process in a folder.
+    """The claims of a process in a folder.
 
     Args:
-        folder: of the claims.
+        folder: folder of the claims.
 
     Raises:
-        ModelError: the system is not Linux, so whether a process still works is not known.
+        ModelError: the system is not Linux, which is needed to tell whether a process is alive.
     """
 
     def __init__(self, folder: Path) -> None:
         only_on_linux("a sweep")
         self._folder = folder
-        self._mine = json.dumps(asdict(Holder(machine(), os.getpid(), began(os.getpid())))).encode()
-        self._held: set[str] = set()
+        self._content = json.dumps(asdict(Holder(machine(), os.getpid(), began(os.getpid())))).encode()
+        self._keys: set[str] = set()
         self._stop = Event()
 
     def take(self, key: str) -> bool:
-        """Claim a run, unless a living process has it.
+        """Claim a run. Returns False if a living process holds the claim.
 
         Raises:
-            Unwritable: there can be no such file.
+            Unwritable: the claim cannot be written.
         """
         path = self._folder / key
         try:
-            if self._make(path) or (not alive(path) and self._take_over(path)):
-                self._held.add(key)
+            if self._create(path) or (not alive(path) and self._take_over(path)):
+                self._keys.add(key)
                 return True
         except OSError as error:
             raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
         return False
 
     def give_up(self, key: str) -> None:
-        """The run is kept, or was not begun."""
-        self._held.discard(key)
+        """Remove a claim: the run is kept, or has not begun."""
+        self._keys.discard(key)
         (self._folder / key).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Give up all that is held: this process lives on, and another may want it."""
+        """Remove all claims. This process lives on, so other processes could not take them over."""
         self._stop.set()
-        for key in tuple(self._held):
+        for key in tuple(self._keys):
             self.give_up(key)
 
     def free(self, key: str) -> bool:
-        """Whether no living process has a run."""
+        """Return whether no living process holds the claim of a run."""
         return not alive(self._folder / key)
 
     def beat(self) -> None:
-        """From now on touch what is held, in a thread, so that other machines see that it is worked on."""
+        """Start a thread that touches the claims, so that other machines see that this process is alive."""
         Thread(target=self._beat, daemon=True).start()
 
     def _beat(self) -> None:
         while not self._stop.wait(BEAT_S):
-            for held in tuple(self._held):
+            for key in tuple(self._keys):
                 with suppress(OSError):
-                    os.utime(self._folder / held)
+                    os.utime(self._folder / key)
 
-    def _make(self, path: Path) -> bool:
+    def _create(self, path: Path) -> bool:
         try:
             number = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
         except FileExistsError:
             return False
         try:
             with os.fdopen(number, "wb", buffering=0) as file:
-                file.write(self._mine)
-        except OSError:  # on a full disk: an empty claim would hold off who comes next
+                file.write(self._content)
+        except OSError:  # the disk is full: an empty claim would block other processes
             path.unlink(missing_ok=True)
             raise
         return True
 
     def _take_over(self, path: Path) -> bool:
-        """Replace a void claim; the lock lets one process do so at a time, which looks again."""
+        """Replace a void claim. A lock allows one process at a time, which checks again."""
         with open(self._folder / ".lock", "ab") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if alive(path):
                 return False
             path.unlink(missing_ok=True)
-            return self._make(path)
+            return self._create(path)
 
 
 def claimed(folder: Path) -> list[str]:
-    """The runs that living processes work on."""
+    """Return the names of the claims that living processes hold."""
     return [name for name in os.listdir(folder) if not name.startswith(".") and alive(folder / name)]
 
 
 def alive(path: Path) -> bool:
-    """Whether the process that made a claim is still at work, as far as can be seen from here.
+    """Return whether the process that holds a claim is alive, as far as this machine can tell.
 
-    The time of a file says so only near to now: it may be of a clock that was set, or of one that is wrong.
+    For another machine only the time of the file counts, within `LEASE_S` of now in both directions, since clocks
+    differ.
     """
     try:
         touched = path.stat().st_mtime
@@ -164,13 +166,13 @@ def alive(path: Path) -> bool:
         return False
     holder = holder_of(path)
     if holder is not None and holder.machine == machine():
-        since = began(holder.process)
-        return bool(since) and since == holder.began
+        start = began(holder.process)
+        return bool(start) and start == holder.began
     return abs(time.time() - touched) < (WRITING_S if holder is None else LEASE_S)
 
 
 def holder_of(path: Path) -> Holder | None:
-    """The process that made a claim; None if it does not say so."""
+    """Return the process that holds a claim, or None if the file does not name it."""
     try:
         content = parsed(path.read_bytes())
         holder = Holder(**content)
@@ -181,22 +183,23 @@ def holder_of(path: Path) -> Holder | None:
 
 
 def waiting(folder: Path, keys: Sequence[str], what: str = "run") -> str:
-    """For whom one waits, in words.
+    """Return a message about the processes for which this one waits.
 
     Args:
-        folder: of the claims.
-        keys: of those that others work on.
-        what: these are.
+        folder: folder of the claims.
+        keys: names of the claims that other processes hold.
+        what: "run" or "trial".
     """
-    holder = holder_of(folder / keys[0]) or "one that does not say who it is"
-    return f"waiting for {len(keys):,} {what}{'s' * (len(keys) != 1)} of others, first {holder} ({folder / keys[0]})"
+    holder = holder_of(folder / keys[0]) or "an unknown process"
+    names = f"{len(keys):,} {what}{'s' * (len(keys) != 1)}"
+    return f"waiting for {names} of other processes, first {holder} ({folder / keys[0]})"
 
 
 def parsed(content: bytes | str) -> Any:
-    """What JSON says.
+    """Parse JSON.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the text is not JSON, or is nested too deep.
     """
     try:
         return json.loads(content)
@@ -206,7 +209,7 @@ def parsed(content: bytes | str) -> Any:
 
 @cache
 def machine() -> str:
-    """This machine since it was switched on, and the space of its processes: what makes a process number mean one."""
+    """Return the identity of this machine, its start and its process namespace, in which process numbers are unique."""
     parts = [platform.node()]
     with suppress(OSError):
         parts.append(Path("/proc/sys/kernel/random/boot_id").read_text().strip())
@@ -216,7 +219,7 @@ def machine() -> str:
 
 
 def began(process: int) -> str:
-    """When a process began, in ticks since the machine did; "" if there is none, or it has ended.
+    """Return the start time of a process, in ticks since the machine's start; "" if there is no such living process.
 
     Source: proc(5), /proc/pid/stat, fields 3 and 22
     """
@@ -229,22 +232,22 @@ def began(process: int) -> str:
 
 DONE, FAILED, PRUNED = "done", "failed", "pruned"
 _RUN = "neuro run of a sweep 1"
-_NAMED = {"network": ("file", "backend"), "function": ("name", "module", "file")}
-"""Texts by which the file of a folder names what is run, by its kind."""
+_TEXTS = {"network": ("file", "backend"), "function": ("name", "module", "file")}
+"""Required texts of a run in the file of a folder, by kind of the run."""
 SUM = "sum"
-"""Of runs, and of lines of a journal."""
+"""Key of the checksum of runs, and of lines of a journal."""
 
-_ASIDE = re.compile(r"\.[0-9a-f]+\.([0-9a-f]+)\.(\d+)-(\d+)\.\d+")
+_TEMPORARY = re.compile(r"\.[0-9a-f]+\.([0-9a-f]+)\.(\d+)-(\d+)\.\d+")
 _number = count()
 
 
 @dataclass(frozen=True, slots=True)
-class Holding:
-    """What a folder of runs is of.
+class FolderKind:
+    """The kind of a folder of runs.
 
     Attributes:
-        what: "sweep", or "tuning".
-        command: makes and reads it.
+        what: "sweep" or "tuning".
+        command: command of neuro that writes and reads the folder.
     """
 
     what: str
@@ -252,40 +255,40 @@ class Holding:
 
     @property
     def file(self) -> str:
-        """In which it is described."""
+        """Name of the folder's file."""
         return f"{self.command}.json"
 
     @property
     def format(self) -> str:
-        """By which the file is known."""
+        """Format mark of the folder's file."""
         return f"neuro {self.command} 1"
 
     @property
-    def kind(self) -> Kind:
-        """Of the file."""
+    def file_kind(self) -> Kind:
+        """Kind of the folder's file, with a digest."""
         return sealed(f"a {self.what}", f'"format": "{self.format}"', ', "digest": "{}"')
 
 
-SWEEP = Holding("sweep", "sweep")
-TUNING = Holding("tuning", "tune")
+SWEEP = FolderKind("sweep", "sweep")
+TUNING = FolderKind("tuning", "tune")
 
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What has come of a run.
+    """The outcome of a run.
 
     Attributes:
-        key: hash of its inputs.
-        point: the values of the parameters.
-        seed: of everything random; None where it gets none.
+        key: hash of the inputs.
+        point: values of the parameters.
+        seed: seed; None for runs without a seed.
         outcome: "done", "failed" or "pruned".
-        metrics: by name; of a run that is not done none.
-        error: why it failed.
-        trace: where, of an error of a program.
-        seconds: that it took.
-        attempts: how often it was begun.
-        provenance: what it can be run again from.
-        steps: what it reported on the way, by step.
+        metrics: metrics by name; empty for a run that is not done.
+        error: error message of a failed run.
+        trace: traceback, if the error is a bug of the function.
+        seconds: duration in seconds.
+        attempts: number of attempts.
+        provenance: record from which the run can be repeated.
+        steps: reported values by step.
     """
 
     key: str
@@ -302,127 +305,126 @@ class RunOutcome:
 
     @property
     def failed(self) -> bool:
-        """Whether it has an error."""
+        """True for a run with an error."""
         return self.outcome == FAILED
 
 
 class Folder:
-    """The folder of a sweep or of a tuning.
+    """The folder of a sweep or a tuning.
 
     Args:
-        path: of the folder.
-        holding: of which it is; what stands in it if not given.
+        path: path of the folder.
+        kind: `SWEEP` or `TUNING`; default: the kind of the existing folder.
     """
 
-    def __init__(self, path: Path, holding: Holding | None = None) -> None:
+    def __init__(self, path: Path, kind: FolderKind | None = None) -> None:
         self.path = path
-        self.holding = holding or (TUNING if (path / TUNING.file).exists() else SWEEP)
+        self.kind = kind or (TUNING if (path / TUNING.file).exists() else SWEEP)
         self.runs, self.claims = path / "runs", path / "claims"
 
     def begin(self, content: Mapping[str, Any], same: str, what: str) -> None:
-        """Make the folder, or go on in that of the same sweep.
+        """Create the folder, or continue in the folder of the same sweep.
 
         Args:
-            content: what its file has.
-            same: the word of `content` by which a sweep is the same.
-            what: that which says what is run, of which messages tell what differs.
+            content: content of the folder's file.
+            same: key of `content` whose value is equal in the same sweep.
+            what: key of `content` with the inputs of the runs, whose difference the error message names.
 
         Raises:
-            ModelError: it is the folder of another sweep, or of something else, or cannot be written.
+            ModelError: the folder belongs to another sweep, has other files, or cannot be written.
         """
-        for link in (self.path / name for name in ("runs", "claims", "journal.log", self.holding.file)):
-            if link.is_symlink():  # others may have made it, and what is written there would leave the folder
-                raise ModelError(f"{link}: is a link: expected a folder that holds its own runs")
-        foreign = self._foreign()  # first: what another process makes meanwhile is not foreign
-        file = self.path / self.holding.file
+        for link in (self.path / name for name in ("runs", "claims", "journal.log", self.kind.file)):
+            if link.is_symlink():  # a link of someone else could lead files out of the folder
+                raise ModelError(f"{link}: is a link: expected a folder with its own runs")
+        has_other_files = self._has_other_files()  # before other processes of the same sweep add theirs
+        file = self.path / self.kind.file
         if file.exists():
             self._check_same(content, same, what)
-        elif foreign:
-            lack = f"{self.path}: is there and is no {self.holding.what}"
-            raise ModelError(f"{lack}: expected a new name, or an empty folder")
-        with self.telling(self.path):
+        elif has_other_files:
+            raise ModelError(f"{self.path}: is not the folder of a {self.kind.what}: expected a new or empty folder")
+        with self.report_errors(self.path):
             for each in (self.path, self.runs, self.claims):
                 make_folder(each)
-            # Remove what processes of this machine that were killed have left.
+            # Remove temporary folders of killed processes of this machine.
             for name in os.listdir(self.runs):
-                found = _ASIDE.fullmatch(name)
-                if found and found[1] == _tag() and began(int(found[2])) != found[3]:
+                match = _TEMPORARY.fullmatch(name)
+                if match and match[1] == _tag() and began(int(match[2])) != match[3]:
                     shutil.rmtree(self.runs / name, ignore_errors=True)
             (self.claims / f".try-{os.getpid()}").touch()
             (self.claims / f".try-{os.getpid()}").unlink()
         if not file.exists():
             self.write(content)
             self._check_same(content, same, what)
-        there = self.read()
-        if _code(there) != _code(content):  # worker processes run what stands there, which anybody may have written
-            kept = {word: value for word, value in there.items() if word not in ("format", "digest")}
-            self.write(kept | {word: content[word] for word in ("what", "with")})
+        # Workers run the code that the file names. A file of someone else must not choose the code.
+        present = self.read()
+        if _code_of(present) != _code_of(content):
+            unchanged = {word: value for word, value in present.items() if word not in ("format", "digest")}
+            self.write(unchanged | {word: content[word] for word in ("what", "with")})
 
     def write(self, content: Mapping[str, Any]) -> None:
-        """Write its file, in place of one that was written here."""
-        text = json.dumps({"format": self.holding.format, **content}, indent=1, ensure_ascii=False)
-        write_text(self.path / self.holding.file, text + "\n", self.holding.kind)
+        """Write the folder's file. A file of another program is not replaced."""
+        text = json.dumps({"format": self.kind.format, **content}, indent=1, ensure_ascii=False)
+        write_text(self.path / self.kind.file, text + "\n", self.kind.file_kind)
 
-    def _foreign(self) -> bool:
-        """Whether it holds more than what others that begin the same at this moment have made so far."""
+    def _has_other_files(self) -> bool:
+        """Return whether the folder contains files of something other than this sweep."""
         if not self.path.is_dir():
             return False
-        names = {each.name for each in self.path.iterdir() if not each.name.startswith(f".{self.holding.file}.")}
+        names = {each.name for each in self.path.iterdir() if not each.name.startswith(f".{self.kind.file}.")}
         return not names <= {"runs", "claims"} or (self.runs.is_dir() and any(self.runs.iterdir()))
 
     def read(self) -> dict[str, Any]:
-        """What its file has.
+        """Return the content of the folder's file.
 
         Raises:
-            ModelError: there is none, or it is damaged.
+            ModelError: the file is missing or damaged.
         """
-        path = self.path / self.holding.file
-        what = self.holding.what
+        path = self.path / self.kind.file
+        what = self.kind.what
         try:
             content = parsed(path.read_bytes())
         except FileNotFoundError:
-            lack = f"{self.path}: holds no {what}: expected a folder with {path.name}"
-            raise ModelError(lack, hint=self._other()) from None
+            message = f"{self.path}: found no {what}: expected a folder with {path.name}"
+            raise ModelError(message, hint=self._hint()) from None
         except (OSError, ValueError) as error:
             raise ModelError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'damaged'}") from None
-        if not isinstance(content, dict) or content.get("format") != self.holding.format:
-            raise ModelError(f"{path}: not a {what}, as 'neuro {self.holding.command} run' writes it")
-        if not self.holding.kind.ours(path):
-            hint = "a copy of it brings the folder back"
-            lack = "damaged, or edited by hand" if "digest" in content else "damaged"
-            wrote = f"expected what 'neuro {self.holding.command} run' wrote"
-            raise ModelError(f"{path}: {lack}: {wrote}", hint=hint)
+        if not isinstance(content, dict) or content.get("format") != self.kind.format:
+            raise ModelError(f"{path}: not a {what}, as 'neuro {self.kind.command} run' writes it")
+        if not self.kind.file_kind.ours(path):
+            damage = "damaged, or edited by hand" if "digest" in content else "damaged"
+            expected = f"expected the file that 'neuro {self.kind.command} run' wrote"
+            raise ModelError(f"{path}: {damage}: {expected}", hint="restore the file from a copy")
         run = content.get("what")
         run = run if isinstance(run, dict) else {}
-        named = _NAMED.get(str(run.get("kind")), ())
-        if not named or not all(isinstance(run.get(word), str) for word in named):
+        texts = _TEXTS.get(str(run.get("kind")), ())
+        if not texts or not all(isinstance(run.get(word), str) for word in texts):
             raise ModelError(f"{path}: damaged: expected a network or a function under 'what'")
         return content
 
-    def _other(self) -> str:
+    def _hint(self) -> str:
         for other in (SWEEP, TUNING):
-            if other != self.holding and (self.path / other.file).exists():
-                return f"it holds a {other.what}: neuro {other.command} status {shlex.quote(str(self.path))}"
-        command = self.holding.command
-        return f"neuro {command} run {command}.yaml --out FOLDER makes one"
+            if other != self.kind and (self.path / other.file).exists():
+                return f"the folder has a {other.what}: neuro {other.command} status {shlex.quote(str(self.path))}"
+        command = self.kind.command
+        return f"neuro {command} run {command}.yaml --out FOLDER creates one"
 
     def _check_same(self, content: Mapping[str, Any], same: str, what: str) -> None:
-        """Refuse the folder of another one."""
-        there, kind = self.read(), self.holding.what
-        if there.get(same) == content[same]:
+        """Refuse the folder of another sweep or tuning."""
+        present, name = self.read(), self.kind.what
+        if present.get(same) == content[same]:
             return
-        hint = f"expected the same {kind}, or the name of a new folder"
-        begin = f"{self.path}: the folder of another {kind}"
-        before, now = there.get(what, {}), content[what]
+        hint = f"expected the same {name}, or the name of a new folder"
+        message = f"{self.path}: the folder of another {name}"
+        before, now = present.get(what, {}), content[what]
         for word in now:
             if before.get(word) != now[word]:
-                its, mine = _differing(before.get(word), now[word]), _differing(now[word], before.get(word))
-                raise ModelError(f"{begin}: {word} is {its} there, {mine} now", hint=hint)
-        runs = f"{len(there.get('runs', ())):,} runs there, {len(content.get('runs', ())):,} now"
-        raise ModelError(f"{begin}: its space is not the same, {runs}", hint=hint)
+                old, new = _difference(before.get(word), now[word]), _difference(now[word], before.get(word))
+                raise ModelError(f"{message}: {word} is {old} there, {new} now", hint=hint)
+        runs = f"{len(present.get('runs', ())):,} runs there, {len(content.get('runs', ())):,} now"
+        raise ModelError(f"{message}: its space differs, {runs}", hint=hint)
 
     def outcome(self, key: str) -> RunOutcome | None:
-        """What has come of a run; None if it is not there, not whole, or another one's."""
+        """Return the outcome of a run, or None if the run is missing, damaged, or has another key."""
         try:
             content = parsed((self.runs / key / "run.json").read_bytes())
             if content.pop(SUM) != sum_of(content) or content["key"] != key:
@@ -432,91 +434,91 @@ class Folder:
             return None
 
     def outcomes(self, keys: Iterable[str]) -> dict[str, RunOutcome]:
-        """What has come of those runs that are there."""
-        there = set(os.listdir(self.runs)) if self.runs.is_dir() else set()
-        found = ((key, self.outcome(key)) for key in keys if key in there)
-        return {key: outcome for key, outcome in found if outcome is not None}
+        """Return the outcomes of those of the runs that are kept."""
+        names = set(os.listdir(self.runs)) if self.runs.is_dir() else set()
+        outcomes = ((key, self.outcome(key)) for key in keys if key in names)
+        return {key: outcome for key, outcome in outcomes if outcome is not None}
 
     def has(self, key: str) -> bool:
-        """Whether a run is kept."""
+        """Return whether a run is kept."""
         return (self.runs / key / "run.json").exists()
 
     def keep(self, outcome: RunOutcome, fill: Callable[[Path], None] | None = None) -> None:
-        """Keep a run, if it is not kept already.
+        """Keep a run, unless it is kept already.
 
         Args:
-            outcome: what has come of it.
-            fill: writes more into the folder that it is given.
+            outcome: the outcome of the run.
+            fill: function that writes further files into the run's folder.
 
         Raises:
             Unwritable: the disk is full, or the folder cannot be written.
         """
-        aside = self._aside(outcome.key)
-        with self.telling(self.runs / outcome.key):
+        temporary = self._temporary(outcome.key)
+        with self.report_errors(self.runs / outcome.key):
             try:
-                aside.mkdir()
+                temporary.mkdir()
                 if fill is not None:
-                    fill(aside)
+                    fill(temporary)
                 content = {"format": _RUN, **asdict(outcome)}
                 content[SUM] = sum_of(content)
-                (aside / "run.json").write_text(json.dumps(content, ensure_ascii=False) + "\n", "utf-8")
+                (temporary / "run.json").write_text(json.dumps(content, ensure_ascii=False) + "\n", "utf-8")
                 try:
-                    aside.rename(self.runs / outcome.key)
+                    temporary.rename(self.runs / outcome.key)
                 except OSError as error:
                     if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                         raise
-                    if self.outcome(outcome.key) is None:  # what a machine that lost its power left
-                        self.forget(outcome.key)
-                        aside.rename(self.runs / outcome.key)
+                    if self.outcome(outcome.key) is None:  # damaged by a loss of power
+                        self.remove(outcome.key)
+                        temporary.rename(self.runs / outcome.key)
             finally:
-                if aside.exists():
-                    shutil.rmtree(aside, ignore_errors=True)
+                if temporary.exists():
+                    shutil.rmtree(temporary, ignore_errors=True)
 
-    def forget(self, key: str) -> None:
-        """Take a run away, at once."""
-        gone = self._aside(key)
+    def remove(self, key: str) -> None:
+        """Remove a run in one step: other processes see the complete run or none."""
+        temporary = self._temporary(key)
         with suppress(FileNotFoundError):
-            (self.runs / key).rename(gone)
-        shutil.rmtree(gone, ignore_errors=True)
+            (self.runs / key).rename(temporary)
+        shutil.rmtree(temporary, ignore_errors=True)
 
-    def _aside(self, key: str) -> Path:
-        """A new name beside a run, which tells whose it is."""
+    def _temporary(self, key: str) -> Path:
+        """Return a new temporary name for a run, which contains the process."""
         return self.runs / f".{key}.{_tag()}.{os.getpid()}-{began(os.getpid())}.{next(_number)}"
 
     @contextmanager
-    def telling(self, path: Path) -> Iterator[None]:
-        """Tell that something cannot be written as users see it."""
+    def report_errors(self, path: Path) -> Iterator[None]:
+        """Turn errors of the system into errors that name the path."""
         try:
             yield
         except OSError as error:
             raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
 
 
-def _code(content: Mapping[str, Any]) -> object:
-    """The words of the file of a folder that name code."""
+def _code_of(content: Mapping[str, Any]) -> object:
+    """Return the parts of the file of a folder that name code."""
     what = content.get("what", {})
     return content.get("with"), what if not isinstance(what, Mapping) or what.get("kind") != "network" else None
 
 
 def sum_of(content: Mapping[str, Any], before: str = "") -> str:
-    """By which damage of plain data shows, whichever bit it is.
+    """Return the checksum of plain data.
 
     Args:
         content: the data.
-        before: what it follows.
+        before: checksum of the data before, which is included.
     """
     return f"{zlib.crc32((before + json.dumps(content, separators=(',', ':'), sort_keys=True)).encode()):08x}"
 
 
 @cache
 def _tag() -> str:
-    """This machine since it was switched on, in a few letters."""
+    """Return a short hash of `machine`."""
     return hashlib.sha256(machine().encode()).hexdigest()[:8]
 
 
-def _differing(one: Any, other: Any) -> str:
-    """What of one is not the same in the other, cut when it is long."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        one = {name: value for name, value in one.items() if other.get(name) != value}
-    text = json.dumps(one)
+def _difference(value: Any, other: Any) -> str:
+    """Return a value as text, cut at 80 characters; of a mapping only the entries that differ from the other."""
+    if isinstance(value, Mapping) and isinstance(other, Mapping):
+        value = {name: each for name, each in value.items() if other.get(name) != each}
+    text = json.dumps(value)
     return text if len(text) <= 80 else text[:77] + "..."

@@ -1,9 +1,9 @@
-"""The journal of a search: Optuna's, a line for each thing that happened.
+"""The journal of a search in Optuna's format, with a line for each event.
 
-Each line has a sum of itself and of the sum before it, which tells damage, and a line that is missing, doubled or in
-another's place.
+Each line has a checksum of its content and of the checksum before. So damaged, missing, doubled and moved lines are
+detected.
 
-Optuna reads it as it is: `JournalStorage(JournalFileBackend("tuned/journal.log"))`, or `optuna-dashboard`.
+Optuna reads the journal as usual: `JournalStorage(JournalFileBackend("tuned/journal.log"))`, or `optuna-dashboard`.
 """
 
 from __future__ import annotations
@@ -29,34 +29,34 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 NAME = "search"
-"""Of the one study of a journal."""
+"""Name of the study in a journal."""
 
 OPTUNAS = {"maximise": "maximize", "minimise": "minimize"}
-"""What Optuna calls our directions."""
+"""Optuna's names of the directions."""
 
 
 class Journal:
-    """The lines of a journal, as `optuna.storages.JournalStorage` reads and adds them.
+    """A journal file, as a backend of `optuna.storages.JournalStorage`.
 
-    A line that a killed process left half-written was never there: it is cut off before the next is added.
+    A half-written last line of a killed process is ignored, and is cut off before the next line is added.
 
     Args:
-        path: of the file, which may not be there yet.
-        lock: of the file by which one process adds at a time.
+        path: path of the file, which may not exist yet.
+        lock: path of the lock file, with which one process at a time adds lines.
     """
 
     def __init__(self, path: Path, lock: Path) -> None:
         self._path, self._lock = path, lock
-        self._after = [(0, NAME)]
-        """Where each line that was read ends, and its sum; what stands there for the first is before all lines."""
+        self._line_ends = [(0, NAME)]
+        """End and checksum of each line read so far. The first entry stands for the beginning of the file."""
 
     def read_logs(self, log_number_from: int) -> Iterator[dict[str, Any]]:
-        """All from a line on.
+        """Yield all lines from a number on.
 
         Raises:
             ModelError: a line is damaged, or the file cannot be read.
         """
-        number = min(log_number_from, len(self._after) - 1)
+        number = min(log_number_from, len(self._line_ends) - 1)
         try:
             file = self._path.open("rb")
         except FileNotFoundError:
@@ -64,15 +64,15 @@ class Journal:
         except OSError as error:
             raise ModelError(f"{self._path}: cannot be read: {error.strerror or error}") from None
         with file:
-            file.seek(self._after[number][0])
+            file.seek(self._line_ends[number][0])
             for line in file:
                 if not line.endswith(b"\n"):
                     return
-                end, before = self._after[number]
+                end, before = self._line_ends[number]
                 number += 1
-                log, after = self._checked(line, number, before)
-                if number == len(self._after):
-                    self._after.append((end + len(line), after))
+                log, after = self._parse(line, number, before)
+                if number == len(self._line_ends):
+                    self._line_ends.append((end + len(line), after))
                 if number > log_number_from:
                     yield log
 
@@ -80,26 +80,26 @@ class Journal:
         """Add lines.
 
         Raises:
-            ModelError: a line that another process has added is damaged.
+            ModelError: a line that another process added is damaged.
             Unwritable: the disk is full, or the file cannot be written.
         """
         try:
             with locked(self._lock), self._path.open("a+b") as file:
                 _cut(file)
-                for _ in self.read_logs(len(self._after) - 1):
+                for _ in self.read_logs(len(self._line_ends) - 1):
                     pass
-                file.write(_lines(logs, self._after[-1][1]))
+                file.write(_lines(logs, self._line_ends[-1][1]))
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
             raise Unwritable(self._path, f"cannot be written: {error.strerror or error}") from None
 
-    def forget_ends(self, trials: Collection[int], state: int) -> None:
-        """Take out the lines by which trials have come to a state; no other process may use the journal meanwhile.
+    def remove_ends(self, trials: Collection[int], state: int) -> None:
+        """Remove the lines that gave trials a final state. No other process may use the journal at the same time.
 
         Args:
-            trials: their identifiers.
-            state: of Optuna.
+            trials: identifiers of the trials.
+            state: the state in Optuna.
 
         Raises:
             ModelError: a line is damaged.
@@ -107,21 +107,21 @@ class Journal:
         """
         if not trials:
             return
-        kept = [log for log in self.read_logs(0) if log.get("trial_id") not in trials or log.get("state") != state]
-        aside = self._path.with_name(f".{self._path.name}.{os.getpid()}")
+        rest = [log for log in self.read_logs(0) if log.get("trial_id") not in trials or log.get("state") != state]
+        temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}")
         try:
             with locked(self._lock):
-                with aside.open("wb") as file:
-                    file.write(_lines(kept, NAME))
+                with temporary.open("wb") as file:
+                    file.write(_lines(rest, NAME))
                     file.flush()
                     os.fsync(file.fileno())
-                aside.replace(self._path)
+                temporary.replace(self._path)
         except OSError as error:
-            aside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             raise Unwritable(self._path, f"cannot be written: {error.strerror or error}") from None
 
-    def _checked(self, line: bytes, number: int, before: str) -> tuple[dict[str, Any], str]:
-        """What a line says, and its sum."""
+    def _parse(self, line: bytes, number: int, before: str) -> tuple[dict[str, Any], str]:
+        """Parse a line, and return its content and checksum."""
         try:
             log = parsed(line)
             checksum = log.pop(SUM)
@@ -130,16 +130,16 @@ class Journal:
         except (ValueError, KeyError, AttributeError, TypeError):
             pass
         hint = (
-            f"'head -n {number - 1} {self._path.name}' is what is whole of it; "
-            "trials after it are asked for again, and runs that are kept are not done again"
+            f"'head -n {number - 1} {self._path.name}' has the undamaged lines; "
+            "with them, later trials are asked for again, and kept runs are not repeated"
         )
         after = f" after line {number - 1}" if number > 1 else ""
-        lack = f"line {number}: damaged: expected what 'neuro tune run' wrote{after}"
-        raise ModelError(f"{self._path}: {lack}", hint=hint)
+        message = f"line {number}: damaged: expected the line that 'neuro tune run' wrote{after}"
+        raise ModelError(f"{self._path}: {message}", hint=hint)
 
 
 def _lines(logs: Iterable[dict[str, Any]], before: str) -> bytes:
-    """As they stand in the file behind a line of a sum."""
+    """Return lines of the file for logs. `before` is the checksum of the line before."""
     lines = []
     for log in logs:
         plain = parsed(json.dumps(log))
@@ -149,7 +149,7 @@ def _lines(logs: Iterable[dict[str, Any]], before: str) -> bytes:
 
 
 def _cut(file: Any) -> None:
-    """Take away a last line that is not whole."""
+    """Cut off an incomplete last line."""
     end = file.seek(0, os.SEEK_END)
     if not end:
         return
@@ -160,11 +160,11 @@ def _cut(file: Any) -> None:
 
 
 class DraftStorage:
-    """A storage of Optuna that has one trial in memory alone: no other process sees what is written to it.
+    """A storage of Optuna with one trial in memory, whose changes no other process sees.
 
     Args:
-        storage: has all the others.
-        trial: the one, in the place of that of its number if there is one.
+        storage: storage of all other trials.
+        trial: the trial in memory, which replaces a stored trial of the same number.
     """
 
     def __init__(self, storage: BaseStorage, trial: FrozenTrial) -> None:
@@ -174,46 +174,46 @@ class DraftStorage:
         return getattr(self._storage, name)
 
     def create_new_trial(self, study_id: int) -> int:
-        """The identifier of the one, which is asked for."""
+        """Return the identifier of the trial in memory."""
         return self._trial._trial_id
 
     def get_trial(self, trial_id: int) -> FrozenTrial:
-        """A trial."""
+        """Return a trial."""
         return self._trial if trial_id == self._trial._trial_id else self._storage.get_trial(trial_id)
 
     def get_trial_system_attrs(self, trial_id: int) -> dict[str, Any]:
-        """What a sampler or a pruner has noted of a trial."""
+        """Return the notes of samplers and pruners about a trial."""
         return self.get_trial(trial_id).system_attrs
 
     def get_all_trials(self, study_id: int, deepcopy: bool = True, states: Any = None) -> list[FrozenTrial]:
-        """All trials, those in some states where these are given."""
-        others = self._storage.get_all_trials(study_id, deepcopy, states)
-        mine = [copy(self._trial)] if states is None or self._trial.state in states else []
+        """Return all trials, or only those in some states."""
+        stored = self._storage.get_all_trials(study_id, deepcopy, states)
+        draft = [copy(self._trial)] if states is None or self._trial.state in states else []
         number = self._trial.number
-        before = [trial for trial in others if trial.number < number]
-        return [*before, *mine, *(trial for trial in others[len(before) :] if trial.number > number)]
+        before = [trial for trial in stored if trial.number < number]
+        return [*before, *draft, *(trial for trial in stored[len(before) :] if trial.number > number)]
 
     def set_trial_param(self, trial_id: int, name: str, value: float, distribution: BaseDistribution) -> None:
-        """Give the one a parameter."""
+        """Set a parameter of the trial in memory."""
         self._trial.params[name] = distribution.to_external_repr(value)
         self._trial.distributions[name] = distribution
 
     def set_trial_system_attr(self, trial_id: int, name: str, value: Any) -> None:
-        """Note something of the one."""
-        self._trial.system_attrs = {**self._trial.system_attrs, name: value}  # lists made before stay
+        """Add a note about the trial in memory."""
+        self._trial.system_attrs = {**self._trial.system_attrs, name: value}  # a new mapping: earlier copies stay
 
     def study(self, **parts: Any) -> Study:
-        """The study of a journal, as it is with the one."""
-        made: Study = optuna().load_study(study_name=NAME, storage=self, **parts)
-        return made
+        """Return the study of the journal with the trial in memory."""
+        study: Study = optuna().load_study(study_name=NAME, storage=self, **parts)
+        return study
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Wait until no other process has a lock, which a process that is killed gives back.
+    """Hold a lock, after waiting for other processes. The system releases the lock of a killed process.
 
     Raises:
-        Unwritable: there can be no such file.
+        Unwritable: the lock file cannot be written.
     """
     try:
         file = path.open("ab")
@@ -225,36 +225,36 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def optuna() -> Any:
-    """The package Optuna, which tells no user of what is experimental in it.
+    """Return the package Optuna, which logs errors only.
 
     Raises:
-        ModelError: it is not installed.
+        ModelError: the package is not installed.
     """
-    found = needed("optuna", "tune", "neuro tune: the package optuna is not installed")
-    found.logging.set_verbosity(found.logging.ERROR)
-    return found
+    package = needed("optuna", "tune", "neuro tune: the package optuna is not installed")
+    package.logging.set_verbosity(package.logging.ERROR)
+    return package
 
 
 @contextmanager
-def quietly() -> Iterator[None]:
-    """Without the warnings of Optuna."""
+def without_warnings() -> Iterator[None]:
+    """Ignore warnings of Optuna inside the context."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def journal_path(folder: Folder) -> Path:
-    """The file of the journal."""
+    """Return the path of the journal of a folder."""
     return folder.path / "journal.log"
 
 
 def journal_of(folder: Folder) -> Journal:
-    """The journal of a folder."""
+    """Return the journal of a folder."""
     return Journal(journal_path(folder), folder.claims / ".journal")
 
 
 def storage_of(folder: Folder) -> JournalStorage:
-    """What Optuna keeps of the search in a folder.
+    """Return the storage of Optuna for the search in a folder.
 
     Raises:
         ModelError: Optuna is not installed, or the journal is damaged.
@@ -263,28 +263,28 @@ def storage_of(folder: Folder) -> JournalStorage:
     from optuna.storages import JournalStorage
 
     try:
-        with quietly():
+        with without_warnings():
             return JournalStorage(journal_of(folder))  # type: ignore[arg-type]
     except ModelError:
         raise
     except (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        lack = f"damaged: Optuna cannot read it: {type(error).__name__}"
-        raise ModelError(f"{journal_path(folder)}: {lack}", hint="the folder without it asks for new trials") from None
+        message = f"{journal_path(folder)}: damaged: Optuna cannot read it: {type(error).__name__}"
+        raise ModelError(message, hint="without this file the search starts new trials, and reuses kept runs") from None
 
 
 def study_of(folder: Folder, directions: Sequence[str]) -> Study:
-    """The study of the search in a folder; made if it is not there.
+    """Return the study of the search in a folder. A missing study is created.
 
     Args:
-        folder: of the search.
-        directions: of the objectives.
+        folder: folder of the search.
+        directions: directions of the objectives.
 
     Raises:
-        ModelError: as `storage_of`.
+        ModelError: see `storage_of`.
     """
     package, storage = optuna(), storage_of(folder)
-    with quietly():
-        made: Study = package.create_study(
+    with without_warnings():
+        study: Study = package.create_study(
             storage=storage,
             study_name=NAME,
             directions=[OPTUNAS[each] for each in directions],
@@ -292,14 +292,14 @@ def study_of(folder: Folder, directions: Sequence[str]) -> Study:
             sampler=package.samplers.RandomSampler(0),
             pruner=package.pruners.NopPruner(),
         )
-        return made
+        return study
 
 
 def trials_of(folder: Folder) -> list[Any]:
-    """The trials in the journal of a folder, as Optuna has them; nothing is written.
+    """Return the trials in the journal of a folder, as Optuna's objects. Nothing is written.
 
     Raises:
-        ModelError: as `storage_of`.
+        ModelError: see `storage_of`.
     """
     storage = storage_of(folder)
     studies = storage.get_all_studies()

@@ -1,4 +1,4 @@
-"""One run of a network's file at a point of a sweep."""
+"""A run of a network's file at a point of a sweep."""
 
 from __future__ import annotations
 
@@ -35,31 +35,33 @@ from neuro.apps import (
     unknown,
     word_of,
 )
-from neuro_sweeps.function import UNITS, check_metrics, measured, report_step
+from neuro_sweeps.function import UNITS, check_metrics, measure, report_step
 
 if TYPE_CHECKING:
     from neuro import Simulation
 
-_FOR = Quantity("ms", "how long", above=0.0)
+_FOR = Quantity("ms", "duration of the run", above=0.0)
 Fill = Callable[[Path], None]
-Made = tuple[dict[str, Any], Fill | None, dict[str, Any]]
+"""Function that writes the files of a run into a folder."""
+RunResult = tuple[dict[str, Any], Fill | None, dict[str, Any]]
+"""Metrics of a run, the function that writes its files, if any, and entries for its provenance."""
 
 
 @dataclass(frozen=True)
 class NetworkRun:
-    """What a sweep over a network runs at each point.
+    """The run of a network at a point.
 
     Attributes:
-        file: of the network, an absolute path.
-        files: hashes of all files that it is made of, by their paths.
-        duration: how long, as it is written.
-        backend: what it runs on.
-        threads: of a run.
+        file: file of the network, an absolute path.
+        files: hashes of all files of the network, by path.
+        duration: duration, as in the definition: a number in ms, or a text with a unit.
+        backend: name of the backend, or the file of a chip's table.
+        threads: threads of a run.
         set: parameters that are the same in all runs.
-        metrics: what is kept as numbers, by name.
-        keep: "metrics", or "results" for a file of results, too.
-        at: when it reports on the way, ms; what comes of it does not depend on that.
-        reports: the metric that it reports then.
+        metrics: names of the metrics that are kept.
+        keep: "metrics", or "results" to keep a file of results as well.
+        at: times in ms at which the run reports `reports`. They do not change the results.
+        reports: metric that is reported at these times.
     """
 
     file: Path
@@ -73,14 +75,14 @@ class NetworkRun:
     at: tuple[float, ...] = ()
     reports: str = ""
 
-    def same(self) -> dict[str, Any]:
-        """What decides what comes of a run: contents, no places."""
-        hashes = {str(_beside(Path(name), self.file.parent)): digest for name, digest in self.files.items()}
+    def identity(self) -> dict[str, Any]:
+        """Return all inputs of a run but point and seed: contents of files instead of paths."""
+        hashes = {str(_relative(Path(name), self.file.parent)): digest for name, digest in self.files.items()}
         words = {"duration": self.duration, "backend": _content(self.backend), "set": dict(self.set)}
         return {"network": hashes, **words, "metrics": list(self.metrics), "keep": self.keep}
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain data, from which `from_dict` makes it."""
+        """Return the run as plain data, for `from_dict`."""
         files = {"file": str(self.file), "files": dict(self.files)}
         words = {"duration": self.duration, "backend": self.backend, "threads": self.threads, "set": dict(self.set)}
         words |= {"at": list(self.at), "reports": self.reports} if self.at else {}
@@ -88,59 +90,58 @@ class NetworkRun:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> NetworkRun:
-        """What `as_dict` has written."""
+        """Return the run for the data of `as_dict`."""
         words = {name: value for name, value in content.items() if name != "kind"}
         lists = {name: tuple(words.get(name, ())) for name in ("metrics", "at")}
         return cls(**{**words, **lists, "file": Path(words["file"])})
 
     def check_inputs(self) -> None:
-        """See whether the files are what they were when the sweep began.
+        """Check that the files are unchanged since the sweep began.
 
         Raises:
-            ModelError: one is gone, or was edited.
+            ModelError: a file is missing, or was edited.
         """
         for name, digest in self.files.items():
             if (now := digest_of(name)) != digest:
                 what = "was edited since the sweep began" if now else "cannot be read"
-                raise ModelError(f"{name}: {what}: expected the file that it was", hint="a new folder is a new sweep")
+                raise ModelError(f"{name}: {what}: expected the unchanged file", hint="use a new folder")
 
     def check(self, point: Mapping[str, Any], seeded: bool) -> None:
-        """Refuse names and values of a point before anything runs; networks run with and without seeds.
+        """Check a point before the first run. Networks run with and without seeds.
 
         Raises:
-            ModelError: a parameter or a metric is unknown, or the network cannot be so.
+            ModelError: a parameter or a metric is unknown, or a value is invalid.
         """
-        net, run = self.described(point)
+        net, run = self.at_point(point)
         check_metrics(self.metrics, net.populations, net.projections, net.world_section is not None)
         find_backend(str(run.get("backend", self.backend)))
         Clock(net.resolution).step(self._ms(run), "for")
 
     def units(self, names: Iterable[str]) -> dict[str, str]:
-        """The units of parameters and metrics, by name; what has none, or an unknown one, is left out."""
-        net, _ = self.described({})
-        found = {name: _unit(net, name) for name in names}
-        return {name: unit for name, unit in found.items() if unit}
+        """Return the units of parameters and metrics by name, without names that have no unit."""
+        net, _ = self.at_point({})
+        units = {name: _unit(net, name) for name in names}
+        return {name: unit for name, unit in units.items() if unit}
 
     @cached_property
     def _sections(self) -> dict[str, Node]:
         return gather(self.file)
 
-    def described(self, point: Mapping[str, Any]) -> tuple[Network, dict[str, Any]]:
-        """The network of a point, and the words of its run."""
-        given = self._sections["parameters"].value if "parameters" in self._sections else {}
-        own, run, parts = sorted_out({**self.set, **point}, given)
-        return changed(build(resolve(self._sections, own, Where(str(self.file)))), parts), run
+    def at_point(self, point: Mapping[str, Any]) -> tuple[Network, dict[str, Any]]:
+        """Return the network at a point, and the values of the point that belong to the run instead of the network."""
+        names = self._sections["parameters"].value if "parameters" in self._sections else {}
+        parameters, run, parts = split_point({**self.set, **point}, names)
+        return with_values(build(resolve(self._sections, parameters, Where(str(self.file)))), parts), run
 
     def _ms(self, run: Mapping[str, Any]) -> float:
-        said = in_ms(run.get("for", self.duration), "for")
-        return float(check(_FOR, said, "for"))
+        return float(check(_FOR, in_ms(run.get("for", self.duration), "for"), "for"))
 
-    def __call__(self, point: Mapping[str, Any], seed: int | None) -> Made:
-        """Run: metrics, what writes more files, and what the record of the run has to say."""
+    def __call__(self, point: Mapping[str, Any], seed: int | None) -> RunResult:
+        """Run the network at a point with a seed."""
         from neuro import compile
         from neuro.apps import fingerprint
 
-        net, run = self.described(point)
+        net, run = self.at_point(point)
         backend = str(run.pop("backend", self.backend))
         ms = self._ms(run)
         figures = {name.partition(".")[2]: run[name] for name in run if name.startswith("chip.")}
@@ -152,16 +153,16 @@ class NetworkRun:
             sim = compile(net, backend=target, seed=seed or 0, threads=self.threads, **options)
             for k, time in enumerate(self.at, 1):
                 sim.run(time - sim.time)
-                report_step(measured(sim, [self.reports], tables)[self.reports], k)
+                report_step(measure(sim, [self.reports], tables)[self.reports], k)
             sim.run(ms - sim.time)
-            found = measured(sim, self.metrics, tables)
+            metrics = measure(sim, self.metrics, tables)
         about = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
-        return found, self._fill(sim, net) if self.keep == "results" else None, about
+        return metrics, self._fill(sim, net) if self.keep == "results" else None, about
 
     def _in_world(
         self, net: Network, ms: float, backend: str, tables: dict[str, str], seed: int, options: Mapping[str, Any]
-    ) -> Made:
-        """Run a network with a world, as `__call__` runs a network alone."""
+    ) -> RunResult:
+        """Run a network in its world."""
         from neuro import closed_loop
         from neuro.apps import fingerprint, results as files
 
@@ -169,15 +170,15 @@ class NetworkRun:
         loop = closed_loop(net, record=self.keep == "results", **words, **options)
         for k, time in enumerate(self.at, 1):
             loop.run(ms=time)
-            report_step(measured(loop.sim, [self.reports], tables, loop.log)[self.reports], k)
+            report_step(measure(loop.sim, [self.reports], tables, loop.log)[self.reports], k)
         loop.run(ms=ms)
-        figures = measured(loop.sim, self.metrics, tables, loop.log)
+        metrics = measure(loop.sim, self.metrics, tables, loop.log)
         about = {"backend": backend, "threads": self.threads, "seed": seed, "network": fingerprint(loop.sim.program)}
 
         def fill(folder: Path) -> None:
             files.write(loop.results(threads=self.threads), folder / "results.h5")
 
-        return figures, fill if self.keep == "results" else None, about
+        return metrics, fill if self.keep == "results" else None, about
 
     def _fill(self, sim: Simulation, net: Network) -> Fill:
         from neuro.apps import collect, results as files
@@ -186,22 +187,22 @@ class NetworkRun:
 
 
 def network_run(file: Path, **words: Any) -> NetworkRun:
-    """What runs a network, with the hashes of all files that it is made of; see `NetworkRun`.
+    """Return the run of a network with the hashes of all its files. `words` are attributes of `NetworkRun`.
 
     Raises:
-        ModelError: the file is no network.
+        ModelError: the file is not a network.
     """
-    with gathering() as read:
-        made = NetworkRun(file.absolute(), {}, **words)
-        made.described({})
+    with gathering() as files:
+        run = NetworkRun(file.absolute(), {}, **words)
+        run.at_point({})
         if words.get("backend", "").endswith((".yaml", ".yml")):
             find_backend(words["backend"])
-    return NetworkRun(made.file, {name: digest_of(name) for name in read}, **words)
+    return NetworkRun(run.file, {name: digest_of(name) for name in files}, **words)
 
 
 @contextmanager
 def _table(backend: str, figures: Mapping[str, Any]) -> Iterator[str]:
-    """The backend, or where figures of its chip are changed a table that is like it, for as long as it is needed."""
+    """Return the backend, or a temporary table of its chip with the figures that the sweep changes."""
     if not figures:
         yield backend
         return
@@ -220,30 +221,31 @@ def _table(backend: str, figures: Mapping[str, Any]) -> Iterator[str]:
         yield str(path)
 
 
-def _beside(path: Path, folder: Path) -> Path:
-    """A file by its place beside another, or by its name where it lies elsewhere."""
+def _relative(path: Path, folder: Path) -> Path:
+    """Return a path relative to a folder, or the file's name if the file is outside of the folder."""
     return path.relative_to(folder) if path.is_relative_to(folder) else Path(path.name)
 
 
 def _content(backend: str) -> str:
-    """A backend by its name; a table by what it holds."""
+    """Return the name of a backend, or the hash of a table's file."""
     return digest_of(backend) if backend.endswith((".yaml", ".yml")) else backend
 
 
 RUN = ("backend", "for")
-"""Words of the run itself that a sweep may go through."""
+"""Settings of the run that a sweep may vary."""
 
 PREFIXES = ("backend", "chip")
-"""`backend.OPTION` is an option of the backend, `chip.costs.NAME` or `chip.limits.NAME` a figure of its table."""
+"""First words of parameters such as `backend.OPTION`, an option of the backend, and `chip.costs.NAME` or
+`chip.limits.NAME`, a figure of the chip's table."""
 
 
-def sorted_out(
+def split_point(
     point: Mapping[str, Any], parameters: Iterable[str]
 ) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """A point as parameters of the file, words of the run, and values of parts.
+    """Split a point into parameters of the file, settings of the run, and values of parts.
 
     Raises:
-        ModelError: a name without a dot is neither.
+        ModelError: a name without a dot is neither a parameter of the file nor a setting of the run.
     """
     own, run, parts = dict[str, Any](), dict[str, Any](), dict[str, Any]()
     for name, value in point.items():
@@ -254,36 +256,36 @@ def sorted_out(
         elif "." in name:
             parts[name] = value
         else:
-            known = (*parameters, *RUN)
-            hint = f"{nearest(name, known)}; of a part: POPULATION.PARAMETER, PROJECTION.weight"
+            names = (*parameters, *RUN)
+            hint = f"{nearest(name, names)}; parameters of parts are POPULATION.PARAMETER, PROJECTION.weight"
             raise ModelError(f"unknown parameter '{name}'", hint=hint)
     return own, run, parts
 
 
-def changed(net: Network, values: Mapping[str, Any]) -> Network:
-    """A network with other values of parts.
+def with_values(net: Network, values: Mapping[str, Any]) -> Network:
+    """Return a copy of a network with other values of parts.
 
     Args:
-        net: the network; it stays as it is.
-        values: by `POPULATION.PARAMETER`; `PROJECTION.weight`, `.delay`, or a parameter of its synapse model or of its
-            connection rule.
+        net: the network, which is not changed.
+        values: values by `POPULATION.PARAMETER`, `PROJECTION.weight`, `PROJECTION.delay`, or `PROJECTION.PARAMETER` of
+            the synapse model or the connection rule.
 
     Raises:
         ModelError: there is no such part or parameter, or a value is out of bounds.
     """
     if not values:
         return net
-    other = copy.copy(net)
-    other.populations, other.projections = dict(net.populations), dict(net.projections)
+    result = copy.copy(net)
+    result.populations, result.projections = dict(net.populations), dict(net.projections)
     for name, value in values.items():
         part, _, word = name.rpartition(".")
-        if part in other.populations:
-            other.populations[part] = _population(other.populations[part], word, value)
-        elif part in other.projections:
-            other.projections[part] = _projection(other, other.projections[part], word, value)
+        if part in result.populations:
+            result.populations[part] = _population(result.populations[part], word, value)
+        elif part in result.projections:
+            result.projections[part] = _projection(result, result.projections[part], word, value)
         else:
-            raise unknown("population or projection", part, (*other.populations, *other.projections))
-    return other
+            raise unknown("population or projection", part, (*result.populations, *result.projections))
+    return result
 
 
 def _population(part: Population, word: str, value: Any) -> Population:
@@ -295,13 +297,14 @@ def _population(part: Population, word: str, value: Any) -> Population:
 
 def _projection(net: Network, part: Projection, word: str, value: Any) -> Projection:
     if word in ("weight", "delay"):
-        fresh = copy.copy(net)
-        fresh.projections = {}
-        fresh.place = part.origin
+        # `connect` checks the value as in the network's file.
+        without_projections = copy.copy(net)
+        without_projections.projections = {}
+        without_projections.place = part.origin
         views = ((part.source, part.source_view), (part.target, part.target_view))
         ends = [net.populations[name] if view is None else view for name, view in views]
         words = {"weight": part.weight, "delay": part.delay, word: value}
-        return fresh.connect(ends[0], ends[1], part.rule, part.synapse, name=part.name, **words)
+        return without_projections.connect(ends[0], ends[1], part.rule, part.synapse, name=part.name, **words)
     synapse, rule = _names(part.synapse), _names(part.rule)
     if word in synapse:
         return replace(part, synapse=replace(part.synapse, **{synapse[word]: value}))
@@ -311,16 +314,16 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
 
 
 def _unit(net: Network, name: str) -> str:
-    """The unit of a metric, of a word of the run or of a parameter of a part; "" if it has none."""
+    """Return the unit of a metric, a setting of the run or a parameter of a part; "" if there is none."""
     first, _, rest = name.partition(".")
     part, _, word = name.rpartition(".")
     if rest and first in UNITS:
         return UNITS[first]
     if name == "for" or (part in net.projections and word == "delay"):
         return "ms"
-    of = rest if first in ("weight", "weight_sd") else part if word == "weight" else ""
-    if of in net.projections:
-        target = net.populations[net.projections[of].target]
+    weighted = rest if first in ("weight", "weight_sd") else part if word == "weight" else ""
+    if weighted in net.projections:
+        target = net.populations[net.projections[weighted].target]
         return str(getattr(target.model, "weight_unit", ""))
     choices: list[Choice] = [net.populations[part].model] if part in net.populations else []
     choices += [net.projections[part].synapse, net.projections[part].rule] if part in net.projections else []
@@ -328,5 +331,5 @@ def _unit(net: Network, name: str) -> str:
 
 
 def _names(choice: Choice) -> dict[str, str]:
-    """Fields of a choice by the words that users write."""
+    """Return the fields of a model or rule by their names in YAML, e.g. "lambda_" by "lambda"."""
     return {word_of(entry.name): entry.name for entry in fields(choice)}

@@ -1,6 +1,6 @@
-"""Sweeps and searches as figures of matplotlib.
+"""Figures of sweeps and searches, drawn with matplotlib.
 
-Of a sweep metrics over its parameters; of a search history, front, how much parameters matter, parallel coordinates.
+Sweeps have metrics over parameters. Searches have history, front, importance of parameters and parallel coordinates.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from neuro import ModelError
 from neuro.apps import COLOURS, Picture, curves, is_number, literal, tidy, unknown
 from neuro_sweeps.folder import TUNING, Folder, RunOutcome
-from neuro_sweeps.journal import OPTUNAS, optuna, quietly, trials_of
+from neuro_sweeps.journal import OPTUNAS, optuna, trials_of, without_warnings
 from neuro_sweeps.plan import MAXIMISE, Floats, so_far
 from neuro_sweeps.table import SweepTable
-from neuro_sweeps.trials import FoundTrial, TuneTable
+from neuro_sweeps.trials import TrialRow, TuneTable
 
 Values = tuple[Any, ...]
 Column = NDArray[np.float64]
@@ -30,14 +30,14 @@ Column = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class PlotData:
-    """What is drawn of one metric.
+    """The data of a figure of a metric.
 
     Attributes:
         kind: "lines", "map" or "parallel".
-        metric: its name.
-        names: parameters: to the right, then those of lines or rows.
-        points: values of the parameters, and the metric of each run there.
-        averaged: what a mean is over: parameters that vary and are not drawn, and "seeds" where there are several.
+        metric: name of the metric.
+        names: names of the parameters: that of the horizontal axis, then those of lines or rows.
+        points: values of the parameters, and the metric of each run at these values.
+        averaged: sources of the values in a mean: parameters that vary and are not drawn, and "seeds" if several.
     """
 
     kind: str
@@ -48,22 +48,22 @@ class PlotData:
 
     @property
     def mean_of(self) -> str:
-        """Text such as "mean over tau_m and seeds"; "" if each point is one run."""
+        """A text such as "mean over tau_m and seeds"; "" if each point is a single run."""
         return f"mean over {' and '.join(self.averaged)}" if self.averaged else ""
 
     @property
     def caption(self) -> str:
-        """What a point or field is the mean of, and what the band beside a line is; "" if each is one run."""
+        """A text about means and bands; "" if each point is a single run."""
         if self.kind == "parallel":
             return ""
         return self.mean_of and self.mean_of + "; band: lowest to highest run" * (self.kind == "lines")
 
     def axis(self, index: int) -> list[Any]:
-        """The values of one parameter, ascending where these are numbers."""
+        """Return the values of a parameter. Numbers are ascending."""
         return ordered(values[index] for values, _ in self.points)
 
     def lines(self) -> list[tuple[str, Column, Column, Column, Column]]:
-        """Return a line for each combination of the other parameters: name, x, mean, lowest and highest run there."""
+        """Return a line per combination of the other parameters: name, x, and mean, lowest and highest run at x."""
         lines = []
         for others in product(*(self.axis(k) for k in range(1, len(self.names)))):
             runs: dict[Any, list[float]] = {}
@@ -71,68 +71,70 @@ class PlotData:
                 if values[1:] == others:
                     runs.setdefault(values[0], []).extend(metrics)
             x = ordered(runs)
-            mean, low, high = (np.array([of(runs[value]) for value in x]) for of in (np.mean, np.min, np.max))
-            name = ", ".join(f"{name} = {told(value)}" for name, value in zip(self.names[1:], others, strict=True))
+            mean, low, high = (np.array([f(runs[value]) for value in x]) for f in (np.mean, np.min, np.max))
+            name = ", ".join(
+                f"{name} = {short_text(value)}" for name, value in zip(self.names[1:], others, strict=True)
+            )
             if x:
-                lines.append((name, places(x), mean, low, high))
+                lines.append((name, axis_values(x), mean, low, high))
         return lines
 
     def first_lines(self, most: int) -> tuple[PlotData, int]:
-        """The data of the first lines alone, and how many more there are; other kinds as they are."""
+        """Return the data of the first lines, and the number of further lines; other kinds unchanged."""
         others = [values[1:] for values, _ in self.points] if self.kind == "lines" else []
         names = list(dict.fromkeys(others))
         points = tuple(point for point in self.points if not names or point[0][1:] in names[:most])
         return replace(self, points=points), max(0, len(names) - most)
 
     def grid(self) -> NDArray[np.float64]:
-        """The mean at each value of the second parameter (rows) and the first (columns); NaN where there is none."""
+        """Return the means by value of the second parameter (rows) and the first (columns); NaN without a run."""
         x, y = self.axis(0), self.axis(1)
         sums, count = np.zeros((len(y), len(x))), np.zeros((len(y), len(x)))
         for values, metrics in self.points:
-            at = y.index(values[1]), x.index(values[0])
-            sums[at] += sum(metrics)
-            count[at] += len(metrics)
+            cell = y.index(values[1]), x.index(values[0])
+            sums[cell] += sum(metrics)
+            count[cell] += len(metrics)
         with np.errstate(invalid="ignore"):
             return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
 
 
 Units = Mapping[str, str]
-"""Of parameters and metrics, by name; of what has none there is none."""
+"""Units of parameters and metrics by name, without names that have no unit."""
 
 
 def with_units(data: PlotData, units: Units) -> PlotData:
-    """The same with units in the names, and metrics in that with a prefix by which they are readable."""
+    """Add units to the names, and scale the metric to a unit with a readable prefix, e.g. mJ."""
     largest = max((abs(value) for _, each in data.points for value in each), default=0.0)
     factor, unit = curves.prefixed(largest, units.get(data.metric, ""))
     points = tuple((values, tuple(factor * value for value in each)) for values, each in data.points)
-    names = tuple(named(name, units.get(name, "")) for name in data.names)
-    return replace(data, metric=named(data.metric, unit), names=names, points=points)
+    names = tuple(name_with_unit(name, units.get(name, "")) for name in data.names)
+    return replace(data, metric=name_with_unit(data.metric, unit), names=names, points=points)
 
 
-def named(name: str, unit: str) -> str:
-    """A name with its unit, if it has one."""
+def name_with_unit(name: str, unit: str) -> str:
+    """Return a name with its unit, if any, e.g. "rate (Hz)"."""
     return f"{name} ({unit})" if unit else name
 
 
 def plot_data(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind: str) -> list[PlotData]:
-    """What is drawn of each metric.
+    """Return the data of the figures.
 
     Args:
-        table: the sweep.
-        metrics: names; all that are numbers if none is given.
-        of: names of parameters; those that have several values if none is given.
-        kind: "auto", or one of the kinds.
+        table: table of the sweep.
+        metrics: names of metrics; default: all that are numbers.
+        of: names of parameters; default: those with several values.
+        kind: "auto", or a kind of `PlotData`.
 
     Raises:
-        ModelError: a name is unknown, nothing is done yet, or there are too few parameters.
+        ModelError: a name is unknown, no run is done, or there are too few parameters.
     """
-    done = {key: each for key, each in table.outcomes().items() if not each.failed}
-    if not done:
+    finished = {key: each for key, each in table.outcomes().items() if not each.failed}
+    if not finished:
         raise ModelError(f"{table.path}: no run is done yet: nothing to draw")
-    known = [name for name in table.metrics() if any(_finite(each.metrics.get(name)) for each in done.values())]
+    numeric = [name for name in table.metrics() if any(_finite(each.metrics.get(name)) for each in finished.values())]
     for name in metrics:
-        if name not in known:
-            raise unknown("metric", name, known)
+        if name not in numeric:
+            raise unknown("metric", name, numeric)
     for name in of:
         if name not in table.parameters:
             raise unknown("parameter", name, table.parameters)
@@ -141,31 +143,32 @@ def plot_data(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind
         names = table.parameters[:1]
     if not names:
         raise ModelError(f"{table.path}: has no parameters, only seeds: nothing to draw over")
-    return [_one(table, done, metric, names, kind) for metric in metrics or known]
+    return [_data_of_metric(table, finished, metric, names, kind) for metric in metrics or numeric]
 
 
 def varied(table: SweepTable) -> tuple[str, ...]:
-    """The parameters that have several values."""
-    seen: dict[str, list[Any]] = {name: [] for name in table.parameters}
+    """Return the parameters with several values."""
+    first_values: dict[str, list[Any]] = {name: [] for name in table.parameters}
     for point, _ in table.points:
-        for name, values in seen.items():
+        for name, values in first_values.items():
             if len(values) < 2 and point.get(name) not in values:
                 values.append(point.get(name))
-    return tuple(name for name, values in seen.items() if len(values) > 1)
+    return tuple(name for name, values in first_values.items() if len(values) > 1)
 
 
-def _one(table: SweepTable, done: Mapping[str, RunOutcome], metric: str, names: tuple[str, ...], kind: str) -> PlotData:
-    found: dict[str, tuple[Values, list[float]]] = {}
+def _data_of_metric(
+    table: SweepTable, finished: Mapping[str, RunOutcome], metric: str, names: tuple[str, ...], kind: str
+) -> PlotData:
+    runs: dict[str, tuple[Values, list[float]]] = {}
     for key, (point, _) in zip(table.keys, table.points, strict=True):
-        value: Any = done[key].metrics.get(metric) if key in done else None
+        value: Any = finished[key].metrics.get(metric) if key in finished else None
         if _finite(value):
             values = tuple(point.get(name) for name in names)
-            found.setdefault(repr(values), (values, []))[1].append(float(value))
-    points = tuple((values, tuple(each)) for values, each in found.values())
-    whole = PlotData("lines", metric, names, points)
-    kind = _fitting(whole) if kind == "auto" else kind
+            runs.setdefault(repr(values), (values, []))[1].append(float(value))
+    points = tuple((values, tuple(each)) for values, each in runs.values())
+    kind = _best_kind(PlotData("lines", metric, names, points)) if kind == "auto" else kind
     if kind == "map" and len(names) < 2:
-        raise ModelError(f"a map needs two parameters: found {names[0]} alone")
+        raise ModelError(f"a map needs two parameters: found only {names[0]}")
     most = 2 if kind == "map" else len(names)
     cut = tuple((values[:most], each) for values, each in points)
     seeds = ("seeds",) if len({repr(point) for point, _ in table.points}) < len(table.points) else ()
@@ -173,14 +176,14 @@ def _one(table: SweepTable, done: Mapping[str, RunOutcome], metric: str, names: 
     return PlotData(kind, metric, names[:most], cut, averaged)
 
 
-def _fitting(whole: PlotData) -> str:
-    """Lines of one parameter, or of two of which one has few values; a map of a full grid of two; else parallel."""
-    if len(whole.names) == 1:
+def _best_kind(data: PlotData) -> str:
+    """Choose the kind: lines for one parameter or a few lines, a map for a grid of two parameters, else parallel."""
+    if len(data.names) == 1:
         return "lines"
-    if len(whole.names) == 2:
-        rows, columns = len(whole.axis(1)), len(whole.axis(0))
-        if rows * columns <= 2 * len(whole.points):
-            return "lines" if rows <= 4 and all(map(is_number, whole.axis(0))) else "map"
+    if len(data.names) == 2:
+        rows, columns = len(data.axis(1)), len(data.axis(0))
+        if rows * columns <= 2 * len(data.points):
+            return "lines" if rows <= 4 and all(map(is_number, data.axis(0))) else "map"
     return "parallel"
 
 
@@ -189,60 +192,61 @@ def _finite(value: Any) -> bool:
 
 
 def ordered(values: Any) -> list[Any]:
-    """Values, each once: numbers ascending, others as they come."""
-    each: dict[str, Any] = {repr(value): value for value in values}
-    every = list(each.values())
-    return sorted(every) if all(map(is_number, every)) else every
+    """Return unique values: numbers ascending, all other values in their order."""
+    by_text: dict[str, Any] = {repr(value): value for value in values}
+    unique = list(by_text.values())
+    return sorted(unique) if all(map(is_number, unique)) else unique
 
 
-def places(values: Sequence[Any]) -> NDArray[np.float64]:
-    """Where values lie on an axis: numbers at themselves, others at 0, 1, ..."""
+def axis_values(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Return positions on a linear axis: numbers themselves, or 0, 1, ... for other values."""
     return np.array(values if all(map(is_number, values)) else range(len(values)), float)
 
 
 def is_log(values: Sequence[Any]) -> bool:
-    """Whether numbers are steps of about equal factors, or many over a wide range."""
+    """Return whether a logarithmic axis suits: steps of about equal factors, or many numbers over a wide range."""
     if len(values) < 3 or not all(map(is_number, values)) or min(values) <= 0 or max(values) / min(values) < 20:
         return False
     steps = np.diff(np.log(np.sort(np.array(values, float))))
     return bool(np.ptp(steps) < 0.5 * steps.mean()) or (len(values) > 8 and max(values) / min(values) >= 50)
 
 
-def scaled(values: Sequence[Any]) -> NDArray[np.float64]:
-    """Where values lie on an axis that is logarithmic where that suits them."""
-    return np.log10(places(values)) if is_log(values) else places(values)
+def axis_positions(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Return positions on an axis that is logarithmic if that suits the values."""
+    return np.log10(axis_values(values)) if is_log(values) else axis_values(values)
 
 
-def told(value: Any) -> str:
-    """A value in few letters."""
+def short_text(value: Any) -> str:
+    """Return a value as a short text."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 KINDS = ("history", "front", "importance", "parallel")
 MOST_MARKS = 6
+"""Largest number of labelled values on an axis of parallel coordinates."""
 ENOUGH = 8
-"""Trials from which on something can be said of how much a parameter matters."""
+"""Smallest number of trials for the importance of parameters."""
 
 
 WIDE = 7.0
-"""Inches of a figure that stands alone."""
+"""Width of a single figure in inches."""
 
 
 def pictures(
     table: SweepTable, metrics: Sequence[str] = (), of: Sequence[str] = (), kind: str = "auto"
 ) -> dict[str, Figure]:
-    """A figure for each metric, by the name of a file; arguments and errors as of `plot_data.plot_data`."""
+    """Return a figure for each metric, by file name. Arguments and errors are those of `plot_data`."""
     data, units = plot_data(table, metrics, of, kind), units_of(table)
-    return {f"{_in_a_name(each.metric)}-{each.kind}": draw(with_units(each, units), table.name) for each in data}
+    return {f"{_file_name(each.metric)}-{each.kind}": draw(with_units(each, units), table.name) for each in data}
 
 
 def draw(data: PlotData, title: str = "", wide: float = WIDE) -> Figure:
-    """Draw one metric.
+    """Draw a metric.
 
     Args:
-        data: with units.
-        title: above the figure, with what means are over; a page says so beside the figure, which then has none.
-        wide: width of the figure, inches; parallel coordinates of many parameters are wider.
+        data: data with units.
+        title: title of the figure, to which a line about means is added; "" for the figures of a page.
+        wide: width of the figure in inches; parallel coordinates of many parameters are wider.
     """
     figure = _DRAW[data.kind](data, title, wide)
     if title:
@@ -251,18 +255,18 @@ def draw(data: PlotData, title: str = "", wide: float = WIDE) -> Figure:
 
 
 def units_of(table: SweepTable | TuneTable) -> Units:
-    """The units of the parameters and metrics, as far as they were known when the runs began."""
-    found: Units = Folder(table.path).read().get("units", {})
-    return found
+    """Return the units of parameters and metrics that were known when the runs began."""
+    units: Units = Folder(table.path).read().get("units", {})
+    return units
 
 
-def _in_a_name(metric: str) -> str:
-    """A metric in the name of a file of one folder, such as val-loss of val/loss."""
+def _file_name(metric: str) -> str:
+    """Return a metric's name as a part of a file name, e.g. "val-loss" for "val/loss"."""
     return metric.replace("/", "-").lstrip(".")
 
 
 def _figure(title: str, wide: float, rows: int = 1, tall: float = 0.0) -> tuple[Picture, list[Any]]:
-    """A figure with panels below each other."""
+    """Return a figure with panels in a column."""
     size = (wide, tall or (0.63 if rows == 1 else 0.37 * rows) * wide)
     figure = Picture(figsize=size, layout="constrained", dpi=150)
     if title:
@@ -283,10 +287,12 @@ def _lines(data: PlotData, title: str, wide: float) -> Figure:
         line = {"color": colour, "label": literal(name), "markersize": 4, "linewidth": 1.3, "gid": f"line {k}"}
         axis.plot(x, mean, f"o{style}", **line)
         values = zip(x.tolist(), mean.tolist(), strict=True)
-        figure.titles[f"line {k}"] = [f"{data.names[0]} = {told(at)}: {curves.few(value)}" for at, value in values]
+        figure.titles[f"line {k}"] = [
+            f"{data.names[0]} = {short_text(at)}: {curves.few(value)}" for at, value in values
+        ]
         if (high > low).any():
             axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-    _named(axis.xaxis, data.axis(0))
+    _set_labels(axis.xaxis, data.axis(0))
     axis.set_xlabel(literal(data.names[0]))
     axis.set_ylabel(literal(data.metric))
     if len(data.names) > 1:
@@ -300,17 +306,18 @@ def _lines(data: PlotData, title: str, wide: float) -> Figure:
 
 
 def _map(data: PlotData, title: str, wide: float) -> Figure:
-    """Draw a field for each pair of values; its colour is the mean of the runs there."""
+    """Draw a cell for each pair of values, in the colour of the runs' mean."""
     figure, (axis,) = _figure(title, wide)
     grid, columns, rows = data.grid(), data.axis(0), data.axis(1)
     image = axis.pcolormesh(grid, cmap="cividis", edgecolors="face", linewidth=0.3, gid="cells")
     figure.titles["cells"] = [
-        f"{data.names[0]} = {told(columns[x])}, {data.names[1]} = {told(rows[y])}: {curves.few(float(value))}"
+        ", ".join(f"{name} = {short_text(each)}" for name, each in zip(data.names, (columns[x], rows[y]), strict=True))
+        + f": {curves.few(float(value))}"
         for (y, x), value in np.ndenumerate(grid)
     ]
     for side, values, name in ((axis.xaxis, columns, data.names[0]), (axis.yaxis, rows, data.names[1])):
-        every = max(1, -(-len(values) // 12))
-        side.set_ticks(np.arange(0.5, len(values), every), [literal(told(value)) for value in values[::every]])
+        stride = max(1, -(-len(values) // 12))
+        side.set_ticks(np.arange(0.5, len(values), stride), [literal(short_text(value)) for value in values[::stride]])
         side.set_label_text(literal(name))
     if grid.size <= 64:
         middle = (np.nanmin(grid) + np.nanmax(grid)) / 2
@@ -323,7 +330,7 @@ def _map(data: PlotData, title: str, wide: float) -> Figure:
 
 
 def _parallel(data: PlotData, title: str, wide: float) -> Figure:
-    """An axis for each parameter and one for the metric; a line for each point, in the colour of its metric.
+    """Draw an axis for each parameter and the metric, and a line for each point, in the colour of the metric.
 
     Source: Inselberg, The Visual Computer 1:69, 1985
     """
@@ -337,22 +344,22 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
     columns = [[values[k] for values, _ in data.points] for k in range(len(data.names))] + [metric.tolist()]
     heights = []
     for k, values in enumerate(columns):
-        every = ordered(values)
-        at = dict(zip(map(repr, every), scaled(every), strict=True))
-        y = np.array([at[repr(value)] for value in values])
-        low, high = float(min(at.values())), float(max(at.values()))
+        unique = ordered(values)
+        positions = dict(zip(map(repr, unique), axis_positions(unique), strict=True))
+        y = np.array([positions[repr(value)] for value in values])
+        low, high = float(min(positions.values())), float(max(positions.values()))
         heights.append((y - low) / (high - low) if high > low else np.full_like(y, 0.5))
         axis.axvline(k, color="0.6", linewidth=0.8, zorder=0)
-        for place, text in _marks(every):
-            height = (place - low) / (high - low) if high > low else 0.5
+        for position, text in _marks(unique):
+            height = (position - low) / (high - low) if high > low else 0.5
             axis.text(k, height, f" {literal(text)}", fontsize=8, va="center")
     order = np.argsort(metric)
     lines = np.stack([np.broadcast_to(np.arange(len(names)), (metric.size, len(names))), np.array(heights).T], axis=2)
-    share = heights[-1]
-    colours = colormaps["cividis"](share[order])
+    colours = colormaps["cividis"](heights[-1][order])
     axis.add_collection(LineCollection(list(lines[order]), colors=colours, linewidths=1.0, gid="points"))
     figure.titles["points"] = [
-        ", ".join(f"{name} = {told(column[n])}" for name, column in zip(names, columns, strict=True)) for n in order
+        ", ".join(f"{name} = {short_text(column[n])}" for name, column in zip(names, columns, strict=True))
+        for n in order
     ]
     axis.set_xlim(-0.15, len(names) - 0.6)
     axis.set_ylim(-0.05, 1.05)
@@ -362,8 +369,8 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
 
 
 def _marks(values: Sequence[Any]) -> list[tuple[float, str]]:
-    """Marks on an axis, at places as of `scaled`: the values where these are few or no numbers, else round numbers."""
-    each = list(zip(scaled(values).tolist(), map(told, values), strict=True))
+    """Return positions (see `axis_positions`) and texts of marks: the values if they are few or texts, else ticks."""
+    each = list(zip(axis_positions(values).tolist(), map(short_text, values), strict=True))
     if len(values) <= MOST_MARKS or not all(map(is_number, values)):
         return each[:: -(-len(each) // MOST_MARKS)]
     marks = curves.ticks(each[0][0], each[-1][0], 5)
@@ -373,9 +380,9 @@ def _marks(values: Sequence[Any]) -> list[tuple[float, str]]:
     return [(mark, curves.few(10.0**mark)) for mark in decades] if len(decades) > 1 else [each[0], each[-1]]
 
 
-def _named(side: Any, values: list[Any]) -> None:
+def _set_labels(side: Any, values: list[Any]) -> None:
     if not all(map(is_number, values)):
-        side.set_ticks(range(len(values)), [literal(told(value)) for value in values])
+        side.set_ticks(range(len(values)), [literal(short_text(value)) for value in values])
 
 
 _DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}
@@ -384,47 +391,47 @@ _DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}
 def search_pictures(
     table: TuneTable, kinds: Sequence[str] = (), title: str | None = None, wide: float = WIDE
 ) -> dict[str, Figure]:
-    """Figures by the name of a file.
+    """Return the figures of a search by file name.
 
     Args:
-        table: of the search.
-        kinds: some of `KINDS`; those that have something to show if none is given.
-        title: above each figure; the name of the search if None.
-        wide: width of each figure, inches.
+        table: table of the search.
+        kinds: some of `KINDS`; default: all for which there are enough data.
+        title: title of each figure; default: the name of the search.
+        wide: width of each figure in inches.
 
     Raises:
-        ModelError: no trial is done yet, or a kind has nothing to show.
+        ModelError: no trial is done, or there are no data for a kind.
     """
     for kind in kinds:
         if kind not in KINDS:
             raise unknown("kind of picture", kind, KINDS)
-    done = [trial for trial in table.trials() if trial.values is not None]
-    if not done:
+    finished = [trial for trial in table.trials() if trial.values is not None]
+    if not finished:
         raise ModelError(f"{table.path}: no trial is done yet: nothing to draw")
-    several = len(table.plan.objectives) > 1
-    if "front" in kinds and not several:
-        raise ModelError(f"a front needs two objectives: found {next(iter(table.plan.objectives))} alone")
-    shows = {"front": several, "importance": len(done) >= ENOUGH and len(table.plan.names) > 1}
+    has_front = len(table.plan.objectives) > 1
+    if "front" in kinds and not has_front:
+        raise ModelError(f"a front needs two objectives: found only {next(iter(table.plan.objectives))}")
+    has_data = {"front": has_front, "importance": len(finished) >= ENOUGH and len(table.plan.names) > 1}
     title = table.name if title is None else title
-    drawn: dict[str, Figure] = {}
-    for kind in kinds or [kind for kind in KINDS if shows.get(kind, True)]:
+    figures: dict[str, Figure] = {}
+    for kind in kinds or [kind for kind in KINDS if has_data.get(kind, True)]:
         if kind == "parallel":
             for data in plot_data(table.runs(), tuple(table.plan.objectives), table.plan.names, "parallel"):
-                drawn[f"{_in_a_name(data.metric)}-parallel"] = draw(with_units(data, units_of(table)), title, wide)
+                figures[f"{_file_name(data.metric)}-parallel"] = draw(with_units(data, units_of(table)), title, wide)
         elif kind == "importance":
-            drawn[kind] = _importance(table, title, wide)
+            figures[kind] = _importance(table, title, wide)
         else:
-            drawn[kind] = {"history": _history, "front": _front}[kind](table, done, title, wide)
-    return drawn
+            figures[kind] = {"history": _history, "front": _front}[kind](table, finished, title, wide)
+    return figures
 
 
-def _history(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: float) -> Figure:
-    """Each trial's value, and the best so far."""
+def _history(table: TuneTable, finished: Sequence[TrialRow], title: str, wide: float) -> Figure:
+    """Draw the value of each trial, and the best value so far."""
     figure, axes = _figure(title, wide, rows=len(table.plan.objectives))
-    numbers = [trial.number for trial in done]
+    numbers = [trial.number for trial in finished]
     for axis, (objective, direction) in zip(axes, table.plan.objectives.items(), strict=True):
-        factor, name = _unit(table, objective, done)
-        values = factor * _column(table, done, objective)
+        factor, name = _unit(table, objective, finished)
+        values = factor * _column(table, finished, objective)
         axis.plot(numbers, values, "o", color="0.65", markersize=4, label="trials", gid=objective)
         figure.titles[objective] = [
             f"trial {n}: {name} {curves.few(v)}" for n, v in zip(numbers, values.tolist(), strict=True)
@@ -437,31 +444,32 @@ def _history(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: flo
     return figure
 
 
-def _front(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: float) -> Figure:
-    """Two objectives against each other, and the trials that no other beats, joined in steps."""
+def _front(table: TuneTable, finished: Sequence[TrialRow], title: str, wide: float) -> Figure:
+    """Draw the first two objectives against each other, with the Pareto front as steps. A cost is horizontal."""
     figure, (axis,) = _figure(title, wide)
-    # The first two objectives; what is minimised, a cost, to the right.
     first, second = list(table.plan.objectives.items())[:2]
     (x_name, x_way), (y_name, y_way) = [second, first] if first[1] == MAXIMISE else [first, second]
-    (x_factor, x_label), (y_factor, y_label) = (_unit(table, name, done) for name in (x_name, y_name))
-    x, y = x_factor * _column(table, done, x_name), y_factor * _column(table, done, y_name)
+    (x_factor, x_label), (y_factor, y_label) = (_unit(table, name, finished) for name in (x_name, y_name))
+    x, y = x_factor * _column(table, finished, x_name), y_factor * _column(table, finished, y_name)
     best = table.best()
     front_x, front_y = x_factor * _column(table, best, x_name), y_factor * _column(table, best, y_name)
     order = np.lexsort((front_y if y_way == MAXIMISE else -front_y, front_x))
     axis.plot(x, y, "o", color="0.7", markersize=4, label="trials", gid="trials")
     figure.titles["trials"] = [
         f"trial {trial.number}: {y_label} {curves.few(up)}, {x_label} {curves.few(across)}"
-        for trial, across, up in zip(done, x.tolist(), y.tolist(), strict=True)
+        for trial, across, up in zip(finished, x.tolist(), y.tolist(), strict=True)
     ]
     if len(table.plan.objectives) == 2:
         where = "post" if x_way != MAXIMISE else "pre"
         axis.step(front_x[order], front_y[order], where=where, color=COLOURS[0], linewidth=1.2)
-    axis.plot(front_x, front_y, "o", color=COLOURS[0], markersize=6, label="no other beats these")
-    found = [(row.get(f"test.{x_name}"), row.get(f"test.{y_name}")) for row in table.rows()]
-    tests = [(x, y) for x, y in found if x is not None and y is not None]
+    axis.plot(front_x, front_y, "o", color=COLOURS[0], markersize=6, label="front (no trial beats these)")
+    pairs = [(row.get(f"test.{x_name}"), row.get(f"test.{y_name}")) for row in table.rows()]
+    tests = [(x, y) for x, y in pairs if x is not None and y is not None]
     if tests:
         test_x, test_y = np.array(tests).T
-        axis.plot(x_factor * test_x, y_factor * test_y, "x", color=COLOURS[1], markersize=7, label="the same, held out")
+        axis.plot(
+            x_factor * test_x, y_factor * test_y, "x", color=COLOURS[1], markersize=7, label="front on held-out data"
+        )
     axis.set_xlabel(literal(f"{x_label}, {x_way}d"))
     axis.set_ylabel(literal(f"{y_label}, {y_way}d"))
     axis.legend(frameon=False, fontsize="small", loc="best")
@@ -469,15 +477,15 @@ def _front(table: TuneTable, done: Sequence[FoundTrial], title: str, wide: float
 
 
 def _importance(table: TuneTable, title: str, wide: float) -> Figure:
-    """A bar for each parameter and objective."""
+    """Draw a bar for each parameter and objective."""
     figure, (axis,) = _figure(title, wide)
-    found = {name: importance(table, name) for name in table.plan.objectives}
+    shares_by_objective = {name: importance(table, name) for name in table.plan.objectives}
     names = list(table.plan.names)[::-1]
-    tall = 0.8 / len(found)
-    for k, (objective, shares) in enumerate(found.items()):
-        places = np.arange(len(names)) + 0.4 - (k + 0.5) * tall
+    tall = 0.8 / len(shares_by_objective)
+    for k, (objective, shares) in enumerate(shares_by_objective.items()):
+        positions = np.arange(len(names)) + 0.4 - (k + 0.5) * tall
         axis.barh(
-            places,
+            positions,
             [shares[name] for name in names],
             tall * 0.9,
             color=COLOURS[k % len(COLOURS)],
@@ -485,45 +493,45 @@ def _importance(table: TuneTable, title: str, wide: float) -> Figure:
         )
     axis.set_yticks(range(len(names)), [literal(name) for name in names])
     axis.set_xlim(0.0, 1.0)
-    axis.set_xlabel("share in what makes a trial one of the best tenth")
-    if len(found) > 1:
+    axis.set_xlabel("importance for being among the best tenth of trials")
+    if len(shares_by_objective) > 1:
         axis.legend(frameon=False, fontsize="small", loc="best")
     return figure
 
 
-def _column(table: TuneTable, trials: Sequence[FoundTrial], objective: str) -> Floats:
-    """The values of an objective in some trials."""
+def _column(table: TuneTable, trials: Sequence[TrialRow], objective: str) -> Floats:
+    """Return the values of an objective in some trials."""
     k = list(table.plan.objectives).index(objective)
     return np.array([trial.values[k] for trial in trials if trial.values], float)
 
 
-def _unit(table: TuneTable, objective: str, done: Sequence[FoundTrial]) -> tuple[float, str]:
-    """The factor by which the values of an objective are readable, and its name with the unit that they then have."""
-    largest = float(np.abs(_column(table, done, objective)).max())
+def _unit(table: TuneTable, objective: str, finished: Sequence[TrialRow]) -> tuple[float, str]:
+    """Return the factor to a unit with a readable prefix, and the objective's name with that unit."""
+    largest = float(np.abs(_column(table, finished, objective)).max())
     factor, unit = curves.prefixed(largest, units_of(table).get(objective, ""))
-    return factor, named(objective, unit)
+    return factor, name_with_unit(objective, unit)
 
 
 def importance(table: TuneTable, objective: str) -> dict[str, float]:
-    """Shares of the parameters in what makes a trial good; together 1.
+    """Return the importance of each parameter for an objective; the sum is 1.
 
     Args:
-        table: of the search.
-        objective: by name.
+        table: table of the search.
+        objective: name of the objective.
 
     Raises:
         ModelError: the journal is damaged, or Optuna is not installed.
 
-    Source: Watanabe et al., IJCAI 2023 (PED-ANOVA), as Optuna has it.
+    Source: Watanabe et al., IJCAI 2023 (PED-ANOVA), implemented by Optuna.
     """
     package = optuna()
     k = list(table.plan.objectives).index(objective)
-    with quietly():
+    with without_warnings():
         study = package.create_study(direction=OPTUNAS[table.plan.objectives[objective]])
         for trial in trials_of(Folder(table.path, TUNING)):
             if trial.state.name == "COMPLETE":
                 words = {"params": trial.params, "distributions": trial.distributions, "value": trial.values[k]}
                 study.add_trial(package.trial.create_trial(**words))
         evaluator = package.importance.PedAnovaImportanceEvaluator()
-        found = package.importance.get_param_importances(study, evaluator=evaluator)
-    return {name: float(found.get(name, 0.0)) for name in table.plan.names}
+        importances = package.importance.get_param_importances(study, evaluator=evaluator)
+    return {name: float(importances.get(name, 0.0)) for name in table.plan.names}

@@ -1,4 +1,4 @@
-"""How a search goes: space, objectives, sampler, pruner, the runs of a trial, and which trials no other one beats."""
+"""The plan of a search: space, objectives, sampler, pruner and the runs of a trial; the Pareto front of trials."""
 
 from __future__ import annotations
 
@@ -28,17 +28,18 @@ _LEAST = {"startup_trials": 0, "warmup_steps": 0, "min_steps": 1, "max_steps": 1
 
 @dataclass(frozen=True, slots=True)
 class SearchPlan:
-    """How a search goes.
+    """The plan of a search.
 
     Attributes:
-        axes: the parameters.
-        objectives: "maximise" or "minimise" by the name of a metric.
-        trials: how many are asked for.
+        axes: the parameters with their values.
+        objectives: "maximise" or "minimise" by name of a metric.
+        trials: number of trials.
         sampler: one of `SAMPLERS`.
-        draw: its seed.
-        seeds: with each of which a point is run; none where runs get no seed.
-        folds: in how many parts data is divided, each point being run once for each; 0 for none.
-        prune: words of `PRUNERS`, with "by" and of networks "at"; empty where nothing is pruned.
+        draw: seed of the sampler.
+        seeds: seeds of the runs at each point; empty for runs without a seed.
+        folds: number of parts of the data in cross-validation, with a run for each part; 0 without cross-validation.
+        prune: pruner ("by"), its settings (see `PRUNERS`), and for networks the times of comparison ("at"); None
+            without pruning.
     """
 
     axes: tuple[Axis, ...]
@@ -52,56 +53,58 @@ class SearchPlan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters, in order."""
+        """The names of the parameters, in order."""
         return tuple(axis.name for axis in self.axes)
 
     @property
     def runs(self) -> int:
-        """Of how many runs a trial is made."""
+        """The number of runs of a trial."""
         return max(1, len(self.seeds)) * max(1, self.folds)
 
     @property
     def most(self) -> int:
-        """How many trials there can be: a grid has no more than it has points."""
+        """The largest number of trials: `trials`, or the number of points of a smaller grid."""
         points = math.prod(axis.count() for axis in self.axes) if self.sampler == "grid" else self.trials
         return min(self.trials, points)
 
-    def same(self) -> dict[str, Any]:
-        """What makes a search the same: all but how many trials, which may be more."""
+    def identity(self) -> dict[str, Any]:
+        """Return all settings but the number of trials. A search can be continued with another number of trials."""
         return {word: value for word, value in self.as_dict().items() if word != "trials"}
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain data, from which `from_dict` makes it."""
+        """Return the plan as plain data, for `from_dict`."""
         plain = {word: getattr(self, word) for word in ("trials", "sampler", "draw", "folds", "prune")}
         space = {axis.name: _plain_axis(axis) for axis in self.axes}
         return {"parameters": space, "objectives": dict(self.objectives), **plain, "seeds": list(self.seeds)}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> SearchPlan:
-        """What `as_dict` has written."""
-        given = content["parameters"].items()
-        space = tuple(Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in given)
+        """Return the plan for the data of `as_dict`."""
+        axes = content["parameters"].items()
+        space = tuple(Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in axes)
         rest = {word: content[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
         return cls(space, seeds=tuple(content["seeds"]), **rest)
 
-    def items(self, before: str, point: Point, trial: int | None = None) -> tuple[RunItem, ...]:
-        """The runs of a trial: for each fold all seeds.
+    def items(self, key_prefix: str, point: Point, trial: int | None = None) -> tuple[RunItem, ...]:
+        """Return the runs of a trial: all seeds for each fold.
 
         Args:
-            before: what decides what comes of a run, beside its point and seed.
-            point: the values of the parameters.
-            trial: its number, where a run by itself may be pruned.
+            key_prefix: all inputs of a run but point and seed, see `key_of`.
+            point: values of the parameters.
+            trial: number of the trial, if a single run may be pruned.
         """
-        return self._items(before, point, range(self.folds), trial if self.runs == 1 else None)
+        return self._items(key_prefix, point, range(self.folds), trial if self.runs == 1 else None)
 
-    def tests(self, before: str, point: Point) -> tuple[RunItem, ...]:
-        """The runs of a point on what is held out from all folds: `fold` is none."""
-        return self._items(before, point, (None,), None)
+    def tests(self, key_prefix: str, point: Point) -> tuple[RunItem, ...]:
+        """Return the runs of a point on the data that is held out from all folds; their `fold` is None."""
+        return self._items(key_prefix, point, (None,), None)
 
-    def _items(self, before: str, point: Point, folds: Sequence[int | None], trial: int | None) -> tuple[RunItem, ...]:
+    def _items(
+        self, key_prefix: str, point: Point, folds: Sequence[int | None], trial: int | None
+    ) -> tuple[RunItem, ...]:
         points = [{**point, "fold": fold, "folds": self.folds} for fold in folds] if self.folds else [point]
         pairs = [(each, seed) for each in points for seed in self.seeds or (None,)]
-        return tuple(RunItem(key_of(before, each, seed), each, seed, trial) for each, seed in pairs)
+        return tuple(RunItem(key_of(key_prefix, each, seed), each, seed, trial) for each, seed in pairs)
 
 
 def plan_of(
@@ -114,10 +117,10 @@ def plan_of(
     folds: Any = None,
     prune: Any = None,
 ) -> SearchPlan:
-    """A checked plan; the arguments are those of `neuro.tune`.
+    """Return a checked plan; the arguments are those of `neuro.tune`.
 
     Raises:
-        ModelError: the space is empty, or something is not said as it is there.
+        ModelError: the space is empty, or an argument has another form.
     """
     aims = objectives_of(objectives)
     chosen = sampler or ("tpe" if len(aims) == 1 else "nsga2")
@@ -128,11 +131,11 @@ def plan_of(
         raise ModelError("the space is empty: expected parameters with values")
     for axis in space:
         if axis.name in ("fold", "folds", "seed"):
-            raise ModelError(f"{axis.name}: is given to runs by 'folds' and 'seeds': expected another parameter")
+            raise ModelError(f"{axis.name}: set by 'folds' and 'seeds': expected another parameter")
         if chosen == "grid" and not axis.values and not axis.number:
-            raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
+            raise ModelError(f"{axis.name}: a range of a grid needs 'number', the number of values")
         if chosen != "grid" and axis.number:
-            raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampler {chosen}")
+            raise ModelError(f"{axis.name}.number = {axis.number}: not used with sampler {chosen}")
         if axis.whole and chosen != "grid" and (axis.low % 1 or axis.high % 1):
             raise ModelError(
                 f"{axis.name}: from {axis.low:g} to {axis.high:g}: expected whole numbers with 'whole: true'"
@@ -149,12 +152,12 @@ def plan_of(
     )
 
 
-def _prune(said: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
-    if said is None or said is False:
+def _prune(prune: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
+    if prune is None or prune is False:
         return None
-    words = {"by": said} if isinstance(said, str) else said
+    words = {"by": prune} if isinstance(prune, str) else prune
     if not isinstance(words, Mapping):
-        message = f"prune = {shown(said)}: expected {' or '.join(PRUNERS)}, or words such as {{by: median}}"
+        message = f"prune = {shown(prune)}: expected {' or '.join(PRUNERS)}, or settings such as {{by: median}}"
         raise ModelError(message, path=("prune",))
     for word in words:
         if word not in _PRUNE:
@@ -163,25 +166,24 @@ def _prune(said: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
     if by not in PRUNERS:
         raise unknown("pruner", by, PRUNERS, path=("prune",))
     if len(objectives) > 1:
-        message = f"prune = {by}: trials of {len(objectives)} objectives cannot be compared on the way"
+        message = f"prune = {by}: running trials cannot be compared by {len(objectives)} objectives"
         raise ModelError(f"{message}: expected one objective, or no prune", path=("prune",))
-    found: dict[str, Any] = {"by": by}
+    settings: dict[str, Any] = {"by": by}
     for word, value in words.items():
         if word == "at":
-            found["at"] = _times(value)
+            settings["at"] = _times(value)
         elif word != "by" and word not in PRUNERS[by]:
-            message = f"prune.{word}: has no meaning with {by}, which has {', '.join(PRUNERS[by])}"
+            message = f"prune.{word}: not used with {by}: expected {', '.join(PRUNERS[by])}"
             raise ModelError(message, path=("prune",))
         elif word != "by":
-            found[word] = _whole(f"prune.{word}", value, _LEAST[word], 10**9)
-    return found
+            settings[word] = _whole(f"prune.{word}", value, _LEAST[word], 10**9)
+    return settings
 
 
-def _times(said: Any) -> list[float]:
-    many = said if isinstance(said, (list, tuple)) else [said]
-    times = [float(in_ms(each, "prune.at")) for each in many]
+def _times(at: Any) -> list[float]:
+    times = [float(in_ms(each, "prune.at")) for each in (at if isinstance(at, (list, tuple)) else [at])]
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
-        message = f"prune.at = {shown(said)}: expected times > 0, each later than the one before"
+        message = f"prune.at = {shown(at)}: expected times > 0 in ascending order"
         raise ModelError(message, path=("prune",))
     return times
 
@@ -208,78 +210,81 @@ _WORDS = {
 Floats = NDArray[np.float64]
 
 
-def objectives_of(said: Any) -> dict[str, str]:
-    """Objectives by name, each "maximise" or "minimise".
+def objectives_of(objectives: Any) -> dict[str, str]:
+    """Return the objectives by name, each "maximise" or "minimise".
 
     Args:
-        said: a mapping like `{"accuracy": "maximise", "energy.loihi": "minimise"}`; "maximize", "max" and others of
-            Optuna and Ray mean the same.
+        objectives: a mapping such as `{"accuracy": "maximise", "energy.loihi": "minimise"}`. "maximize" and "max",
+            "minimize" and "min" are accepted, too.
 
     Raises:
-        ModelError: it is none.
+        ModelError: the argument has another form.
     """
-    if not isinstance(said, Mapping) or not said:
-        message = f"objectives = {shown(said)}: expected metrics, each maximise or minimise"
+    if not isinstance(objectives, Mapping) or not objectives:
+        message = f"objectives = {shown(objectives)}: expected metrics, each maximise or minimise"
         raise ModelError(message, hint="write objectives: {accuracy: maximise}", path=("objectives",))
-    found = {}
-    for name, direction in said.items():
+    directions = {}
+    for name, direction in objectives.items():
         if not isinstance(direction, str) or direction not in _WORDS:
             message = f"objectives.{name} = {shown(direction)}: expected {MAXIMISE} or {MINIMISE}"
             hint = nearest(direction, _WORDS) if isinstance(direction, str) else ""
             raise ModelError(message, hint=hint, path=("objectives",))
-        found[str(name)] = _WORDS[direction]
-    return found
+        directions[str(name)] = _WORDS[direction]
+    return directions
 
 
 def mean_metrics(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Means over runs of those metrics that are numbers in all; of a single run all that it has."""
+    """Return the means over runs of the metrics that are numbers in all runs; for a single run all its metrics."""
     if len(each) == 1:
         return dict(each[0])
-    names = [name for name in each[0] if all(is_number(one.get(name)) for one in each)] if each else []
-    return {name: float(np.mean([one[name] for one in each])) for name in names}
+    names = [name for name in each[0] if all(is_number(metrics.get(name)) for metrics in each)] if each else []
+    return {name: float(np.mean([metrics[name] for metrics in each])) for name in names}
 
 
 def worth(metrics: Mapping[str, Any], objectives: Mapping[str, str]) -> list[float]:
-    """The values of the objectives, in their order.
+    """Return the values of the objectives in their order.
 
     Args:
-        metrics: of a trial.
-        objectives: by name.
+        metrics: metrics of a trial.
+        objectives: objectives by name.
 
     Raises:
-        ModelError: one is not among the metrics, or no finite number.
+        ModelError: an objective is not among the metrics, or is not a finite number.
     """
-    found = []
+    values = []
     for name in objectives:
         if name not in metrics:
             raise unknown("objective", name, metrics)
         value = metrics[name]
         if not is_number(value) or not math.isfinite(value):
             raise ModelError(f"objective '{name}' = {shown(value)}: expected a finite number")
-        found.append(float(value))
-    return found
+        values.append(float(value))
+    return values
 
 
 def front(values: Floats, directions: Sequence[str]) -> NDArray[np.bool_]:
-    """Which points no other one beats: at least as good in all objectives, and better in one.
+    """Return which points are on the Pareto front.
+
+    A point beats another point by being at least as good in all objectives, and better in one. The front has the points
+    that no other point beats. With one objective the front is the best point.
 
     Args:
-        values: (points, objectives).
-        directions: of each objective, "maximise" or "minimise".
+        values: values of the objectives, shape (points, objectives).
+        directions: "maximise" or "minimise" for each objective.
 
     Returns:
-        (points,); of equal points all or none. Of one objective: the best.
+        A mask of shape (points,). Equal points are all on the front, or none of them.
     """
     signs = np.array([-1.0 if each == MAXIMISE else 1.0 for each in directions])
     costs = np.asarray(values, float).reshape(-1, len(signs)) * signs
-    kept = np.ones(len(costs), bool)
+    is_unbeaten = np.ones(len(costs), bool)
     for k, cost in enumerate(costs):
-        beaten = (costs <= cost).all(axis=1) & (costs < cost).any(axis=1)
-        kept[k] = not beaten.any()
-    return kept
+        beats = (costs <= cost).all(axis=1) & (costs < cost).any(axis=1)
+        is_unbeaten[k] = not beats.any()
+    return is_unbeaten
 
 
 def so_far(values: Sequence[float] | Floats, direction: str) -> Floats:
-    """The best value up to each."""
+    """Return the best value up to each value, e.g. [1, 1, 3] for [1, 0, 3] and "maximise"."""
     best = np.maximum if direction == MAXIMISE else np.minimum
     return np.asarray(best.accumulate(np.asarray(values, float)))

@@ -1,6 +1,6 @@
-"""Results, models and pages made again from what they hold, and the first difference of two files.
+"""Repetition of results, models and pages from the data that they contain, and the first difference of two files.
 
-A command is run again in an empty folder, into which its recorded inputs are copied, at the paths that they had.
+A command runs again in an empty folder. Its recorded inputs are copied to the same paths below that folder.
 """
 
 from __future__ import annotations
@@ -47,21 +47,21 @@ from neuro.results import Weights
 
 _CODE = (*all_suffixes(), ".pth")
 _SETTINGS = (".numba_config.yaml", "matplotlibrc")
-"""Files by which numba and matplotlib change what they do, if they lie in the current folder."""
+"""Files in the current folder that numba and matplotlib read as settings."""
 
 
 class NewFolder:
-    """A folder that stands for the root of the file system, so that no recorded path leads out of it.
+    """A folder that replaces the root of the file system, so that no recorded path leads out of it.
 
-    With `root` /tmp/new, a command in /home/ann that reads ../data/a.h5 runs in /tmp/new/home/ann, where the same text
-    leads to /tmp/new/home/data/a.h5. Folders are made and files are copied; no link leads out.
+    With `root` /tmp/new, a command in /home/ann that reads ../data/a.h5 runs in /tmp/new/home/ann, where the same path
+    leads to /tmp/new/home/data/a.h5. Folders are created and files are copied; there are no links to the outside.
 
     Args:
         root: an empty folder.
-        current: the absolute path of the folder in which the command ran.
+        current: absolute path of the folder in which the command ran.
 
     Attributes:
-        current: the folder in which the command runs now.
+        current: folder in which the command runs now.
     """
 
     def __init__(self, root: str, current: str) -> None:
@@ -74,23 +74,23 @@ class NewFolder:
         return Path(self._root + os.path.normpath(f"/{os.path.join(self._recorded, text)}".replace("//", "/")))
 
     def place(self, text: str) -> str:
-        """Return a value of the command as it leads to the same place below the new folder; texts and numbers stay."""
+        """Convert a path of the command to a path in the new folder. Relative paths, texts and numbers stay."""
         inside = self._inside(text)
         inside.parent.mkdir(parents=True, exist_ok=True)
-        stays = not os.path.isabs(text) and os.path.normpath(os.path.join(self.current, text)) == str(inside)
-        return text if stays else str(inside)
+        is_inside = not os.path.isabs(text) and os.path.normpath(os.path.join(self.current, text)) == str(inside)
+        return text if is_inside else str(inside)
 
     def add(self, name: str, source: Path) -> None:
-        """Copy an input to where it was.
+        """Copy an input to its recorded path in the new folder.
 
         Raises:
-            ModelError: as `copy_input`.
+            ModelError: see `copy_input`.
         """
         for copy in copy_input(source, self._inside(name)):
             self._copies[copy] = _identity(copy)
 
-    def made(self, name: str) -> list[Path]:
-        """Return the files of a name, or else with its ending, that are no unchanged copies of inputs."""
+    def new_files(self, name: str) -> list[Path]:
+        """Return the new or changed files of a name, or else with the same ending."""
         files = sorted(Path(folder, each) for folder, _, names in os.walk(self._root) for each in names)
         new = [path for path in files if not path.is_symlink() and self._copies.get(path) != _identity(path)]
         return [path for path in new if path.name == name] or [path for path in new if path.suffix == Path(name).suffix]
@@ -102,12 +102,12 @@ def _identity(path: Path) -> tuple[int, int]:
 
 
 def copy_input(source: Path, to: Path) -> Iterator[Path]:
-    """Copy a file, or a folder with all files in it, to where nothing is yet, and yield each copy.
+    """Copy a file, or all files of a folder, without replacing files. Yield each copy.
 
-    Left out are devices and pipes, settings of other packages, and Python files that the user did not name.
+    Devices, pipes, settings of other packages, and Python files that the user did not name are not copied.
 
     Raises:
-        ModelError: a link leads out of the folder, or there is no room for the copies.
+        ModelError: a link leads out of the folder, or the disk is too small for the copies.
     """
     if not source.exists():
         return
@@ -116,7 +116,7 @@ def copy_input(source: Path, to: Path) -> Iterator[Path]:
     to.parent.mkdir(parents=True, exist_ok=True)
     needed, free = sum(path.stat().st_size for path, _ in pairs), shutil.disk_usage(to.parent).free
     if needed > free:
-        raise ModelError(f"{source}: has {needed:,} bytes to copy into {to.parent}, where {free:,} are free")
+        raise ModelError(f"{source}: needs {needed:,} bytes in {to.parent}: found {free:,} free bytes")
     for path, copy in pairs:
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(path, copy)
@@ -130,7 +130,7 @@ def _files(folder: Path, to: Path) -> Iterator[tuple[Path, Path]]:
         for name in (*folders, *names):
             path = Path(root, name)
             if path.is_symlink() and not os.path.realpath(path).startswith(top):
-                raise ModelError(f"{path}: a link that leads out of {folder}: expected files")
+                raise ModelError(f"{path}: is a link out of {folder}: expected files")
         yield from ((path := Path(root, name), to / path.relative_to(folder)) for name in names)
 
 
@@ -141,22 +141,22 @@ def _may_be_copied(path: Path) -> bool:
 
 
 Repeat = Callable[[Sequence[str], Callable[[str], str]], list[str]]
-"""Gives the arguments by which a recorded command is run again; see `neuro_sweeps.cli.recorded.repeated`."""
+"""Function that returns the arguments of a recorded command for a new folder, see `cli.recorded.repeated`."""
 
-_WAYS = "make it again yourself, then neuro rerun FILE --against OTHER compares the two"
+_BY_HAND = "repeat it yourself, and compare with neuro rerun FILE --against OTHER"
 
 
 _LONGEST = 1 << 16
-"""Characters of a command that is repeated."""
+"""Largest length of a repeated command in characters."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What came of making a file again.
+    """The result of repeating a file.
 
     Attributes:
-        difference: the first, in words; "" where all are the same bits.
-        changed: what is not as it was: versions, inputs, the backend.
+        difference: description of the first difference; "" if all bits are equal.
+        changed: changes of versions, inputs and the backend since the file was written.
     """
 
     difference: str
@@ -164,7 +164,7 @@ class Verdict:
 
     @property
     def same(self) -> bool:
-        """Whether all bits are the same."""
+        """True if all bits are equal."""
         return not self.difference
 
 
@@ -177,42 +177,42 @@ def rerun(
     bar: Bar | None = None,
     repeat: Repeat | None = None,
 ) -> Verdict:
-    """Make a file again from what it holds, beside it, and compare.
+    """Repeat the computation of a file from the data that it contains, and compare the results.
 
-    The file may be a stranger's. It runs no code but that of files which the user named by `--with`, opens no
-    connection, and writes into a new folder only.
+    The file may come from an unknown source. Only files that the user named by `--with` may contain code. No connection
+    is opened, and only a new folder is written.
 
     Args:
         path: results, a model, a page, or the folder of a run of a sweep or a tuning.
-        backend: of results and of runs of networks, another one.
-        inputs: folders in which inputs are looked for, by content, that are not where they were.
-        against: a file that was made again by other means.
-        bar: shows how far it is.
-        repeat: decides on the command of a page or a model; without it these are refused.
+        backend: another backend, for results and runs of networks.
+        inputs: folders in which missing inputs are searched by content.
+        against: compare with this file instead of repeating the computation.
+        bar: progress bar.
+        repeat: function that checks and converts the command of a page or a model; None refuses them.
 
     Raises:
-        ModelError: it does not say where it comes from, or cannot be made again from that.
+        ModelError: the file does not contain its origin, or cannot be repeated.
     """
     path = file_path(path, "path")
     if path.name == "run.json" or (path / "run.json").is_file():
         with _closed_streams():
-            return _of_run(path.parent if path.name == "run.json" else path, backend, inputs)
+            return _rerun_run(path.parent if path.name == "run.json" else path, backend, inputs)
     if not path.is_file():
         raise ModelError(f"{path}: no such file: expected results, a model, a page, or the folder of a run")
     if against is not None:
         return Verdict(first_difference(path, against), tuple(differences(record_of(path), record_of(against))))
     with _closed_streams():
         if files.KIND.ours(path):
-            return _of_results(path, backend, inputs, bar)
+            return _rerun_results(path, backend, inputs, bar)
         record = record_of(path)
         if backend:
-            raise ModelError(f"backend = '{backend}': only results and runs of networks can be made again on another")
-        return _of_command(path, record, inputs, repeat)
+            raise ModelError(f"backend = '{backend}': only for results and runs of networks")
+        return _rerun_command(path, record, inputs, repeat)
 
 
 @contextmanager
 def _closed_streams() -> Iterator[None]:
-    """Let neither this process nor those that it starts open the address of a stream."""
+    """Refuse to open addresses of streams, in this process and its child processes."""
     before = os.environ.get(CLOSED)
     os.environ[CLOSED] = "1"
     try:
@@ -222,27 +222,29 @@ def _closed_streams() -> Iterator[None]:
             del os.environ[CLOSED]
 
 
-def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
+def _rerun_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
     then = files.read(path)
     record = record_of(path, str(then.about.get(ATTRIBUTE) or ""))
     if record.get("steered"):
         calls = ", ".join(f"sim.{name}" for name in record["steered"])
-        raise ModelError(f"{path}: was changed while it ran by {calls}: expected a run without", hint=_by(record))
-    elsewhere = moved(record.get("inputs", {}), inputs)
+        message = f"{path}: the run was steered by {calls}: expected a run without such calls"
+        raise ModelError(message, hint=_origin_hint(record))
+    elsewhere = find_moved(record.get("inputs", {}), inputs)
     with tempfile.TemporaryDirectory() as folder:
         try:
             net = _network(then, record, elsewhere, Path(folder))
         except ModelError as error:
             raise error.but(message=f"{path}: {error.message}", where=None) from None
         now = replace(_run(then, net, record, backend, bar), files=then.files)
-        if not then.finished:  # it has no weights, and may have been cut off within a commit
+        if not then.finished:  # an interrupted run has no weights, and its last chunk may be incomplete
             about = now.about | {"finished": False}
             now = replace(now, about=about, projections={n: _unweighted(p) for n, p in now.projections.items()})
             files.write(then, Path(folder) / "then.h5")
         files.write(now, Path(folder) / "now.h5")
         first = first_difference(path if then.finished else Path(folder) / "then.h5", Path(folder) / "now.h5")
     return Verdict(
-        first, (*differences(record, json.loads(now.about[ATTRIBUTE])), *edited(record.get("inputs", {}), elsewhere))
+        first,
+        (*differences(record, json.loads(now.about[ATTRIBUTE])), *input_changes(record.get("inputs", {}), elsewhere)),
     )
 
 
@@ -269,10 +271,10 @@ def _unweighted(part: Weights) -> Weights:
 
 
 def _network(results: files.Results, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> Network:
-    """The network in a file of results, with the recordings that it plays beside it.
+    """Return the network of a file of results, with its recordings in the folder.
 
     Raises:
-        ModelError: one is lost.
+        ModelError: a recording is missing.
     """
     for name, content in results.files.items():
         (folder / name).write_bytes(content)
@@ -282,15 +284,15 @@ def _network(results: files.Results, record: Mapping[str, Any], elsewhere: Mappi
         was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
         now = Path(elsewhere.get(was, was))
         if not now.exists():
-            hint = "--moved-to FOLDER looks for it there, by its content"
-            raise ModelError(f"plays {was}, which is not there any more", hint=hint)
+            hint = "--moved-to FOLDER searches a folder for the file, by content"
+            raise ModelError(f"plays {was}, which is missing", hint=hint)
         for _ in copy_input(now, folder / name):
             pass
     net = load(folder / files.YAML)
     for part in net.populations.values():
         if isinstance(part.model, event_camera) and part.model.stream:
-            hint = "'neuro events listen' keeps a stream as a recording, which can be played again"
-            raise ModelError(f"listens to {part.model.stream}: what came from there does not come again", hint=hint)
+            hint = "'neuro events listen' records a stream; a recording can be played again"
+            raise ModelError(f"listens to {part.model.stream}: a stream cannot be repeated", hint=hint)
     return net
 
 
@@ -305,8 +307,8 @@ def _files_of(value: Any) -> Iterator[str]:
             yield from _files_of(each)
 
 
-def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
-    """A run of a sweep or a tuning: its metrics, and its results where it has kept these."""
+def _rerun_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
+    """Repeat a run of a sweep or a tuning, and compare its metrics, and its results if they were kept."""
     from neuro_sweeps.definition import recorded_run
     from neuro_sweeps.folder import PRUNED, Folder
     from neuro_sweeps.network import NetworkRun
@@ -314,20 +316,18 @@ def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
     runs = Folder(folder.absolute().parent.parent)
     outcome = runs.outcome(folder.absolute().name)
     if outcome is None:
-        of = runs.holding
-        raise ModelError(f"{folder}: not a run of a {of.what}, as 'neuro {of.command} run' keeps it")
+        raise ModelError(f"{folder}: not a run of a {runs.kind.what}, as 'neuro {runs.kind.command} run' keeps it")
     if outcome.failed:
-        raise ModelError(f"{folder}: has failed: {outcome.error}: expected a run that is done")
+        raise ModelError(f"{folder}: the run failed: {outcome.error}: expected a run that is done")
     if outcome.outcome == PRUNED:
-        raise ModelError(f"{folder}: was pruned: expected a run that is done")
-    record, run = _checked(folder, outcome.provenance), recorded_run(runs, runs.read())
-    elsewhere = moved(record["inputs"], inputs)
+        raise ModelError(f"{folder}: the run was pruned: expected a run that is done")
+    record, run = _check_record(folder, outcome.provenance), recorded_run(runs, runs.read())
+    elsewhere = find_moved(record["inputs"], inputs)
     if isinstance(run, NetworkRun):
         place = Path(elsewhere.get(str(run.file), run.file))
         run = replace(run, file=place, backend=backend or run.backend)
     elif backend:
-        what = runs.holding.what
-        raise ModelError(f"backend = '{backend}': this {what} is over a function, which says for itself how it runs")
+        raise ModelError(f"backend = '{backend}': only for networks: this {runs.kind.what} runs a function")
     metrics, fill, about = run(outcome.point, outcome.seed)
     difference = next(
         (
@@ -338,16 +338,16 @@ def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
         "",
     )
     if not difference and fill is not None and (folder / "results.h5").exists():
-        with tempfile.TemporaryDirectory() as place_now:
-            fill(Path(place_now))
-            difference = first_difference(folder / "results.h5", Path(place_now) / "results.h5")
+        with tempfile.TemporaryDirectory() as new_folder:
+            fill(Path(new_folder))
+            difference = first_difference(folder / "results.h5", Path(new_folder) / "results.h5")
     now = provenance((), **about)
-    return Verdict(difference, (*differences(record, now), *edited(record["inputs"], elsewhere)))
+    return Verdict(difference, (*differences(record, now), *input_changes(record["inputs"], elsewhere)))
 
 
-def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], repeat: Repeat | None) -> Verdict:
-    """What a command of ours made: the same command in an empty folder."""
-    if len(record["command"]) > _LONGEST:  # to split it takes the square of its length
+def _rerun_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], repeat: Repeat | None) -> Verdict:
+    """Repeat a command of neuro in an empty folder, and compare the file that it writes."""
+    if len(record["command"]) > _LONGEST:  # the time to split a command grows with the square of its length
         size = len(record["command"])
         raise ModelError(f"{path}: its command has {size:,} characters: expected at most {_LONGEST:,}")
     try:
@@ -355,77 +355,77 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], r
     except ValueError:
         words = []
     if words[:1] != ["neuro"] or hdf5.has_format(path, state.FORMAT) or repeat is None:
-        raise ModelError(f"{path}: was not made by a command of neuro: expected one", hint=_by(record))
-    elsewhere = moved(record["inputs"], inputs)
+        raise ModelError(f"{path}: was not written by a command of neuro", hint=_origin_hint(record))
+    elsewhere = find_moved(record["inputs"], inputs)
     with tempfile.TemporaryDirectory() as root:
         try:
             folder = NewFolder(root, record["folder"])
             for name in record["inputs"]:
                 folder.add(name, Path(elsewhere.get(name, name)))
-            asked = repeat(words[1:], folder.place)
+            arguments = repeat(words[1:], folder.place)
         except ModelError as error:
             message = f"{path}: {error.message.replace(root, '')}"
-            raise error.but(message=message, hint=error.hint or _by(record), where=None) from None
+            raise error.but(message=message, hint=error.hint or _origin_hint(record), where=None) from None
         except OSError as error:
-            raise ModelError(f"{path}: cannot be made again: {error.strerror or error}", hint=_by(record)) from None
+            message = f"{path}: cannot be repeated: {error.strerror or error}"
+            raise ModelError(message, hint=_origin_hint(record)) from None
         env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
-        done = subprocess.run(
-            [sys.executable, "-P", "-m", "neuro", *asked], cwd=folder.current, env=env, capture_output=True, text=True
-        )
-        # A verdict is written, too: `neuro doctor` ends with 1 where it finds a fault, as it did the first time.
-        if done.returncode and not (done.returncode == 1 and words[1:2] == ["doctor"]):
-            raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {_error_line(done.stderr, root)}")
-        made = next(iter(folder.made(path.name)), None)
-        if made is None:
-            raise ModelError(f"{path}: its command writes no file of that name now")
-        if path.suffix in (".html", ".htm"):
-            difference = _of_texts(path, made)
-        else:
-            difference = first_difference(path, made)
-        return Verdict(difference, (*differences(record, record_of(made)), *edited(record["inputs"], elsewhere)))
+        command = [sys.executable, "-P", "-m", "neuro", *arguments]
+        process = subprocess.run(command, cwd=folder.current, env=env, capture_output=True, text=True)
+        # `neuro doctor` writes its page and exits with 1 if it finds a fault.
+        if process.returncode and not (process.returncode == 1 and words[1:2] == ["doctor"]):
+            error_line = _error_line(process.stderr, root)
+            raise ModelError(f"{shlex.join(words)}: exited with {process.returncode}: {error_line}")
+        new = next(iter(folder.new_files(path.name)), None)
+        if new is None:
+            raise ModelError(f"{path}: its command no longer writes a file of that name")
+        difference = (_text_difference if path.suffix in (".html", ".htm") else first_difference)(path, new)
+        return Verdict(difference, (*differences(record, record_of(new)), *input_changes(record["inputs"], elsewhere)))
 
 
 def _error_line(printed: str, root: str) -> str:
-    """Return the line of a command's error, its last line otherwise; names are those of the record, without `root`."""
+    """Return the error of a command, or else its last printed line, with `root` removed from paths."""
     lines = printed.replace(root, "").strip().splitlines()
     errors = [line for line in lines if line.startswith("error: ")]
-    return (errors or lines or ["no word"])[-1].removeprefix("error: ")
+    return (errors or lines or ["no message"])[-1].removeprefix("error: ")
 
 
-def _of_texts(then: Path, now: Path) -> str:
-    """The first line that differs in two pages, where they come from and their digests left out."""
-    one, other = ([line for line in each.read_text("utf-8").splitlines() if _counts(line)] for each in (then, now))
-    for k, (a, b) in enumerate(zip(one, other, strict=False)):
-        if a != b:
-            at = next(i for i, (x, y) in enumerate(zip(a + "\0", b + "\0", strict=False)) if x != y)
-            begin = max(0, at - 10)
-            return f"line {k + 1}: {shown(a[begin : at + 30])} then, {shown(b[begin : at + 30])} now"
-    return "" if len(one) == len(other) else f"{len(one)} lines then, {len(other)} now"
+def _text_difference(then: Path, now: Path) -> str:
+    """Describe the first line that differs in two pages, except provenance and digests."""
+    old_lines, new_lines = (
+        [line for line in each.read_text("utf-8").splitlines() if _is_compared(line)] for each in (then, now)
+    )
+    for k, (old, new) in enumerate(zip(old_lines, new_lines, strict=False)):
+        if old != new:
+            position = next(i for i, (x, y) in enumerate(zip(old + "\0", new + "\0", strict=False)) if x != y)
+            part = slice(max(0, position - 10), position + 30)
+            return f"line {k + 1}: {shown(old[part])} then, {shown(new[part])} now"
+    return "" if len(old_lines) == len(new_lines) else f"{len(old_lines)} lines then, {len(new_lines)} now"
 
 
-def _counts(line: str) -> bool:
+def _is_compared(line: str) -> bool:
     return f'<meta name="{ATTRIBUTE}"' not in line and "<!-- digest" not in line
 
 
-def _by(record: Mapping[str, Any]) -> str:
+def _origin_hint(record: Mapping[str, Any]) -> str:
     command, folder = (
         text if len(text) <= 1000 else f"{text[:1000]}..." for text in (record["command"], record["folder"])
     )
-    return f"it was made by: {command or 'a program'}, in {folder or 'a folder'}; {_WAYS}"
+    return f"written by: {command or 'a program'}, in {folder or 'a folder'}; {_BY_HAND}"
 
 
 _ON_PAGE = re.compile(rf'<meta name="{ATTRIBUTE}" content="([^"]*)">')
 
 
 def record_of(path: Path, text: str = "") -> dict[str, Any]:
-    """The record in an HDF5 file or in a page; of results that were read, `text`.
+    """Return the provenance record of an HDF5 file or a page, or that of `text` if it was read already.
 
     Raises:
-        ModelError: it holds none, or is damaged.
+        ModelError: the file has no record, or is damaged.
     """
     if not text and path.suffix in (".html", ".htm"):
-        found = _ON_PAGE.search(path.read_text("utf-8", "replace"))
-        text = html.unescape(found[1]) if found else ""
+        match = _ON_PAGE.search(path.read_text("utf-8", "replace"))
+        text = html.unescape(match[1]) if match else ""
     elif not text and path.is_file() and hdf5.check(path):
         with h5py.File(path) as file:
             text = str(file.attrs.get(ATTRIBUTE, ""))
@@ -433,72 +433,72 @@ def record_of(path: Path, text: str = "") -> dict[str, Any]:
         record = json.loads(text)
     except (ValueError, RecursionError):
         record = None
-    return _checked(path, record)
+    return _check_record(path, record)
 
 
-def _checked(path: Path, record: Any) -> dict[str, Any]:
-    """Return a record whose inputs, command and folder are what they ought to be.
+def _check_record(path: Path, record: Any) -> dict[str, Any]:
+    """Return a record with valid inputs, command and folder.
 
     Raises:
-        ModelError: it is none.
+        ModelError: the record is missing or damaged.
     """
     if not isinstance(record, dict) or not record:
-        hint = "files that neuro wrote since it records where they come from have it; runs of sweeps are folders"
-        raise ModelError(f"{path}: does not say where it comes from", hint=hint)
-    whole: dict[str, Any] = {"inputs": {}, "command": "", "folder": "", **record}
-    names, texts = whole["inputs"], (whole["command"], whole["folder"])
+        hint = "expected a file that a recent neuro wrote, or the folder of a run of a sweep"
+        raise ModelError(f"{path}: found no provenance", hint=hint)
+    complete: dict[str, Any] = {"inputs": {}, "command": "", "folder": "", **record}
+    names, texts = complete["inputs"], (complete["command"], complete["folder"])
     if (
         not isinstance(names, dict)
         or not all(isinstance(each, str) for each in (*names, *names.values(), *texts))
         or "\0" in "".join((*names, *texts))
     ):
-        raise ModelError(f"{path}: where it comes from is damaged: expected a command, its folder and inputs by name")
-    return whole
+        raise ModelError(f"{path}: damaged provenance: expected a command, its folder and inputs by name")
+    return complete
 
 
-def moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, str]:
-    """Where inputs that are not where they were lie now, by their content.
+def find_moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, str]:
+    """Return the new paths of missing inputs, searched by content.
 
     Args:
-        inputs: hashes by path.
-        folders: in which they are looked for, at any depth.
+        inputs: hashes by recorded path.
+        folders: folders to search, with all subfolders.
     """
-    lost = {digest: name for name, digest in inputs.items() if not Path(name).exists()}
-    found: dict[str, str] = {}
+    missing = {digest: name for name, digest in inputs.items() if not Path(name).exists()}
+    paths: dict[str, str] = {}
     for folder in folders:
         for path in sorted(folder.rglob("*")):
-            if lost and (path.is_file() or path.is_dir()) and (name := lost.get(digest_of(path))):
-                found.setdefault(name, str(path.absolute()))
-    return found
+            if missing and (path.is_file() or path.is_dir()) and (name := missing.get(digest_of(path))):
+                paths.setdefault(name, str(path.absolute()))
+    return paths
 
 
-def edited(inputs: Mapping[str, str], elsewhere: Mapping[str, str]) -> list[str]:
-    """What has become of inputs, in words."""
+def input_changes(inputs: Mapping[str, str], elsewhere: Mapping[str, str]) -> list[str]:
+    """Describe the changes of inputs."""
     lines = []
     for name, digest in inputs.items():
         now = digest_of(elsewhere.get(name, name))
         if name in elsewhere:
-            lines.append(f"input {name}: lies at {elsewhere[name]} now, with the same content")
+            lines.append(f"input {name}: moved to {elsewhere[name]}, with the same content")
         elif not now:
-            lines.append(f"input {name}: is not there any more")
+            lines.append(f"input {name}: is missing")
         elif now != digest:
             lines.append(f"input {name}: was edited")
     return lines
 
 
 _ORIGIN = {ATTRIBUTE, "neuro", "python", "numpy", "numba", "backend", "threads"}
-"""Attributes that tell where a file comes from, which is compared apart."""
+"""Attributes with provenance, which is compared separately."""
 
 
-_BESIDE = {"fed", "live"}
-"""Groups of what a run was given, and of the clock on the wall."""
+_INPUT_GROUPS = {"fed", "live"}
+"""Groups with inputs of a run, and with wall-clock times, which are not compared."""
 
 
 def first_difference(then: Path, now: Path) -> str:
-    """What differs first in two HDF5 files, in words; "" if all arrays, texts and attributes are the same bits.
+    """Describe the first difference of two HDF5 files; "" if all arrays, texts and attributes have equal bits.
 
     Raises:
-        ModelError: one is no HDF5 file, or damaged.
+        ModelError: a file is not HDF5, or is damaged.
     """
     try:
         hdf5.check(then)
@@ -506,54 +506,55 @@ def first_difference(then: Path, now: Path) -> str:
         with h5py.File(then) as a, h5py.File(now) as b:
             hdf5.check_tree(a, several_names=True)
             hdf5.check_tree(b, several_names=True)
-            return _of_groups(a, b, _BESIDE)
+            return _group_difference(a, b, _INPUT_GROUPS)
     except (OSError, ValueError):
         raise ModelError(f"{then}: cannot be compared: expected two HDF5 files") from None
 
 
-def _of_groups(a: Any, b: Any, but: Collection[str] = ()) -> str:
-    for name in dict.fromkeys((*a, *b)):
-        if name in but:
+def _group_difference(then: Any, now: Any, ignored: Collection[str] = ()) -> str:
+    for name in dict.fromkeys((*then, *now)):
+        if name in ignored:
             continue
-        place = f"{a.name.rstrip('/')}/{name}".lstrip("/")
-        if (name in a) != (name in b):
-            return f"{place}: {'there then, not now' if name in a else 'not there then, there now'}"
-        one, other = a[name], b[name]
-        if isinstance(one, h5py.Group) != isinstance(other, h5py.Group):
-            return f"{place}: of another kind"
-        difference = _of_groups(one, other) if isinstance(one, h5py.Group) else _of_arrays(place, one[()], other[()])
-        if not difference and not isinstance(one, h5py.Group):
-            difference = _of_attributes(one, other)
+        path = f"{then.name.rstrip('/')}/{name}".lstrip("/")
+        if (name in then) != (name in now):
+            return f"{path}: {'present then, missing now' if name in then else 'missing then, present now'}"
+        old, new = then[name], now[name]
+        if isinstance(old, h5py.Group) != isinstance(new, h5py.Group):
+            return f"{path}: a group then or now, an array in the other"
+        if isinstance(old, h5py.Group):
+            difference = _group_difference(old, new)
+        else:
+            difference = _array_difference(path, old[()], new[()]) or _attribute_difference(old, new)
         if difference:
             return difference
-    return _of_attributes(a, b)
+    return _attribute_difference(then, now)
 
 
-def _of_attributes(a: Any, b: Any) -> str:
-    for name in dict.fromkeys((*a.attrs, *b.attrs)):
+def _attribute_difference(then: Any, now: Any) -> str:
+    for name in dict.fromkeys((*then.attrs, *now.attrs)):
         if name in _ORIGIN or name.startswith(files.RECORDING):
             continue
-        one, other = a.attrs.get(name), b.attrs.get(name)
-        if not _same(one, other):
-            place = f"{a.name}.{name}".lstrip("/.")
-            return f"{place}: {_told(one)} then, {_told(other)} now"
+        old, new = then.attrs.get(name), now.attrs.get(name)
+        if not _same(old, new):
+            path = f"{then.name}.{name}".lstrip("/.")
+            return f"{path}: {_short_text(old)} then, {_short_text(new)} now"
     return ""
 
 
-def _of_arrays(place: str, one: Any, other: Any) -> str:
-    if _same(one, other):
+def _array_difference(path: str, old: Any, new: Any) -> str:
+    if _same(old, new):
         return ""
-    one, other = np.asarray(one), np.asarray(other)
-    if one.dtype != other.dtype or one.ndim != other.ndim or one.ndim == 0:
-        return f"{place}: {_told(one)} then, {_told(other)} now"
-    message = "" if one.shape == other.shape else f" (shape {one.shape} then, {other.shape} now)"
-    least = tuple(slice(min(pair)) for pair in zip(one.shape, other.shape, strict=True))
-    differs = np.argwhere(_unequal(one[least], other[least]))
-    if not differs.size:
-        return f"{place}: shape {one.shape} then, {other.shape} now"
-    at = tuple(int(k) for k in differs[0])
-    where = ", ".join(map(str, at))
-    return f"{place}[{where}]: {_told(one[at])} then, {_told(other[at])} now{message}"
+    old, new = np.asarray(old), np.asarray(new)
+    if old.dtype != new.dtype or old.ndim != new.ndim or old.ndim == 0:
+        return f"{path}: {_short_text(old)} then, {_short_text(new)} now"
+    shapes = "" if old.shape == new.shape else f" (shape {old.shape} then, {new.shape} now)"
+    common = tuple(slice(min(pair)) for pair in zip(old.shape, new.shape, strict=True))
+    differences = np.argwhere(_unequal(old[common], new[common]))
+    if not differences.size:
+        return f"{path}: shape {old.shape} then, {new.shape} now"
+    index = tuple(int(k) for k in differences[0])
+    index_text = ", ".join(map(str, index))
+    return f"{path}[{index_text}]: {_short_text(old[index])} then, {_short_text(new[index])} now{shapes}"
 
 
 def _unequal(a: Any, b: Any) -> Any:
@@ -561,7 +562,7 @@ def _unequal(a: Any, b: Any) -> Any:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two values are the same bits."""
+    """Return whether two values have the same bits."""
     if a is None or b is None:
         return a is b
     a, b = np.asarray(a), np.asarray(b)
@@ -570,7 +571,7 @@ def _same(a: Any, b: Any) -> bool:
     return bool(a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes())
 
 
-def _told(value: Any) -> str:
+def _short_text(value: Any) -> str:
     if isinstance(value, bytes):
         value = value.decode("utf-8", "replace")
     array = np.asarray(value)

@@ -1,4 +1,4 @@
-"""The points of a sweep: a grid, a list, drawn at random or as a Latin hypercube, each with some seeds; their runs."""
+"""The points of a sweep: a grid, a list, random points or a Latin hypercube, each combined with seeds; their runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuro.apps import is_number, shown, unknown
 SAMPLINGS = ("grid", "random", "latin_hypercube")
 SCALES = ("linear", "log")
 MOST = 1_000_000
-"""Runs of a sweep; each is a folder."""
+"""Largest number of runs of a sweep, each of which is a folder."""
 
 Point = dict[str, Any]
 _RANGE = ("from", "to", "number", "scale", "whole")
@@ -27,12 +27,13 @@ _RANGE = ("from", "to", "number", "scale", "whole")
 
 @dataclass(frozen=True, slots=True)
 class RunItem:
-    """One run to do.
+    """A run.
 
     Attributes:
-        key: hash of its inputs, its name in the folder.
-        point, seed: its inputs.
-        trial: of a tuning, where it may be pruned.
+        key: hash of the inputs, and name of the run in the folder.
+        point: values of the parameters.
+        seed: seed; None for runs without a seed.
+        trial: number of the trial of a tuning that may prune the run; else None.
     """
 
     key: str
@@ -41,13 +42,13 @@ class RunItem:
     trial: int | None = None
 
 
-def key_of(before: str, point: Mapping[str, Any], seed: int | None) -> str:
-    """The hash of the inputs of a run, 32 hexadecimal digits.
+def key_of(key_prefix: str, point: Mapping[str, Any], seed: int | None) -> str:
+    """Return the hash of the inputs of a run, 32 hexadecimal digits.
 
     Args:
-        before: what decides the outcome beside point and seed.
-        point: the values of the parameters.
-        seed: of the run.
+        key_prefix: all inputs of the run but point and seed, as text.
+        point: values of the parameters.
+        seed: seed of the run.
 
     Raises:
         ModelError: a value of the point cannot be written as JSON.
@@ -56,20 +57,20 @@ def key_of(before: str, point: Mapping[str, Any], seed: int | None) -> str:
         text = json.dumps([point, seed], sort_keys=True)
     except TypeError as error:
         raise ModelError(f"point {shown(dict(point))}: expected numbers, texts and lists: {error}") from None
-    return hashlib.sha256(f"{before}\n{text}".encode()).hexdigest()[:32]
+    return hashlib.sha256(f"{key_prefix}\n{text}".encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """The values that one parameter may have.
+    """The values of a parameter: a list or a range.
 
     Attributes:
-        name: of the parameter.
-        values: those that are listed, or none of a range.
-        low, high: of a range.
-        number: how many values of a range a grid has; 0 where it is drawn from.
-        log: whether equal steps are equal factors.
-        whole: whether values are whole numbers.
+        name: name of the parameter.
+        values: the list; empty for a range.
+        low, high: bounds of a range.
+        number: number of values of a range in a grid; 0 for a range from which values are drawn.
+        log: the range has a logarithmic scale.
+        whole: values are whole numbers.
     """
 
     name: str
@@ -81,19 +82,19 @@ class Axis:
     whole: bool = False
 
     @property
-    def listed(self) -> tuple[Any, ...]:
-        """All values of a grid."""
+    def grid_values(self) -> tuple[Any, ...]:
+        """The values of the parameter in a grid."""
         if self.values or not self.number:
             return self.values
-        every = np.linspace(0.0, 1.0, self.number) if self.number > 1 else np.zeros(1)
-        return tuple(dict.fromkeys(self.at(share) for share in every.tolist()))
+        shares = np.linspace(0.0, 1.0, self.number) if self.number > 1 else np.zeros(1)
+        return tuple(dict.fromkeys(self.at(share) for share in shares.tolist()))
 
     def count(self) -> int:
-        """How many values a grid has."""
-        return self.number if self.number > MOST else len(self.listed)
+        """Return the number of values in a grid."""
+        return self.number if self.number > MOST else len(self.grid_values)
 
     def at(self, share: float) -> Any:
-        """The value at a share from 0 to 1 of the axis."""
+        """Return the value at a share of the axis from 0 to 1, e.g. 10 at 0.5 on a log scale from 1 to 100."""
         if self.values:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         if self.log:
@@ -105,47 +106,48 @@ class Axis:
 
 
 def axes(space: Mapping[str, Any]) -> tuple[Axis, ...]:
-    """The axes that a mapping from names to lists or ranges says.
+    """Return the axes for a mapping of names to lists or ranges.
 
     Raises:
-        ModelError: one is neither, or empty.
+        ModelError: a value is neither a list nor a range, or is empty.
     """
     if not isinstance(space, Mapping):
         raise ModelError(f"parameters = {shown(space)}: expected values by name, such as {{g: [4, 5, 6]}}")
-    return tuple(_axis(str(name), said) for name, said in space.items())
+    return tuple(_axis(str(name), values) for name, values in space.items())
 
 
-def _axis(name: str, said: Any) -> Axis:
-    if isinstance(said, Mapping):
-        return _range(name, said)
-    if isinstance(said, np.ndarray):
-        said = said.tolist()
-    if isinstance(said, range):
-        said = list(said)
-    if not isinstance(said, (list, tuple)):
-        hint = f"write [{shown(said)}] for one value, or put it under 'set'"
-        raise ModelError(f"{name} = {shown(said)}: expected a list of values, or {{from: ..., to: ...}}", hint=hint)
-    if not said:
+def _axis(name: str, values: Any) -> Axis:
+    if isinstance(values, Mapping):
+        return _range(name, values)
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    if isinstance(values, range):
+        values = list(values)
+    if not isinstance(values, (list, tuple)):
+        hint = f"write [{shown(values)}] for a single value, or move it to 'set'"
+        raise ModelError(f"{name} = {shown(values)}: expected a list of values, or {{from: ..., to: ...}}", hint=hint)
+    if not values:
         raise ModelError(f"{name}: found an empty list: expected one value or more")
-    values = tuple(value.item() if isinstance(value, np.generic) else value for value in said)
-    for k, value in enumerate(values):
-        if value in values[:k]:
-            raise ModelError(f"{name}[{k}] = {shown(value)}: is there twice")
-    return Axis(name, values)
+    plain = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
+    for k, value in enumerate(plain):
+        if value in plain[:k]:
+            raise ModelError(f"{name}[{k}] = {shown(value)}: found twice: expected different values")
+    return Axis(name, plain)
 
 
-def _range(name: str, said: Mapping[str, Any]) -> Axis:
-    for word in said:
+def _range(name: str, words: Mapping[str, Any]) -> Axis:
+    for word in words:
         if word not in _RANGE:
             raise unknown(f"word of the range of {name}", word, _RANGE)
     for word in ("from", "to"):
-        if word not in said:
+        if word not in words:
             raise ModelError(f"{name}: a range needs '{word}'")
-        if isinstance(said[word], bool) or not isinstance(said[word], (int, float)) or not math.isfinite(said[word]):
-            raise ModelError(f"{name}.{word} = {shown(said[word])}: expected a finite number")
-    number, scale, whole = said.get("number", 0), said.get("scale", "linear"), said.get("whole", False)
-    low, high = float(said["from"]), float(said["to"])
-    if not isinstance(number, int) or isinstance(number, bool) or ("number" in said and number < 1):
+        bound = words[word]
+        if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not math.isfinite(bound):
+            raise ModelError(f"{name}.{word} = {shown(bound)}: expected a finite number")
+    number, scale, whole = words.get("number", 0), words.get("scale", "linear"), words.get("whole", False)
+    low, high = float(words["from"]), float(words["to"])
+    if not isinstance(number, int) or isinstance(number, bool) or ("number" in words and number < 1):
         raise ModelError(f"{name}.number = {shown(number)}: expected a whole number >= 1")
     if scale not in SCALES:
         raise ModelError(f"{name}.scale = {shown(scale)}: expected one of {', '.join(SCALES)}")
@@ -160,15 +162,15 @@ def _range(name: str, said: Mapping[str, Any]) -> Axis:
 
 @dataclass(frozen=True, slots=True)
 class SearchSpace:
-    """What a sweep goes through.
+    """The space of a sweep.
 
     Attributes:
-        axes: the parameters.
+        axes: the parameters with their values.
         sampling: one of `SAMPLINGS`, or "list".
-        runs: how many points are drawn.
-        draw: the seed of what is drawn.
-        seeds: with which each point is run; none where runs get no seed.
-        given: the points of a list.
+        runs: number of points to draw; 0 for grids and lists.
+        draw: seed of the drawn points.
+        seeds: seeds of the runs at each point; empty for runs without a seed.
+        listed_points: the points of a list.
     """
 
     axes: tuple[Axis, ...] = ()
@@ -176,40 +178,40 @@ class SearchSpace:
     runs: int = 0
     draw: int = 0
     seeds: tuple[int, ...] = ()
-    given: tuple[Point, ...] = ()
+    listed_points: tuple[Point, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters, in order."""
+        """The names of the parameters, in order."""
         if self.sampling == "list":
-            return tuple(dict.fromkeys(name for point in self.given for name in point))
+            return tuple(dict.fromkeys(name for point in self.listed_points for name in point))
         return tuple(axis.name for axis in self.axes)
 
     def size(self) -> int:
-        """How many runs there are."""
-        points = self.runs if self.runs else len(self.given)
+        """Return the number of runs."""
+        points = self.runs if self.runs else len(self.listed_points)
         if self.sampling == "grid":
             points = math.prod(axis.count() for axis in self.axes)
         return points * max(1, len(self.seeds))
 
     def points(self) -> list[tuple[Point, int | None]]:
-        """All points in order, each with its seed."""
+        """Return all points in order, each with a seed."""
         return [(point, seed) for point in self._points() for seed in self.seeds or (None,)]
 
     def _points(self) -> Iterator[Point]:
         if self.sampling == "list":
-            yield from (dict(point) for point in self.given)
+            yield from (dict(point) for point in self.listed_points)
         elif self.sampling == "grid":
-            for values in product(*(axis.listed for axis in self.axes)):
+            for values in product(*(axis.grid_values for axis in self.axes)):
                 yield dict(zip(self.names, values, strict=True))
         else:
             for row in self._shares():
                 yield {axis.name: axis.at(float(share)) for axis, share in zip(self.axes, row, strict=True)}
 
     def _shares(self) -> NDArray[np.float64]:
-        """Places in the unit cube.
+        """Draw points in the unit cube, shape (runs, axes).
 
-        Latin hypercube: McKay, Beckman & Conover, Technometrics 21:239, 1979.
+        Source of the Latin hypercube: McKay, Beckman & Conover, Technometrics 21:239, 1979.
         """
         rng = np.random.default_rng(self.draw)
         if self.sampling == "random":
@@ -226,44 +228,44 @@ def space_of(
     seeds: int | Sequence[int] | None = None,
     draw: int = 0,
 ) -> SearchSpace:
-    """A checked space.
+    """Return a checked space.
 
     Args:
-        parameters: by name lists of values or ranges, `{"from": 0, "to": 1, "number": 5}`, for a grid, of which the
-            drawn samplings need no number; or a list of points.
+        parameters: lists of values or ranges by name, or a list of points. A range is
+            `{"from": 0, "to": 1, "number": 5}`; only grids have a `number`.
         sampling: "grid", "random" or "latin_hypercube".
-        runs: how many points are drawn, of the drawn samplings.
-        seeds: a number, for 0, 1, ..., or a list.
-        draw: the seed of what is drawn.
+        runs: number of points to draw, for "random" and "latin_hypercube".
+        seeds: a number of seeds, which are 0, 1, ..., or a list of seeds.
+        draw: seed of the drawn points.
 
     Raises:
-        ModelError: it is empty, too large, or not said like that.
+        ModelError: the space is empty or too large, or an argument has another form.
     """
     all_seeds = seeds_of(seeds)
     if isinstance(parameters, (list, tuple)):
-        found = SearchSpace(sampling="list", seeds=all_seeds, given=tuple(_given(parameters)))
+        space = SearchSpace(sampling="list", seeds=all_seeds, listed_points=tuple(_listed_points(parameters)))
     else:
-        found = SearchSpace(axes(parameters), sampling, _runs(sampling, runs), draw, all_seeds)
-        if not found.axes and not found.seeds:
+        space = SearchSpace(axes(parameters), sampling, _runs(sampling, runs), draw, all_seeds)
+        if not space.axes and not space.seeds:
             raise ModelError("the space is empty: expected parameters with values, or seeds")
-        if not found.axes and found.sampling != "grid":
-            raise ModelError(f"the space is empty: sampling {found.sampling} needs parameters")
-        for axis in found.axes:
-            if found.sampling == "grid" and not axis.values and not axis.number:
-                raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
-            if found.sampling != "grid" and axis.number:
-                raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampling {found.sampling}")
-    if found.size() > MOST:
-        sizes = [f"{axis.name} has {axis.count():,}" for axis in found.axes if found.sampling == "grid"]
+        if not space.axes and space.sampling != "grid":
+            raise ModelError(f"the space is empty: sampling {space.sampling} needs parameters")
+        for axis in space.axes:
+            if space.sampling == "grid" and not axis.values and not axis.number:
+                raise ModelError(f"{axis.name}: a range of a grid needs 'number', the number of values")
+            if space.sampling != "grid" and axis.number:
+                raise ModelError(f"{axis.name}.number = {axis.number}: not used with sampling {space.sampling}")
+    if space.size() > MOST:
+        sizes = [f"{axis.name} has {axis.count():,}" for axis in space.axes if space.sampling == "grid"]
         message = ", ".join(sizes[:6]) + "; " if sizes else ""
         raise ModelError(
-            f"the space has {found.size():,} runs: expected at most {MOST:,}",
+            f"the space has {space.size():,} runs: expected at most {MOST:,}",
             hint=message + "'sampling: latin_hypercube' with 'runs: 1000' covers a large space",
         )
-    return found
+    return space
 
 
-def _given(points: Sequence[Any]) -> Iterator[Point]:
+def _listed_points(points: Sequence[Any]) -> Iterator[Point]:
     if not points:
         raise ModelError("the space is empty: expected one point or more")
     for k, point in enumerate(points):
@@ -271,7 +273,7 @@ def _given(points: Sequence[Any]) -> Iterator[Point]:
             raise ModelError(f"list[{k}] = {shown(point)}: expected values by name, such as {{g: 5}}")
         if sorted(point) != sorted(points[0]):
             names = ", ".join(map(str, points[0]))
-            raise ModelError(f"list[{k}]: has {', '.join(map(str, point)) or 'nothing'}: expected {names} as the first")
+            raise ModelError(f"list[{k}]: has {', '.join(map(str, point)) or 'nothing'}: expected {names}, as list[0]")
         yield {name: value.item() if isinstance(value, np.generic) else value for name, value in point.items()}
 
 
@@ -280,19 +282,19 @@ def _runs(sampling: str, runs: int | None) -> int:
         raise unknown("sampling", sampling, SAMPLINGS)
     if sampling == "grid":
         if runs is not None:
-            raise ModelError(f"runs = {shown(runs)}: a grid has as many as it has points", path=("runs",))
+            raise ModelError(f"runs = {shown(runs)}: not used with a grid, which runs all its points", path=("runs",))
         return 0
     if not isinstance(runs, int) or isinstance(runs, bool) or runs < 1:
         found = "nothing" if runs is None else shown(runs)
-        raise ModelError(f"runs: found {found}: expected how many points are drawn, a whole number >= 1")
+        raise ModelError(f"runs: found {found}: expected the number of points to draw, a whole number >= 1")
     return runs
 
 
 def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
-    """Seeds from a number of them, for 0, 1, ..., or a list; none from None.
+    """Return the seeds for a number of seeds (3 gives 0, 1, 2), for a list, or for None (no seeds).
 
     Raises:
-        ModelError: it is neither.
+        ModelError: the argument has another form.
     """
     if seeds is None:
         return ()
@@ -300,12 +302,12 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
         if not 1 <= seeds <= MOST:
             raise ModelError(f"seeds = {seeds}: expected a whole number from 1 to {MOST:,}, or a list", path=("seeds",))
         return tuple(range(seeds))
-    every: list[Any] = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
-    for seed in every or [None]:
+    numbers: list[Any] = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
+    for seed in numbers or [None]:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
             most = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
-            message = f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0{most}"
+            message = f"seeds = {shown(seeds)}: expected a number of seeds, or a list of whole numbers >= 0{most}"
             raise ModelError(message, path=("seeds",))
-    if len(set(every)) < len(every):
-        raise ModelError(f"seeds = {shown(seeds)}: one is there twice", path=("seeds",))
-    return tuple(every)
+    if len(set(numbers)) < len(numbers):
+        raise ModelError(f"seeds = {shown(seeds)}: found a seed twice: expected different seeds", path=("seeds",))
+    return tuple(numbers)

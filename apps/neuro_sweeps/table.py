@@ -1,4 +1,4 @@
-"""Tables of many runs: what they share, and that of a sweep, a row for each run in the order of its space."""
+"""Tables of many runs: the base class, and the table of a sweep with a row per run, in the order of the space."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ LEFT = "left"
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
-_SHOWN = 20
+_PREVIEW = 20
+"""Number of rows in the printed table."""
 
 
 def _is_parquet(path: Path) -> bool:
@@ -38,11 +39,11 @@ PARQUET = Kind("a table of a sweep", _is_parquet)
 
 
 class RunRows(ABC):
-    """Base of these tables.
+    """Base class of tables.
 
     Class attributes:
-        kind: what a file of rows is, by its first names.
-        many: what rows are of.
+        kind: kind of a CSV file of the table, known by the first columns.
+        many: plural noun for the rows, e.g. "runs".
     """
 
     __slots__ = ()
@@ -52,45 +53,45 @@ class RunRows(ABC):
 
     @abstractmethod
     def rows(self, times: bool = False) -> list[dict[str, Any]]:
-        """A mapping for each row, all with the same names.
+        """Return a mapping for each row, all with the same keys.
 
         Args:
-            times: whether also how long it took.
+            times: add the durations of the runs.
         """
 
     @abstractmethod
     def __len__(self) -> int:
-        """How many rows there are."""
+        """Return the number of rows."""
 
     def column(self, name: str) -> list[Any]:
-        """One column, an entry for each run; None where there is none yet.
+        """Return a column, with None for missing values.
 
         Raises:
             ModelError: there is no such column.
         """
         rows = self.rows()
-        if name not in (head := _head(rows)):
-            raise unknown("column", name, head)
+        if name not in (names := _column_names(rows)):
+            raise unknown("column", name, names)
         return [row[name] for row in rows]
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         return iter(self.rows())
 
     def __str__(self) -> str:
-        return tables.as_text(repr(self), [self._shown()])
+        return tables.as_text(repr(self), [self._preview()])
 
     def _repr_html_(self) -> str:
-        return tables.as_html(repr(self), [self._shown()])
+        return tables.as_html(repr(self), [self._preview()])
 
-    def _shown(self) -> tables.Table:
+    def _preview(self) -> tables.Table:
         rows = self.rows()
-        names = [name for name in _head(rows) if name not in ("run", "error") or any(row[name] for row in rows)]
-        more = f"the first {_SHOWN} of {len(rows):,} {self.many}" if len(rows) > _SHOWN else ""
-        body = tuple(tuple(text(row[name], name) for name in names) for row in rows[:_SHOWN])
+        names = [name for name in _column_names(rows) if name not in ("run", "error") or any(row[name] for row in rows)]
+        more = f"the first {_PREVIEW} of {len(rows):,} {self.many}" if len(rows) > _PREVIEW else ""
+        body = tuple(tuple(text(row[name], name) for name in names) for row in rows[:_PREVIEW])
         return tables.Table(more, columns(names), body)
 
     def to_pandas(self, times: bool = False) -> DataFrame:
-        """The rows as a data frame; needs the extra `pandas`.
+        """Return the rows as a data frame; needs the extra `pandas`.
 
         Raises:
             ModelError: the package pandas is not installed.
@@ -100,10 +101,10 @@ class RunRows(ABC):
         return frame
 
     def save(self, path: str | PathLike[str], times: bool = False) -> None:
-        """Write the rows to a file: CSV, or parquet where its name ends so, which needs the extra `parquet`.
+        """Write the rows to a file .csv or .parquet, which needs the extra `parquet`.
 
         Raises:
-            ModelError: it ends otherwise, cannot be written, or the package pyarrow is not installed.
+            ModelError: the name has another ending, the file cannot be written, or pyarrow is not installed.
         """
         file = file_path(path, "path")
         if file.suffix == ".parquet":
@@ -115,10 +116,10 @@ class RunRows(ABC):
             raise ModelError(f"{file}: expected a name that ends in .csv or .parquet")
 
     def csv(self, times: bool = False) -> str:
-        """The rows as CSV: numbers with all their digits, nothing where there is none."""
+        """Return the rows as CSV, with all digits of numbers and empty fields for missing values."""
         rows = self.rows(times)
         out = io.StringIO()
-        writer = csv.DictWriter(out, _head(rows), lineterminator="\n")
+        writer = csv.DictWriter(out, _column_names(rows), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
         return out.getvalue()
@@ -133,32 +134,32 @@ class RunRows(ABC):
         except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError, OverflowError) as error:
             kinds = "whole numbers of more than 64 bits" if isinstance(error, OverflowError) else "several kinds"
             message = f"{file}: a column has values of {kinds}: {error}"
-            raise ModelError(message, hint="a CSV file takes them") from None
+            raise ModelError(message, hint="write a CSV file instead") from None
         with output(file, PARQUET) as part:
             parquet.write_table(frame, part)
 
 
-def _head(rows: list[dict[str, Any]]) -> list[str]:
+def _column_names(rows: list[dict[str, Any]]) -> list[str]:
     return list(rows[0]) if rows else []
 
 
 def names_of(each: Iterable[Mapping[str, Any]]) -> list[str]:
-    """The names of some mappings, each once, in order."""
-    return list(dict.fromkeys(name for one in each for name in one))
+    """Return the unique keys of some mappings, in order."""
+    return list(dict.fromkeys(name for mapping in each for name in mapping))
 
 
 def columns(names: Iterable[str]) -> tuple[str, ...]:
-    """Names as the head of a table, numbers to the right."""
+    """Return the heading of a table, with ">" before the names of columns of numbers, which are right-aligned."""
     return tuple(name if name in ("run", "outcome", "error") else f">{name}" for name in names)
 
 
 def as_text(counts: Mapping[str, int]) -> str:
-    """How many runs or trials came to what, in words; those that were pruned only if there are some."""
+    """Return numbers of runs or trials by outcome as text, e.g. "3 done, 0 failed, 2 left". No 0 for pruned ones."""
     return ", ".join(f"{n:,} {word}" for word, n in counts.items() if word != PRUNED or n)
 
 
 def text(value: Any, name: str = "") -> str:
-    """A value as tables for people show it."""
+    """Return a value as text for a printed table."""
     if value is None:
         return "-"
     if name == "run":
@@ -168,8 +169,8 @@ def text(value: Any, name: str = "") -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def measured(value: Any, unit: str) -> str:
-    """A value in three digits with its unit, joules with a prefix."""
+def with_unit(value: Any, unit: str) -> str:
+    """Return a value with three digits and its unit, e.g. "1.23 mJ"."""
     if unit == "J" and isinstance(value, float) and math.isfinite(value):
         return quantity(value, unit, 3)
     plain = curves.few(value) if isinstance(value, float) and math.isfinite(value) else text(value)
@@ -178,15 +179,15 @@ def measured(value: Any, unit: str) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SweepTable(RunRows):
-    """A row for each run of a sweep; it is read from the folder each time, so it fills while others work.
+    """The table of a sweep, with a row per run. Each access reads the folder, so the table grows during a sweep.
 
     Attributes:
-        path: the folder.
-        name: of the sweep.
-        parameters: names of the space, in order.
-        seeded: whether runs have a seed.
+        path: folder of the sweep.
+        name: name of the sweep.
+        parameters: names of the parameters, in order.
+        seeded: the runs have seeds.
         keys: hashes of all runs, in the order of the space.
-        points: of each its values and its seed.
+        points: values of the parameters and seed of each run.
     """
 
     path: Path
@@ -197,45 +198,45 @@ class SweepTable(RunRows):
     points: tuple[tuple[Mapping[str, Any], int | None], ...]
 
     def outcomes(self) -> dict[str, RunOutcome]:
-        """What has come of the runs that are there, by their hashes."""
+        """Return the outcomes of all kept runs by hash."""
         return Folder(self.path).outcomes(self.keys)
 
     def counts(self) -> dict[str, int]:
-        """How many runs are done, failed, under way and left, which has those under way."""
-        found = self.outcomes()
-        failed = sum(each.failed for each in found.values())
+        """Return the numbers of runs that are done, failed, under way and left. Runs under way count as left, too."""
+        outcomes = self.outcomes()
+        failed = sum(each.failed for each in outcomes.values())
         folder = Folder(self.path)
-        busy = set(claimed(folder.claims)) - set(found) if folder.claims.is_dir() else set()
+        busy = set(claimed(folder.claims)) - set(outcomes) if folder.claims.is_dir() else set()
         return {
-            "done": len(found) - failed,
+            "done": len(outcomes) - failed,
             "failed": failed,
             "under way": len(busy & set(self.keys)),
-            "left": len(self.keys) - len(found),
+            "left": len(self.keys) - len(outcomes),
         }
 
     def metrics(self) -> tuple[str, ...]:
-        """Names of the metrics, in the order in which runs have them."""
+        """Return the names of the metrics, in the order of the runs."""
         return tuple(names_of(each.metrics for each in self.outcomes().values()))
 
     def rows(self, times: bool = False) -> list[dict[str, Any]]:
-        """A mapping for each run: run, outcome, the parameters, seed, the metrics and error.
+        """Return a mapping for each run: run, outcome, the parameters, seed, the metrics and error.
 
         Args:
-            times: whether also seconds and attempts, which are not the same each time.
+            times: add seconds and attempts, which differ between sweeps of the same space.
         """
         return list(self._rows(self.outcomes(), times))
 
-    def _rows(self, found: Mapping[str, RunOutcome], times: bool) -> Iterator[dict[str, Any]]:
-        names = names_of(each.metrics for each in found.values())
+    def _rows(self, outcomes: Mapping[str, RunOutcome], times: bool) -> Iterator[dict[str, Any]]:
+        names = names_of(each.metrics for each in outcomes.values())
         for key, (point, seed) in zip(self.keys, self.points, strict=True):
-            ended = found.get(key)
-            row: dict[str, Any] = {"run": key, "outcome": ended.outcome if ended else LEFT, **point}
+            run = outcomes.get(key)
+            row: dict[str, Any] = {"run": key, "outcome": run.outcome if run else LEFT, **point}
             if self.seeded:
                 row["seed"] = seed
-            row |= {name: ended.metrics.get(name) if ended else None for name in names}
+            row |= {name: run.metrics.get(name) if run else None for name in names}
             if times:
-                row |= {"seconds": ended.seconds if ended else None, "attempts": ended.attempts if ended else None}
-            row["error"] = ended.error if ended else ""
+                row |= {"seconds": run.seconds if run else None, "attempts": run.attempts if run else None}
+            row["error"] = run.error if run else ""
             yield row
 
     def __len__(self) -> int:
@@ -248,10 +249,10 @@ class SweepTable(RunRows):
 
 
 def table_of(path: str | PathLike[str]) -> SweepTable:
-    """The table of the sweep in a folder.
+    """Return the table of the sweep in a folder.
 
     Raises:
-        ModelError: there is none.
+        ModelError: the folder has no sweep.
     """
     folder = file_path(path, "path")
     content = Folder(folder, SWEEP).read()
@@ -261,13 +262,13 @@ def table_of(path: str | PathLike[str]) -> SweepTable:
         seeded = any(seed is not None for _, seed in points)
         return SweepTable(folder, content["name"], tuple(content["parameters"]), seeded, keys, points)
     except (KeyError, TypeError, ValueError):
-        raise ModelError(f"{folder / 'sweep.json'}: damaged: expected what 'neuro sweep run' wrote") from None
+        raise ModelError(f"{folder / 'sweep.json'}: damaged: expected the file that 'neuro sweep run' wrote") from None
 
 
-def reasons(outcomes: Mapping[str, RunOutcome]) -> list[list[RunOutcome]]:
-    """What failed by why it did, numbers in the words of an error left out; the most frequent first."""
-    found: dict[str, list[RunOutcome]] = {}
+def failures_by_reason(outcomes: Mapping[str, RunOutcome]) -> list[list[RunOutcome]]:
+    """Group failed runs by error message, most frequent first. Messages that differ only in numbers are one group."""
+    groups: dict[str, list[RunOutcome]] = {}
     for each in outcomes.values():
         if each.failed:
-            found.setdefault(_NUMBER.sub("#", each.error), []).append(each)
-    return sorted(found.values(), key=len, reverse=True)
+            groups.setdefault(_NUMBER.sub("#", each.error), []).append(each)
+    return sorted(groups.values(), key=len, reverse=True)

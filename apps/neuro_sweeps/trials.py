@@ -1,12 +1,12 @@
-"""Trials of a search: how they are asked for, and what has come of them so far.
+"""Trials of a search: requests to Optuna, and the table of trials.
 
-Several may ask one journal. A trial is claimed by the process that asked for it; that of a dead process is taken over,
-and its runs that are kept are not done again.
+Several processes may use one journal. A trial is claimed by the process that asked for it. The trial of a dead process
+is taken over, and its kept runs are not repeated.
 
-A sampler begins anew for each trial, with a seed from that of the search and the number of the trial. So what is asked
-next depends on the search alone, not on how often it was interrupted. A grid is shuffled once. A trial is drawn in
-memory and comes into the journal with all its parameters, in one line: a kill leaves it whole or not at all.
-Whether a run ends early is decided in the process that does it.
+Each trial has a new sampler, seeded by the seed of the search and the number of the trial. So the next point depends
+only on the search, not on interruptions. A grid is shuffled once. A trial is drawn in memory, and enters the journal
+with all parameters in one line, so a kill leaves the complete trial or none. The worker process of a run decides
+whether the run ends early.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from neuro import ModelError
 from neuro.apps import file_path, marked
 from neuro_sweeps.folder import PRUNED, TUNING, Claims, Folder, RunOutcome
 from neuro_sweeps.function import IsWorse
-from neuro_sweeps.journal import DraftStorage, locked, optuna, quietly, study_of, trials_of
+from neuro_sweeps.journal import DraftStorage, locked, optuna, study_of, trials_of, without_warnings
 from neuro_sweeps.plan import SearchPlan, front, mean_metrics, worth
 from neuro_sweeps.space import Axis, Point, RunItem
 from neuro_sweeps.table import RunRows, SweepTable, as_text, names_of
@@ -41,103 +41,103 @@ if TYPE_CHECKING:
 
 @dataclass
 class OpenTrial:
-    """A trial under way.
+    """A trial that is not finished.
 
     Attributes:
-        items: its runs.
-        asked: hashes of those that were handed out.
+        items: the runs of the trial.
+        requested: hashes of the runs that were queued.
     """
 
     items: tuple[RunItem, ...]
-    asked: set[str] = field(default_factory=set)
+    requested: set[str] = field(default_factory=set)
 
 
 class Asker:
-    """Asks for trials of one search, and reports their outcome to Optuna.
+    """Asks Optuna for the trials of a search, queues their runs, and reports results to Optuna.
 
     Args:
-        plan: how the search goes.
-        before: what decides what comes of a run, beside its point and seed.
-        folder: of the search.
-        share: how many trials this one asks for at most; as many as there are left if None.
+        plan: plan of the search.
+        key_prefix: all inputs of a run but point and seed, see `key_of`.
+        folder: folder of the search.
+        share: largest number of trials that this process asks for; None for all remaining trials.
 
     Raises:
         ModelError: Optuna is not installed, or the journal is damaged.
     """
 
-    def __init__(self, plan: SearchPlan, before: str, folder: Folder, share: int | None = None) -> None:
-        self._plan, self._before, self._folder = plan, before, folder
-        self._left = plan.most if share is None else share
+    def __init__(self, plan: SearchPlan, key_prefix: str, folder: Folder, share: int | None = None) -> None:
+        self._plan, self._before, self._folder = plan, key_prefix, folder
+        self._remaining = plan.most if share is None else share
         self._claims = Claims(folder.claims)
         self._claims.beat()
-        self._going: dict[int, OpenTrial] = {}
+        self._open: dict[int, OpenTrial] = {}
         self._queue: deque[RunItem] = deque()
         self._states = optuna().trial.TrialState
-        with self._alone():
+        with self._locked():
             self._study = study_of(folder, tuple(plan.objectives.values()))
 
     def close(self) -> None:
-        """Leave trials under way to the next asker."""
+        """Release unfinished trials to other processes."""
         self._claims.close()
 
-    def more(self, number: int) -> Sequence[RunItem]:
-        """Up to so many runs that are next; trials are asked for where there are none left of those before."""
-        while len(self._queue) < number and (asked := self._next()) is not None:
-            trial, point = asked
-            self._going[trial] = OpenTrial(self._plan.items(self._before, point, trial))
+    def next_runs(self, number: int) -> Sequence[RunItem]:
+        """Return up to `number` runs. New trials are requested when the queue is too short."""
+        while len(self._queue) < number and (request := self._next_trial()) is not None:
+            trial, point = request
+            self._open[trial] = OpenTrial(self._plan.items(self._before, point, trial))
             self._advance(trial)
         return [self._queue.popleft() for _ in range(min(number, len(self._queue)))]
 
-    def tell(self, key: str) -> None:
-        """A run is there: trials that wait for it go on."""
-        for number in [number for number, going in self._going.items() if key in going.asked]:
+    def on_run(self, key: str) -> None:
+        """Advance the trials that wait for a finished run."""
+        for number in [number for number, trial in self._open.items() if key in trial.requested]:
             self._advance(number)
 
     def finished(self) -> bool:
-        """Whether all trials there can be are over, those of others too."""
+        """Return whether all trials are finished, including those of other processes."""
         trials = self._study.get_trials(deepcopy=False)
         return len(trials) >= self._plan.most and all(trial.state.is_finished() for trial in trials)
 
-    def others(self) -> list[str]:
-        """The claims of trials that others have under way."""
+    def claims_of_others(self) -> list[str]:
+        """Return the claims of unfinished trials of other processes."""
         trials = self._study.get_trials(deepcopy=False)
         numbers = (trial.number for trial in trials if not trial.state.is_finished())
-        return [_claim(number) for number in numbers if number not in self._going]
+        return [_claim(number) for number in numbers if number not in self._open]
 
     def counts(self) -> dict[str, int]:
-        """How many trials are done, failed, pruned, and left."""
-        return counted(self._study.get_trials(deepcopy=False), self._plan.most)
+        """Return the numbers of trials that are done, failed, pruned and left."""
+        return count_trials(self._study.get_trials(deepcopy=False), self._plan.most)
 
-    def _alone(self) -> Any:
+    def _locked(self) -> Any:
         return locked(self._folder.claims / ".ask")
 
-    def _next(self) -> tuple[int, Point] | None:
-        """The number and the point of a trial that a dead process has left, or of a new one."""
-        with self._alone():
+    def _next_trial(self) -> tuple[int, Point] | None:
+        """Return number and point of a trial to take over from a dead process, or of a new trial, or None."""
+        with self._locked():
             trials = self._study.get_trials(deepcopy=False)
             for trial in trials:
-                waits = not trial.state.is_finished() and trial.number not in self._going
-                if waits and self._claims.take(_claim(trial.number)):
+                is_of_others = not trial.state.is_finished() and trial.number not in self._open
+                if is_of_others and self._claims.take(_claim(trial.number)):
                     return trial.number, point_of(self._plan, trial.params)
             number = len(trials)
-            if self._left <= 0 or number >= self._plan.most:
+            if self._remaining <= 0 or number >= self._plan.most:
                 return None
-            self._left -= 1
+            self._remaining -= 1
             self._claims.take(_claim(number))
             return number, draw(self._study, self._plan, number)
 
     def _advance(self, number: int) -> None:
-        """Hand out the next runs of a trial, or end it."""
-        going = self._going[number]
-        there = self._folder.outcomes(item.key for item in going.items)
-        each = [there[item.key] for item in going.items if item.key in there]
-        worse = self._worse(number, there)
-        if any(one.failed for one in each):
+        """Queue the next runs of a trial, or end the trial."""
+        trial = self._open[number]
+        outcomes = self._folder.outcomes(item.key for item in trial.items)
+        finished = [outcomes[item.key] for item in trial.items if item.key in outcomes]
+        is_pruned = self._is_pruned(number, outcomes)
+        if any(outcome.failed for outcome in finished):
             self._end(number, self._states.FAIL)
-        elif worse or any(one.outcome == PRUNED for one in each):
+        elif is_pruned or any(outcome.outcome == PRUNED for outcome in finished):
             self._end(number, self._states.PRUNED)
-        elif len(there) == len({item.key for item in going.items}):
-            metrics = mean_metrics([one.metrics for one in each])
+        elif len(outcomes) == len({item.key for item in trial.items}):
+            metrics = mean_metrics([outcome.metrics for outcome in finished])
             try:
                 values = worth(metrics, self._plan.objectives)
             except ModelError:
@@ -147,53 +147,57 @@ class Asker:
             else:
                 self._end(number, self._states.COMPLETE, values)
         else:
-            left = [item for item in going.items if item.key not in there and item.key not in going.asked]
+            missing = [item for item in trial.items if item.key not in outcomes and item.key not in trial.requested]
             one_by_one = self._plan.prune and self._plan.runs > 1
-            if not one_by_one or not going.asked - set(there):
-                # Those that another trial waits for are not done twice.
-                for item in left[:1] if one_by_one else left:
-                    if not any(item.key in other.asked for other in self._going.values()):
+            if not one_by_one or not trial.requested - set(outcomes):
+                for item in missing[:1] if one_by_one else missing:
+                    # Another trial may have requested the same run.
+                    if not any(item.key in other.requested for other in self._open.values()):
                         self._queue.append(item)
-                    going.asked.add(item.key)
+                    trial.requested.add(item.key)
 
-    def _worse(self, number: int, there: Mapping[str, RunOutcome]) -> bool:
-        """Whether others were better after so many runs of a trial; of a single run its steps are kept here, too."""
+    def _is_pruned(self, number: int, outcomes: Mapping[str, RunOutcome]) -> bool:
+        """Return whether a trial of several runs ends, since other trials were better after as many runs.
+
+        The steps of a trial with a single run are only written to the journal, since its worker decides.
+        """
         if not self._plan.prune:
             return False
-        way, items = TrialProgress(self._study, self._plan.prune, number), self._going[number].items
+        progress, items = TrialProgress(self._study, self._plan.prune, number), self._open[number].items
         if self._plan.runs == 1:
-            for one in there.values():
-                for step, value in one.steps.items():
-                    way.worse(int(step), value)
+            for outcome in outcomes.values():
+                for step, value in outcome.steps.items():
+                    progress.is_worse(int(step), value)
             return False
         name, values = next(iter(self._plan.objectives)), list[float]()
         for k, item in enumerate(items):
-            if item.key not in there:
+            if item.key not in outcomes:
                 return False
             try:
-                values += worth(there[item.key].metrics, {name: ""})
+                values += worth(outcomes[item.key].metrics, {name: ""})
             except ModelError:
                 return False
-            if way.worse(k, sum(values) / len(values)) and k + 1 < len(items):
+            if progress.is_worse(k, sum(values) / len(values)) and k + 1 < len(items):
                 return True
         return False
 
     def _end(self, number: int, state: Any, values: Sequence[float] | None = None) -> None:
-        going = self._going.pop(number)
-        mine = {item.key for item in going.items} - {key for other in self._going.values() for key in other.asked}
-        self._queue = deque(item for item in self._queue if item.key not in mine)
-        with quietly():
+        trial = self._open.pop(number)
+        of_others = {key for other in self._open.values() for key in other.requested}
+        obsolete = {item.key for item in trial.items} - of_others
+        self._queue = deque(item for item in self._queue if item.key not in obsolete)
+        with without_warnings():
             self._study.tell(number, values, state=state, skip_if_finished=True)
         self._claims.give_up(_claim(number))
 
 
-def counted(trials: Sequence[Any], most: int) -> dict[str, int]:
-    """How many of Optuna's trials are done, failed and pruned, and how many of all that there can be are left."""
+def count_trials(trials: Sequence[Any], most: int) -> dict[str, int]:
+    """Return the numbers of Optuna's trials that are done, failed and pruned, and the number left of `most`."""
     names = [trial.state.name for trial in trials]
-    found = {
+    counts = {
         word: names.count(state) for word, state in (("done", "COMPLETE"), ("failed", "FAIL"), ("pruned", "PRUNED"))
     }
-    return {**found, "left": max(0, most - sum(found.values()))}
+    return {**counts, "left": max(0, most - sum(counts.values()))}
 
 
 def _claim(number: int) -> str:
@@ -201,7 +205,7 @@ def _claim(number: int) -> str:
 
 
 POPULATION = 16
-"""Of NSGA-II: so many trials are drawn at random before the first is bred."""
+"""Size of a generation of NSGA-II; the first generation is random."""
 
 _PRUNERS = {
     "startup_trials": "n_startup_trials",
@@ -210,35 +214,35 @@ _PRUNERS = {
     "max_steps": "max_resource",
     "factor": "reduction_factor",
 }
-"""What Optuna calls the words of pruners."""
+"""Optuna's names of the settings of pruners."""
 
 
 def sampler_of(plan: SearchPlan, number: int) -> BaseSampler:
-    """The sampler that is asked for one trial.
+    """Return the sampler of a trial.
 
     Sources: Bergstra et al., NeurIPS 2011 (TPE); Ozaki et al., JAIR 73:1209, 2022 (TPE of several objectives);
     Deb et al., IEEE TEC 6:182, 2002 (NSGA-II).
     """
     samplers = optuna().samplers
     seed = int(np.random.SeedSequence([plan.draw, number]).generate_state(1)[0])
-    made: BaseSampler
-    with quietly():
+    sampler: BaseSampler
+    with without_warnings():
         if plan.sampler == "tpe":
-            made = samplers.TPESampler(seed=seed, constant_liar=True)
+            sampler = samplers.TPESampler(seed=seed, constant_liar=True)
         elif plan.sampler == "nsga2":
-            made = _nsga2(seed)
+            sampler = _nsga2(seed)
         elif plan.sampler == "grid":
-            made = samplers.GridSampler({axis.name: _choices(axis) for axis in plan.axes}, seed=plan.draw)
+            sampler = samplers.GridSampler({axis.name: _choices(axis) for axis in plan.axes}, seed=plan.draw)
         else:
-            made = samplers.RandomSampler(seed=seed)
-    return made
+            sampler = samplers.RandomSampler(seed=seed)
+    return sampler
 
 
 def _nsga2(seed: int) -> BaseSampler:
-    """NSGA-II whose parents have one order, that of their numbers.
+    """Return NSGA-II with parents sorted by number.
 
-    Optuna's first trial of a generation, which chooses its parents, has these by rank, and all others by number. So a
-    search that was killed after the choice would go on otherwise.
+    In Optuna the first trial of a generation chooses the parents, and has them sorted by rank, while later trials have
+    them sorted by number. So a search that is killed after the choice would continue differently.
     """
     from optuna.samplers import NSGAIISampler
 
@@ -250,40 +254,40 @@ def _nsga2(seed: int) -> BaseSampler:
 
 
 def draw(study: Study, plan: SearchPlan, number: int) -> Point:
-    """Let the trial of a number have all parameters.
+    """Draw all parameters of a trial, add the trial to the study, and return its point.
 
     Args:
-        study: gets the trial.
-        plan: how the search goes.
-        number: of the trial.
+        study: the study.
+        plan: plan of the search.
+        number: number of the trial.
     """
-    with quietly():
+    with without_warnings():
         trial = optuna().trial.create_trial(state=optuna().trial.TrialState.RUNNING)
         trial.number = trial._trial_id = number
-        asked = DraftStorage(study._storage, trial).study(sampler=sampler_of(plan, number)).ask()
+        draft = DraftStorage(study._storage, trial).study(sampler=sampler_of(plan, number)).ask()
         for axis in plan.axes:
             if axis.values or (plan.sampler == "grid"):
-                asked.suggest_categorical(axis.name, _choices(axis))
+                draft.suggest_categorical(axis.name, _choices(axis))
             elif axis.whole:
-                asked.suggest_int(axis.name, int(axis.low), int(axis.high), log=axis.log)
+                draft.suggest_int(axis.name, int(axis.low), int(axis.high), log=axis.log)
             else:
-                asked.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
+                draft.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
         study.add_trial(trial)
     return point_of(plan, trial.params)
 
 
-def _read(axis: Axis, value: Any) -> Any:
-    """A value of a parameter from what Optuna has of it: lists lie there as texts."""
-    return next((one for one in axis.listed if _choice(one) == value), value) if axis.values else value
+def _value_of(axis: Axis, value: Any) -> Any:
+    """Return the value of a parameter for Optuna's value. Optuna has lists as texts."""
+    return next((each for each in axis.grid_values if _choice(each) == value), value) if axis.values else value
 
 
 def point_of(plan: SearchPlan, params: Mapping[str, Any]) -> Point:
-    """The values of those parameters that a trial of the journal has."""
-    return {axis.name: _read(axis, params[axis.name]) for axis in plan.axes if axis.name in params}
+    """Return the point of a trial in the journal."""
+    return {axis.name: _value_of(axis, params[axis.name]) for axis in plan.axes if axis.name in params}
 
 
 def _choices(axis: Axis) -> list[Any]:
-    return [_choice(value) for value in axis.listed]
+    return [_choice(value) for value in axis.grid_values]
 
 
 def _choice(value: Any) -> Any:
@@ -291,21 +295,21 @@ def _choice(value: Any) -> Any:
 
 
 def pruner_of(prune: Mapping[str, Any]) -> BasePruner:
-    """Optuna's pruner of a plan, which is asked once: what it has seen before is in the journal.
+    """Return Optuna's pruner of a plan for one decision. All earlier data are in the journal.
 
     Sources: Golovin et al., KDD 2017, section 3.3 (median); Li et al., JMLR 18:185, 2018 (hyperband).
     """
     pruners = optuna().pruners
     words = {_PRUNERS[word]: value for word, value in prune.items() if word in _PRUNERS}
-    made: BasePruner = {"median": pruners.MedianPruner, "hyperband": pruners.HyperbandPruner}[prune["by"]](**words)
-    return made
+    pruner: BasePruner = {"median": pruners.MedianPruner, "hyperband": pruners.HyperbandPruner}[prune["by"]](**words)
+    return pruner
 
 
 class Pruner:
-    """Decides for the runs of one process whether they end early.
+    """The pruner of a worker process.
 
     Args:
-        folder: of the search.
+        folder: folder of the search.
     """
 
     def __init__(self, folder: Folder) -> None:
@@ -313,21 +317,21 @@ class Pruner:
         self._prune = plan.prune
         self._study = study_of(folder, tuple(plan.objectives.values()))
 
-    def of(self, trial: int) -> IsWorse | None:
-        """What gets the steps of a trial; None where nothing is pruned."""
-        return TrialProgress(self._study, self._prune, trial).worse if self._prune else None
+    def for_trial(self, trial: int) -> IsWorse | None:
+        """Return the function that decides at each step whether a trial ends; None without pruning."""
+        return TrialProgress(self._study, self._prune, trial).is_worse if self._prune else None
 
 
 class TrialProgress:
-    """The steps that a trial reports, from its first on, and whether others were better.
+    """The reported steps of a running trial, and the comparison with other trials.
 
-    Whether others were better depends on the steps reported here and on the other trials alone. So a trial that was
-    killed on its way, of which the journal has later steps, is judged as it was at first.
+    The comparison uses the steps reported here and all other trials. So a killed trial that is repeated, with later
+    steps in the journal already, is judged as in the first attempt.
 
     Args:
-        study: which keeps the steps; one that is there already, as of a run that is tried once more, stays.
-        prune: how the trial is judged.
-        number: of the trial.
+        study: study, to which the steps are added; steps of an earlier attempt are not replaced.
+        prune: settings of the pruner.
+        number: number of the trial.
     """
 
     def __init__(self, study: Study, prune: Mapping[str, Any], number: int) -> None:
@@ -336,16 +340,16 @@ class TrialProgress:
         self._trial.intermediate_values, self._trial.system_attrs = {}, {}
         self._study = DraftStorage(self._storage, self._trial).study()
 
-    def worse(self, step: int, value: float) -> bool:
-        """Keep a step, and say whether others were better at it."""
+    def is_worse(self, step: int, value: float) -> bool:
+        """Add a step to the journal, and return whether other trials were so much better that this one ends."""
         self._trial.intermediate_values[step] = value
         identifier = self._trial._trial_id
-        there = self._storage.get_trial(identifier)
-        with quietly():
-            if step not in there.intermediate_values:
+        stored = self._storage.get_trial(identifier)
+        with without_warnings():
+            if step not in stored.intermediate_values:
                 self._storage.set_trial_intermediate_value(identifier, step, value)
             ends = pruner_of(self._prune).prune(self._study, self._trial)
-            for name in self._trial.system_attrs.keys() - there.system_attrs.keys():
+            for name in self._trial.system_attrs.keys() - stored.system_attrs.keys():
                 self._storage.set_trial_system_attr(identifier, name, self._trial.system_attrs[name])
         return bool(ends)
 
@@ -355,18 +359,18 @@ _OUTCOMES = {"COMPLETE": "done", "FAIL": "failed", "PRUNED": PRUNED}
 
 
 @dataclass(frozen=True, slots=True)
-class FoundTrial:
-    """One trial.
+class TrialRow:
+    """A trial with its results.
 
     Attributes:
-        number: from 0 on.
+        number: number of the trial, from 0.
         outcome: "done", "failed", "pruned" or "under way".
-        point: the values of the parameters.
-        items: its runs.
-        metrics: means over them.
-        values: of the objectives, where it is done.
-        error: why it failed.
-        has_no_value: whether it failed though all runs were done: an objective is missing or not finite.
+        point: values of the parameters.
+        items: the runs of the trial.
+        metrics: means over the runs.
+        values: values of the objectives; None for a trial that is not done.
+        error: error message of a failed trial.
+        has_no_value: the trial failed although its runs are done, since an objective is missing or not finite.
     """
 
     number: int
@@ -381,16 +385,16 @@ class FoundTrial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TuneTable(RunRows):
-    """A row for each trial of a search; it is read from the folder each time, so it fills while others work.
+    """The table of a search, with a row per trial. Each access reads the folder, so the table grows during a search.
 
-    Columns are trial, outcome, the parameters, the metrics as means over the runs of the trial, `test.METRIC` where
-    points were tested on what is held out, best (whether no other trial beats it) and error.
+    The columns are trial, outcome, the parameters, the metrics (means over the runs of the trial), `test.METRIC` for
+    points that were tested on held-out data, best (True if no other trial beats the trial) and error.
 
     Attributes:
-        path: the folder.
-        name: of the search.
-        plan: how it goes.
-        before: what decides what comes of a run, beside its point and seed.
+        path: folder of the search.
+        name: name of the search.
+        plan: plan of the search.
+        key_prefix: all inputs of a run but point and seed, see `key_of`.
     """
 
     kind = marked("a table of a tuning", "trial,outcome,")
@@ -399,23 +403,23 @@ class TuneTable(RunRows):
     path: Path
     name: str
     plan: SearchPlan
-    before: str
+    key_prefix: str
 
-    def trials(self) -> list[FoundTrial]:
-        """All trials.
+    def trials(self) -> list[TrialRow]:
+        """Return all trials.
 
         Raises:
             ModelError: the journal is damaged, or Optuna is not installed.
         """
-        folder, found = Folder(self.path, TUNING), []
+        folder, rows = Folder(self.path, TUNING), []
         trials = trials_of(folder)
-        items = [self.plan.items(self.before, point_of(self.plan, trial.params)) for trial in trials]
-        there = folder.outcomes({item.key: None for each in items for item in each})
+        items = [self.plan.items(self.key_prefix, point_of(self.plan, trial.params)) for trial in trials]
+        kept = folder.outcomes({item.key: None for each in items for item in each})
         for trial, each in zip(trials, items, strict=True):
-            outcomes = [there[item.key] for item in each if item.key in there]
+            outcomes = [kept[item.key] for item in each if item.key in kept]
             state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
-            metrics = mean_metrics([one.metrics for one in outcomes]) if len(outcomes) == len(each) else {}
-            error = next((one.error for one in outcomes if one.failed), "")
+            metrics = mean_metrics([run.metrics for run in outcomes]) if len(outcomes) == len(each) else {}
+            error = next((run.error for run in outcomes if run.failed), "")
             has_no_value = state == "failed" and not error
             if has_no_value:
                 try:
@@ -423,30 +427,27 @@ class TuneTable(RunRows):
                 except ModelError as mistake:
                     error = str(mistake)
             values = tuple(trial.values) if state == "done" else None
-            found.append(
-                FoundTrial(
-                    trial.number, state, point_of(self.plan, trial.params), each, metrics, values, error, has_no_value
-                )
-            )
-        return found
+            point = point_of(self.plan, trial.params)
+            rows.append(TrialRow(trial.number, state, point, each, metrics, values, error, has_no_value))
+        return rows
 
-    def best(self) -> list[FoundTrial]:
-        """The trials that no other beats, by the first objective: the best one, or the front of several objectives.
+    def best(self) -> list[TrialRow]:
+        """Return the best trial, or the Pareto front of several objectives, sorted by the first objective.
 
-        Of several with the same values the first.
+        Of trials with the same values only the first is returned.
         """
         first = {trial.values: trial for trial in reversed(self._unbeaten(self.trials()))}
         return sorted(first.values(), key=lambda trial: trial.values or ())
 
     def counts(self) -> dict[str, int]:
-        """How many trials are done, failed, pruned, and left of those that there can be."""
-        return counted(trials_of(Folder(self.path, TUNING)), self.plan.most)
+        """Return the numbers of trials that are done, failed, pruned and left."""
+        return count_trials(trials_of(Folder(self.path, TUNING)), self.plan.most)
 
     def rows(self, times: bool = False) -> list[dict[str, Any]]:
-        """A mapping for each trial.
+        """Return a mapping for each trial.
 
         Args:
-            times: whether also the seconds that its runs took together.
+            times: add the total seconds of the trial's runs.
         """
         return list(self._rows(times))
 
@@ -454,48 +455,49 @@ class TuneTable(RunRows):
         trials = self.trials()
         folder = Folder(self.path, TUNING)
         best = {trial.values for trial in self._unbeaten(trials)}
-        tested = {trial.number: self._tested(folder, trial.point) for trial in trials if trial.values in best}
+        test_metrics = {trial.number: self._tested(folder, trial.point) for trial in trials if trial.values in best}
         names = names_of((self.plan.objectives, *(trial.metrics for trial in trials)))
-        tests = names_of(tested.values())
+        test_names = names_of(test_metrics.values())
         for trial in trials:
             row = {"trial": trial.number, "outcome": trial.outcome}
             row |= {name: trial.point.get(name) for name in self.plan.names}
             row |= {name: trial.metrics.get(name) for name in names}
-            row |= {name: tested.get(trial.number, {}).get(name) for name in tests}
+            row |= {name: test_metrics.get(trial.number, {}).get(name) for name in test_names}
             if times:
-                there = folder.outcomes(item.key for item in trial.items)
-                row["seconds"] = sum(one.seconds for one in there.values())
+                outcomes = folder.outcomes(item.key for item in trial.items)
+                row["seconds"] = sum(run.seconds for run in outcomes.values())
             yield {**row, "best": trial.values in best if trial.values else False, "error": trial.error}
 
-    def _unbeaten(self, trials: list[FoundTrial]) -> list[FoundTrial]:
+    def _unbeaten(self, trials: list[TrialRow]) -> list[TrialRow]:
         done = [trial for trial in trials if trial.values is not None]
         values = np.array([trial.values for trial in done], float).reshape(-1, len(self.plan.objectives))
-        kept = front(values, tuple(self.plan.objectives.values()))
-        return [trial for trial, stays in zip(done, kept, strict=True) if stays]
+        is_unbeaten = front(values, tuple(self.plan.objectives.values()))
+        return [trial for trial, unbeaten in zip(done, is_unbeaten, strict=True) if unbeaten]
 
     def _tested(self, folder: Folder, point: Point) -> dict[str, Any]:
         if not self.plan.folds:
             return {}
-        items = self.plan.tests(self.before, point)
-        there = folder.outcomes(item.key for item in items)
-        if len(there) < len(items) or any(one.failed for one in there.values()):
+        items = self.plan.tests(self.key_prefix, point)
+        outcomes = folder.outcomes(item.key for item in items)
+        if len(outcomes) < len(items) or any(run.failed for run in outcomes.values()):
             return {}
-        return {f"test.{name}": value for name, value in mean_metrics([o.metrics for o in there.values()]).items()}
+        metrics = mean_metrics([run.metrics for run in outcomes.values()])
+        return {f"test.{name}": value for name, value in metrics.items()}
 
     def runs(self) -> SweepTable:
-        """A row for each run of the trials, as of a sweep."""
+        """Return the table of all runs of the trials, as for a sweep."""
         items = {item.key: item for trial in self.trials() for item in trial.items}
         points = tuple((item.point, item.seed) for item in items.values())
         names = (*self.plan.names, *(("fold",) if self.plan.folds else ()))
         return SweepTable(self.path, self.name, names, bool(self.plan.seeds), tuple(items), points)
 
     def strays(self) -> int:
-        """How many runs are kept that no trial of the journal asks for: a journal that was cut has lost theirs."""
+        """Return the number of kept runs without a trial in the journal, e.g. after the journal was cut."""
         folder = Folder(self.path, TUNING)
-        known = {item.key for trial in self.trials() for item in trial.items}
-        known |= {item.key for trial in self.best() for item in self.plan.tests(self.before, trial.point)}
+        keys = {item.key for trial in self.trials() for item in trial.items}
+        keys |= {item.key for trial in self.best() for item in self.plan.tests(self.key_prefix, trial.point)}
         names = os.listdir(folder.runs) if folder.runs.is_dir() else []
-        return sum(not name.startswith(".") and name not in known and not _is_test(folder, name) for name in names)
+        return sum(not name.startswith(".") and name not in keys and not _is_test(folder, name) for name in names)
 
     def __len__(self) -> int:
         return len(trials_of(Folder(self.path, TUNING)))
@@ -505,17 +507,17 @@ class TuneTable(RunRows):
 
 
 def tune_table_of(path: str | PathLike[str]) -> TuneTable:
-    """The table of the search in a folder.
+    """Return the table of the search in a folder.
 
     Raises:
-        ModelError: there is none.
+        ModelError: the folder has no search.
     """
     folder = file_path(path, "path")
     content = Folder(folder, TUNING).read()
     try:
         return TuneTable(folder, content["name"], SearchPlan.from_dict(content["plan"]), content["before"])
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise ModelError(f"{folder / TUNING.file}: damaged: expected what 'neuro tune run' wrote") from None
+        raise ModelError(f"{folder / TUNING.file}: damaged: expected the file that 'neuro tune run' wrote") from None
 
 
 def _is_test(folder: Folder, key: str) -> bool:

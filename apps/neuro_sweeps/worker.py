@@ -1,4 +1,4 @@
-"""One run of a sweep or a tuning after the other: claimed, within its limits, kept before its outcome is reported."""
+"""The worker of a sweep or a tuning: claims a run, keeps its limits, and writes its outcome before reporting it."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import Unwritable, digest_of, processes, provenance, run_extensions
-from neuro_sweeps.definition import Limits, Run, run_of
+from neuro_sweeps.definition import Limits, Run, run_from_dict
 from neuro_sweeps.folder import DONE, FAILED, PRUNED, Claims, Folder, RunOutcome
-from neuro_sweeps.function import IsWorse, Pruned, gathering_steps
+from neuro_sweeps.function import IsWorse, Pruned, gather_steps
 from neuro_sweeps.space import RunItem
 from neuro_sweeps.trials import Pruner
 
 TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
-"""How a run ended for the process that asked: another process works on it, it was there, it is kept, it cannot be."""
+"""States of a run for a worker: another process works on it; it was kept already; it is kept now; it cannot be kept."""
 
 MOST_PRINTED = 1_000_000
+"""Largest number of characters that are kept of a run's printed text."""
 
 
 class Worker:
-    """Does runs in a folder.
+    """A worker that does runs of a sweep in this process.
 
     Args:
-        folder: of the sweep.
-        run: what is run.
-        limits: of one run; of time only its process can be given one.
-        inputs: the files that runs are made of.
+        folder: folder of the sweep.
+        run: the function or network to run.
+        limits: limits of a run. Only the memory limit applies here; a time limit needs its own process.
+        inputs: input files of the runs.
     """
 
     def __init__(self, folder: Folder, run: Run, limits: Limits, inputs: tuple[str, ...]) -> None:
@@ -45,11 +46,11 @@ class Worker:
         self._pruner: Pruner | None = None
 
     def close(self) -> None:
-        """No more runs are wanted."""
+        """Remove all claims."""
         self._claims.close()
 
     def do(self, item: RunItem, attempt: int = 1) -> dict[str, Any]:
-        """One run, unless it is there or another process works on it: how it ended, as plain data."""
+        """Do a run, unless it is kept or another process works on it. Return its state as plain data."""
         if self._folder.has(item.key) and self._folder.outcome(item.key) is not None:
             return {"key": item.key, "is": THERE}
         try:
@@ -69,113 +70,113 @@ class Worker:
 
     def _keep(self, item: RunItem, attempt: int) -> RunOutcome:
         printed, process = Printed(), os.getpid()
-        began = time.perf_counter()
-        found, fill, about = dict[str, Any](), None, dict[str, Any]()
+        start = time.perf_counter()
+        metrics, fill, about = dict[str, Any](), None, dict[str, Any]()
         error = trace = ""
         pruned = False
-        worse = self._worse(item)
-        with _written_to(printed), gathering_steps(worse) as heard, _memory(self._limits.bytes):
+        is_worse = self._pruner_of(item)
+        with _capture(printed), gather_steps(is_worse) as reported, _memory(self._limits.bytes):
             try:
-                found, fill, about = self._run(item.point, item.seed)
+                metrics, fill, about = self._run(item.point, item.seed)
             except Pruned:
                 pruned = True
-            except MemoryError as lack:
-                error = _lack(self._limits.bytes, lack)
+            except MemoryError as memory_error:
+                error = _memory_error(self._limits.bytes, memory_error)
             except ModelError as mistake:
                 error = str(mistake)
             except BaseException as bug:
                 if isinstance(bug, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-                    raise  # it is this process that is interrupted, not a run that raises this
+                    raise  # the user interrupts this process
                 error, trace = f"{type(bug).__name__}: {bug}".removesuffix(": "), traceback.format_exc()
         if os.getpid() != process:
-            os._exit(1)  # a child that the run has forked, which has come back as if it were the run
+            os._exit(1)  # a forked child of the run, which returned here as well
         outcome = RunOutcome(
             item.key,
             item.point,
             item.seed,
             FAILED if error else PRUNED if pruned else DONE,
-            found,
+            metrics,
             error,
             trace,
-            round(time.perf_counter() - began, 6),
+            round(time.perf_counter() - start, 6),
             attempt,
             provenance(self._inputs, **about),
-            heard.steps,
+            reported.steps,
         )
-        self._folder.keep(outcome, _filling(fill, str(printed)))
+        self._folder.keep(outcome, _with_output(fill, str(printed)))
         return outcome
 
-    def _worse(self, item: RunItem) -> IsWorse | None:
-        """What prunes a run of a tuning."""
+    def _pruner_of(self, item: RunItem) -> IsWorse | None:
+        """Return the function that decides whether a run of a tuning ends early, or None."""
         if item.trial is None:
             return None
         if self._pruner is None:
             self._pruner = Pruner(self._folder)
-        return self._pruner.of(item.trial)
+        return self._pruner.for_trial(item.trial)
 
 
 class Printed(io.TextIOBase):
-    """What a run prints, as much of it as is kept."""
+    """The printed text of a run, up to `MOST_PRINTED` characters."""
 
     def __init__(self) -> None:
         self._parts: list[str] = []
         self._left = MOST_PRINTED
-        self._more = False
+        self._is_cut = False
 
     def writable(self) -> bool:
-        """It can be written to."""
+        """Return True."""
         return True
 
     def write(self, text: str) -> int:
-        """Keep a text, or its beginning."""
-        if kept := text[: self._left]:
-            self._parts.append(kept)
-            self._left -= len(kept)
-        self._more |= len(kept) < len(text)
+        """Keep a text, or the beginning that fits."""
+        if beginning := text[: self._left]:
+            self._parts.append(beginning)
+            self._left -= len(beginning)
+        self._is_cut |= len(beginning) < len(text)
         return len(text)
 
     def close(self) -> None:
-        """Stays open: a run that closes what it prints to closes nothing of ours."""
+        """Do nothing, so that a run may close its output."""
 
     def __str__(self) -> str:
-        return "".join(self._parts) + "\nand more, which is not kept\n" * self._more
+        return "".join(self._parts) + "\n(the rest is not kept)\n" * self._is_cut
 
 
 @contextlib.contextmanager
-def _written_to(printed: Printed) -> Iterator[None]:
-    """Gather what is printed, and all warnings, also repeated ones."""
+def _capture(printed: Printed) -> Iterator[None]:
+    """Collect printed text and all warnings, including repeated ones."""
 
-    def tell(message: Warning | str, *place: Any, **words: Any) -> None:
+    def write_warning(message: Warning | str, *place: Any, **words: Any) -> None:
         printed.write(f"warning: {message}\n")
 
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed), warnings.catch_warnings():
         warnings.simplefilter("always")
-        warnings.showwarning = tell
+        warnings.showwarning = write_warning
         yield
 
 
-def _filling(fill: Callable[[Path], None] | None, printed: str) -> Callable[[Path], None]:
-    def both(folder: Path) -> None:
+def _with_output(fill: Callable[[Path], None] | None, printed: str) -> Callable[[Path], None]:
+    def fill_folder(folder: Path) -> None:
         if printed:
             (folder / "output.txt").write_text(printed, "utf-8", "replace")
         if fill is not None:
             fill(folder)
 
-    return both
+    return fill_folder
 
 
-def _lack(limit: int | None, error: MemoryError) -> str:
+def _memory_error(limit: int | None, error: MemoryError) -> str:
     message = f": {error}" if str(error) else ""
     return (
-        f"memory: needs more than the limit of {limit / 1e6:,.0f} MB{message}"
+        f"memory: exceeds the limit of {limit / 1e6:,.0f} MB{message}"
         if limit
-        else f"memory: not enough{message}"
+        else f"memory: not enough on this machine{message}"
     )
 
 
 @contextlib.contextmanager
 def _memory(limit: int | None) -> Iterator[None]:
-    """Let allocations fail that go beyond what the process has now and the limit.
+    """Let allocations fail that exceed the present memory of the process by more than the limit.
 
     Source: getrlimit(2), RLIMIT_DATA, which counts private anonymous memory since Linux 4.7
     """
@@ -198,35 +199,35 @@ def _data() -> int:
 
 
 def worker_of(folder: Folder, content: Mapping[str, Any]) -> Worker:
-    """A worker in this process, once all is what it was when the sweep began.
+    """Return a worker in this process, after a check that all inputs are unchanged.
 
     Raises:
-        ModelError: a file is gone, or was edited.
+        ModelError: a file is missing, or was edited.
     """
     for name, digest in content["with"].items():
         if digest_of(name) != digest:
-            raise ModelError(f"{name}: was edited since the sweep began, or is gone: expected the file that it was")
+            raise ModelError(f"{name}: missing, or edited since the sweep began: expected the unchanged file")
     run_extensions(tuple(content["with"]))
-    run = run_of(content["what"])
+    run = run_from_dict(content["what"])
     run.check_inputs()
     return Worker(folder, run, Limits(**content["limits"]), tuple(content["inputs"]))
 
 
 def begin(folder: Path) -> processes.Work:
-    """What does runs in a process of its own.
+    """Return the function that does runs in a worker process.
 
     Args:
-        folder: of the sweep.
+        folder: folder of the sweep.
 
     Raises:
-        ModelError: a file is gone, or was edited.
+        ModelError: a file is missing, or was edited.
     """
-    os.dup2(2, 1)  # what a run prints by itself is none of what the sweep tells
+    os.dup2(2, 1)  # text that C libraries print must not mix with the output of the sweep
     warnings.simplefilter("default")
-    kept = Folder(folder)
-    worker = worker_of(kept, kept.read())
+    sweep_folder = Folder(folder)
+    worker = worker_of(sweep_folder, sweep_folder.read())
 
-    def work(item: RunItem, attempt: int, tell: Callable[[Any], None]) -> dict[str, Any]:
+    def work(item: RunItem, attempt: int, report: Callable[[Any], None]) -> dict[str, Any]:
         return worker.do(item, attempt)
 
     return work

@@ -92,8 +92,8 @@ def test_limits_hold_on_a_cluster(runs, cluster, tmp_path):
     )
     assert table.column("error") == [
         "",
-        "time: takes longer than the limit of 3 s",
-        "memory: needs more than the limit of 500 MB",
+        "time: exceeds the limit of 3 s",
+        "memory: exceeds the limit of 500 MB",
         "ZeroDivisionError: a = 4",
     ]
 
@@ -130,7 +130,7 @@ def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path, notes):
     kill = killer(cluster.scheduler, [])
     words = {"set": {"notes": notes.path, "pause": 0.02}}
     told = refused(sweep, runs.noting, {"a": list(range(400))}, out, **words, on=cluster.file, each=kill)
-    assert told == f"the cluster at {cluster.file} is gone\n  hint: what was done is kept: the same command goes on"
+    assert told == f"the cluster at {cluster.file} has stopped\n  hint: finished runs are kept: run the same command again to continue"
     there = table_of(out).counts()["done"]
     assert there >= 5
     cluster.close()

@@ -123,7 +123,7 @@ def test_who_waits_says_for_whom(made, told, monkeypatch):
 
     monkeypatch.setattr("neuro.core.progress.Bar.say", say)
     assert "3 done, 0 failed, 0 left" in told("sweep", "run", "sweep.yaml", "--workers", 1, "--with", "my_study.py")
-    assert f"waiting for 1 run of others, first process 1 on another (runs/claims/{key})" in said
+    assert f"waiting for 1 run of other processes, first process 1 on another (runs/claims/{key})" in said
 
 
 def test_a_claim_that_cannot_be_written_is_told(made, told):
@@ -192,7 +192,7 @@ def test_a_line_of_a_journal_that_is_damaged_is_told(searched, told):
     def damaged(changed):
         path.write_bytes(b"".join(changed))
         error = refused(neuro.tuned(searched).rows)
-        assert "damaged: expected what 'neuro tune" in error
+        assert "damaged: expected the line that 'neuro tune" in error
         return int(error.removeprefix("tuned/journal.log: line ").partition(":")[0])
 
     for k, line in enumerate(lines[:-1]):

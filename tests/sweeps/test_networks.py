@@ -104,9 +104,9 @@ def _with(part, field, **values):
 
 def test_what_a_sweep_cannot_change_stays_as_it_is(folder):
     made = load_sweep(folder / "sweep.yaml")
-    net, _ = made.run.described({"noise_exc.weight": 7.0, "noise_exc.delay": 2.0})
+    net, _ = made.run.at_point({"noise_exc.weight": 7.0, "noise_exc.delay": 2.0})
     assert (net.projections["noise_exc"].weight, net.projections["noise_exc"].delay) == (7.0, 2.0)
-    same, _ = made.run.described({})
+    same, _ = made.run.at_point({})
     assert same == neuro.load("net.yaml")
 
 
@@ -172,7 +172,7 @@ def test_a_file_that_was_edited_under_way_is_told(folder, run, capsys):
     made = load_sweep(folder / "sweep.yaml")
     (folder / "net.yaml").write_text(NET.replace("900", "901"))
     told = refused(made.run.check_inputs)
-    assert told.startswith(f"{folder}/net.yaml: was edited since the sweep began: expected the file that it")
+    assert told.startswith(f"{folder}/net.yaml: was edited since the sweep began: expected the unchanged file")
     run("sweep", "run", "sweep.yaml", "--on", "here", "--share", "1/8")
     (folder / "net.yaml").write_text(NET)
     run("sweep", "run", "sweep.yaml", "--on", "here", status=2)

@@ -122,7 +122,7 @@ def test_edited_files_and_other_versions_are_told(made, again):
         *SAME,
         f"changed: neuro: 0.0.9 then, {neuro.__version__} now",
         f"changed: numpy: 1.0 then, {np.__version__} now",
-        f"changed: input {made}/net.yaml: is not there any more",
+        f"changed: input {made}/net.yaml: is missing",
         f"changed: input {made}/w.npy: was edited",
     ]
 
@@ -151,9 +151,9 @@ def test_a_recording_that_was_moved(played, again):
     (played / "away").mkdir()
     (played / "walk.dat").rename(played / "away" / "other.dat")
     err = again("a.h5", status=2)
-    assert f"a.h5: plays {played}/walk.dat, which is not there any more" in err
-    assert "--moved-to FOLDER looks for it there, by its content" in err
-    moved = f"changed: input {played}/walk.dat: lies at {played}/away/other.dat now, with the same content"
+    assert f"a.h5: plays {played}/walk.dat, which is missing" in err
+    assert "--moved-to FOLDER searches a folder for the file, by content" in err
+    moved = f"changed: input {played}/walk.dat: moved to {played}/away/other.dat, with the same content"
     assert again("a.h5", "--moved-to", "away") == [*SAME, moved]
 
 
@@ -167,8 +167,8 @@ def test_a_stream_that_was_played(folder, run, again):
     (folder / "streamed.yaml").write_text(STREAMED)
     run("run", "streamed.yaml", "--for", 50, "--backend", "reference", "--out", "a.h5")
     err = again("a.h5", status=2)
-    assert "a.h5: listens to udp://127.0.0.1:0: what came from there does not come again" in err
-    assert "'neuro events listen' keeps a stream" in err
+    assert "a.h5: listens to udp://127.0.0.1:0: a stream cannot be repeated" in err
+    assert "'neuro events listen' records a stream" in err
     page_of(folder, "neuro compare streamed.yaml --backends reference,event --html p.html", "streamed.yaml")
     assert "udp://127.0.0.1:0: streams cannot be opened while a file is reproduced" in again("p.html", status=2)
 
@@ -181,7 +181,7 @@ def test_a_page_is_made_again_and_asks_for_no_code(made, run, again):
         (made / "a.html").write_text(page.replace(f"{asked}&quot;", f"{command}&quot;"))
         assert said in again("a.html", status=2)
     assert "nothing.h5: no such file: expected results, a model, a page" in again("nothing.h5", status=2)
-    assert "net.yaml: does not say where it comes from" in again("net.yaml", status=2)
+    assert "net.yaml: found no provenance" in again("net.yaml", status=2)
 
 
 def test_a_recording_that_was_edited(played, again):
@@ -201,8 +201,8 @@ def test_a_run_that_was_steered_is_refused(folder):
         sim.run(10.0)
     assert json.loads(neuro.results.read("a.h5").about[ATTRIBUTE])["steered"] == ["set"]
     error = refused(rerun, folder / "a.h5")
-    assert "a.h5: was changed while it ran by sim.set: expected a run without" in error
-    assert "it was made by: " in error
+    assert "a.h5: the run was steered by sim.set: expected a run without" in error
+    assert "written by: " in error
 
 
 def test_a_state_has_its_network_and_its_record(folder):
@@ -359,12 +359,12 @@ def test_inputs_that_are_not_copied(folder, again, monkeypatch):
     (folder / "data").mkdir()
     (folder / "data" / "in").symlink_to("/etc")
     page_of(folder, "neuro report a.h5", "data")
-    link = f"{folder}/data/in: a link that leads out of {folder}/data: expected files"
+    link = f"{folder}/data/in: is a link out of {folder}/data: expected files"
     assert link in again("p.html", status=2)
     monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=10))
     page_of(folder, "neuro report a.h5", "net.yaml")
     size = (folder / "net.yaml").stat().st_size
-    assert f"{folder}/net.yaml: has {size:,} bytes to copy" in again("p.html", status=2)
+    assert f"{folder}/net.yaml: needs {size:,} bytes in " in again("p.html", status=2)
 
 
 def test_a_function_of_a_sweep_is_that_of_a_file_that_the_user_names(folder, again, registries):
@@ -402,7 +402,7 @@ def test_a_sweep_goes_on_by_the_definition_of_the_user(folder, run, capsys):
         (folder / name).mkdir()
     (folder / "linked" / "runs").symlink_to(folder / "away")
     run("sweep", "run", "sweep.yaml", "--on", "here", "--out", "linked", status=2)
-    assert "linked/runs: is a link: expected a folder that holds its own runs" in capsys.readouterr().err
+    assert "linked/runs: is a link: expected a folder with its own runs" in capsys.readouterr().err
 
 
 def test_results_copy_no_file_out_of_the_new_folder(played, again):

@@ -104,9 +104,9 @@ def test_limits_hold_in_this_process_and_leave_it(runs, tmp_path):
     assert printing.column("error") == [""]
     printed = tmp_path / "printing" / "runs" / printing.keys[0] / "output.txt"
     assert printed.stat().st_size < 1_100_000
-    assert printed.read_text().endswith("\nand more, which is not kept\n")
+    assert printed.read_text().endswith("\n(the rest is not kept)\n")
     table = sweep(runs.uneven, {"a": [2]}, tmp_path / "out", memory_limit="300 MB")
-    assert table.column("error") == ["memory: needs more than the limit of 300 MB"]
+    assert table.column("error") == ["memory: exceeds the limit of 300 MB"]
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
@@ -181,7 +181,7 @@ def test_a_folder_that_others_have_just_begun_is_gone_on_with(runs, tmp_path):
     (out / ".sweep.json.host.1.0.part").touch()
     assert sweep(runs.add, {"a": [1]}, out).column("sum") == [1]
     (tmp_path / "other" / "runs" / "mine").mkdir(parents=True)
-    with pytest.raises(neuro.ModelError, match="other: is there and is no sweep: expected a new name"):
+    with pytest.raises(neuro.ModelError, match="other: is not the folder of a sweep: expected a new or empty"):
         sweep(runs.add, {"a": [1]}, tmp_path / "other")
 
 
@@ -282,7 +282,7 @@ def test_a_full_disk(runs, mounted, on):
     space, out = {"a": list(range(100))}, mounted("size=200k") / "out"
     told = refused(sweep, runs.add, space, out, on=on)
     assert "cannot be written: No space left on device" in told
-    assert "what was done is kept: the same command goes on" in told
+    assert "finished runs are kept: run the same command again to continue" in told
     there = [path for path in (out / "runs").iterdir() if not path.name.startswith(".")]
     assert there
     assert all(json.loads((path / "run.json").read_text())["outcome"] == "done" for path in there)

@@ -1,1 +1,1 @@
-"""The commands `neuro sweep`, `tune` and `rerun`."""
+"""The commands `neuro sweep`, `neuro tune` and `neuro rerun`."""

@@ -1,7 +1,7 @@
-"""Commands that a file records, which `neuro rerun` may repeat: a list of them, and of the options of each.
+"""The recorded commands that `neuro rerun` may repeat, with the allowed options of each.
 
-A record is text that anybody can write. So it is parsed by the parser of its command, without running any callback, and
-what the parser returns is checked and written as new arguments. Nothing of the text itself reaches the new process.
+Anybody can write a record. So the command is parsed by its own parser, without running any callback. The parsed values
+are checked and written as new arguments, and no text of the record reaches the new process unchecked.
 """
 
 from __future__ import annotations
@@ -36,30 +36,30 @@ ALLOWED = {
     "rate decay loss temperature surrogate slope trainable augment cost bits on prune neurons_per_core search budget "
     "device html seed threads set",
 }
-"""Parameters by command: those that read inputs, choose numbers, or name a file that is written into the new folder.
+"""Allowed parameters by command: they read inputs, choose numbers, or name a file that is written into the new folder.
 
-Not among them: commands that run code of their input (`convert --run-script`), that reach a network (`live`,
-`events listen`, `sweep run --on`), and those that write nothing that could be compared.
+Other commands run code of their input (`convert --run-script`), use a network (`live`, `events listen`,
+`sweep run --on`), or write no file to compare.
 """
 
 DROPPED = ("force",)
-"""Parameters without a meaning in an empty folder: they replace a file that stands there."""
+"""Parameters that are dropped, since they only replace existing files."""
 
 _MODULES = "environment"
-"""The parameter that may name a module, as "module:Class"."""
+"""Parameter that may name a module, as "module:Class"."""
 
 
 def repeated(commands: Any, words: Sequence[str], place: Callable[[str], str]) -> list[str]:
-    """Return the arguments by which a recorded command is run again in a new folder.
+    """Return the arguments that repeat a recorded command in a new folder.
 
     Args:
         commands: the group of all commands.
-        words: of the command, without "neuro".
-        place: gives a path of the command as a path in the new folder.
+        words: words of the command, without "neuro".
+        place: function that converts a path of the command to a path in the new folder.
 
     Raises:
-        ModelError: the command, an option or a value is not on the list, or the command needs a Python file that the
-            user did not name by `--with`.
+        ModelError: the command, an option or a value is not allowed, or the command needs a Python file that the user
+            did not name by `--with`.
     """
     name = next((text for n in (1, 2) if (text := " ".join(words[:n])) in ALLOWED), None)
     if name is None:
@@ -67,9 +67,9 @@ def repeated(commands: Any, words: Sequence[str], place: Callable[[str], str]) -
     path, rest = name.split(), list(words[len(name.split()) :])
     command = command_of(commands, path)
     context = command.context_class(command, info_name=name)
-    options, superfluous, _ = command.make_parser(context).parse_args(rest)
-    if superfluous:
-        raise _refusal(f"'{superfluous[0]}' of 'neuro {name}'", "expected its options and arguments only")
+    options, extra, _ = command.make_parser(context).parse_args(rest)
+    if extra:
+        raise _refusal(f"'{extra[0]}' of 'neuro {name}'", "expected only its options and arguments")
     arguments = list[str]()
     for option, value in _values(command.get_params(context), options):
         if "--with" in option.opts:
@@ -77,8 +77,8 @@ def repeated(commands: Any, words: Sequence[str], place: Callable[[str], str]) -
                 named_by_user(file)
         elif option.name not in DROPPED:
             if option.name not in ALLOWED[name].split():
-                raise _refusal(f"{option.opts[0]} of 'neuro {name}'", "expected an option that only reads and computes")
-            texts = [place(_checked(text, option)) for text in value if isinstance(text, str)]
+                raise _refusal(f"{option.opts[0]} of 'neuro {name}'", "expected an option that only reads or computes")
+            texts = [place(_check_text(text, option)) for text in value if isinstance(text, str)]
             if option.param_type_name == "argument":
                 arguments += texts
             else:
@@ -88,13 +88,13 @@ def repeated(commands: Any, words: Sequence[str], place: Callable[[str], str]) -
 
 
 def command_of(commands: Any, path: Sequence[str]) -> Any:
-    """Return the command of a name in the list, which is ours or that of an app."""
+    """Return the command of a name, e.g. ["sweep", "page"]."""
     _, command, _ = commands.resolve_command(commands.context_class(commands), [path[0]])
     return command if len(path) == 1 else command.commands[path[1]]
 
 
 def _values(params: Sequence[Any], options: dict[str, Any]) -> Iterator[tuple[Any, Sequence[Any]]]:
-    """Yield the parameters that the text gives, each with its values; a flag has `True`."""
+    """Yield the parameters of the recorded command with their values. The value of a flag is True."""
     for option in params:
         value = options.get(option.name)
         values = value if isinstance(value, list | tuple) else [value]
@@ -102,7 +102,7 @@ def _values(params: Sequence[Any], options: dict[str, Any]) -> Iterator[tuple[An
             yield option, values
 
 
-def _checked(text: str, option: Any) -> str:
+def _check_text(text: str, option: Any) -> str:
     if "://" in text:
         raise _refusal(f"the address {text}", "expected files")
     module, colon, _ = text.rpartition(":")
@@ -112,4 +112,4 @@ def _checked(text: str, option: Any) -> str:
 
 
 def _refusal(what: str, expected: str) -> ModelError:
-    return ModelError(f"asks for {what}, which no file may ask for: {expected}")
+    return ModelError(f"records {what}, which is not repeated from a file: {expected}")

@@ -1,4 +1,4 @@
-"""A file made again from what it holds: `neuro rerun`."""
+"""The command `neuro rerun`, which repeats the computation of a file."""
 
 from __future__ import annotations
 
@@ -8,31 +8,38 @@ from typing import Annotated
 
 import typer
 
-Made = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
-OtherBackend = Annotated[str, typer.Option("--backend", metavar="NAME", help="Another one than it was made on.")]
+RepeatedFile = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
+OtherBackend = Annotated[
+    str, typer.Option("--backend", metavar="NAME", help="Run on this backend instead of the recorded one.")
+]
 MovedTo = Annotated[
     list[Path],
-    typer.Option("--moved-to", metavar="FOLDER", help="Look there for inputs that were moved, by content; repeatable."),
+    typer.Option("--moved-to", metavar="FOLDER", help="Search this folder for moved inputs, by content; repeatable."),
 ]
-Against = Annotated[Path | None, typer.Option(metavar="OTHER", help="Compare with this file instead of making it.")]
+Against = Annotated[
+    Path | None, typer.Option(metavar="OTHER", help="Compare with this file instead of repeating the computation.")
+]
 
 
 def rerun(
     context: typer.Context,
-    file: Made,
+    file: RepeatedFile,
     backend: OtherBackend = "",
     moved_to: MovedTo = [],  # noqa: B006
     against: Against = None,
 ) -> None:
-    """Make a file again from what it holds; report whether it has the same bits, or what differs and what changed."""
+    """Repeat the computation of a file, and report whether the results have the same bits, or the first difference.
+
+    Changes of versions and inputs since then are listed as well.
+    """
     from neuro.apps import Bar, printable
     from neuro_sweeps.cli.recorded import repeated
-    from neuro_sweeps.rerun import rerun as again
+    from neuro_sweeps.rerun import rerun as repeat_file
 
     repeat = partial(repeated, context.find_root().command)
     with Bar() as bar:
         bar.say("running again")
-        verdict = again(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeat)
+        verdict = repeat_file(file, backend=backend, inputs=moved_to, against=against, bar=bar, repeat=repeat)
     typer.echo(printable(f"{file}: " + ("the same bits" if verdict.same else f"not the same: {verdict.difference}")))
     for line in verdict.changed:
         typer.echo(printable(f"changed: {line}"))

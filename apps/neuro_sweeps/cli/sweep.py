@@ -1,4 +1,4 @@
-"""Run something at many points and with many seeds, on this machine or many; tell, table and draw what came."""
+"""Run a function or a network at many points and seeds, on one machine or many; show, tabulate and plot the results."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from neuro_sweeps.cli.shared import (
     all_counts,
     echo_failures,
     echo_next,
-    going,
-    put_table,
+    progress_bar,
+    write_table,
 )
 
 
@@ -33,20 +33,27 @@ class SweepPicture(StrEnum):
     parallel = "parallel"
 
 
-SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep, as YAML.")]
+SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP", help="Definition of the sweep, as YAML.")]
 SweepShare = Annotated[
-    str | None, typer.Option("--share", metavar="I/N", help="The I-th of each N runs, for array jobs.")
+    str | None, typer.Option("--share", metavar="I/N", help="Do only the I-th of every N runs, for array jobs.")
 ]
-Swept = Annotated[Path, typer.Argument(metavar="FOLDER", help="A sweep, as 'neuro sweep run' writes it.")]
-RunTimes = Annotated[bool, typer.Option("--times", help="Also how long each took, and how often it was begun.")]
+SweepFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of 'neuro sweep run'.")]
+RunTimes = Annotated[bool, typer.Option("--times", help="Add duration in s and number of attempts.")]
 SweepPage = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="The page; sweep.html in FOLDER if not given.")
+    Path | None, typer.Option("--out", metavar="FILE", help="HTML file; default: sweep.html in FOLDER.")
 ]
-Metric = Annotated[list[str], typer.Option("--metric", metavar="NAME", help="Only this metric; repeatable.")]
-Of = Annotated[list[str], typer.Option("--of", metavar="NAME", help="Only these parameters, in order; repeatable.")]
+Metric = Annotated[
+    list[str], typer.Option("--metric", metavar="NAME", help="Metric to draw; default: all; repeatable.")
+]
+Of = Annotated[
+    list[str],
+    typer.Option("--of", metavar="NAME", help="Parameter of an axis; default: all that vary; repeatable, in order."),
+]
 SweepAs = Annotated[
     SweepPicture,
-    typer.Option("--kind", metavar="WORD", help="lines, map (of two parameters) or parallel; what fits if not given."),
+    typer.Option(
+        "--kind", metavar="WORD", help="lines, map (of two parameters) or parallel; default: chosen by the data."
+    ),
 ]
 
 sweep = group("sweep", __doc__)
@@ -61,62 +68,62 @@ def run_sweep(
     share: SweepShare = None,
     retry_failed: Retry = False,
 ) -> None:
-    """Do all runs of a sweep that the folder does not have; the same command goes on where it was."""
+    """Do all missing runs of a sweep. Run the same command again to continue an interrupted sweep."""
     from neuro_sweeps.definition import load_sweep
     from neuro_sweeps.execute import execute
-    from neuro_sweeps.executors import place_of
+    from neuro_sweeps.executors import executor_of
     from neuro_sweeps.folder import SWEEP, Folder
     from neuro_sweeps.table import as_text, table_of
 
-    place = place_of(on, workers, share)
-    made, folder = load_sweep(file), Folder(out, SWEEP)
-    with going(out) as bar:
-        counts = execute(made, folder, place, retry=retry_failed, bar=bar)
-    found = table_of(out)
+    executor = executor_of(on, workers, share)
+    definition, folder = load_sweep(file), Folder(out, SWEEP)
+    with progress_bar(out) as bar:
+        counts = execute(definition, folder, executor, retry=retry_failed, bar=bar)
+    table = table_of(out)
     typer.echo(f"{out}: {f'share {share}: ' if share else ''}{as_text(counts)}")
-    echo_failures(folder, found.keys)
-    echo_next(found, "sweep", found.counts()["left"])
+    echo_failures(folder, table.keys)
+    echo_next(table, "sweep", table.counts()["left"])
 
 
 @sweep.command("status")
-def sweep_status(folder: Swept) -> None:
-    """Tell how many runs are done, failed, under way and left, and why what failed did."""
+def sweep_status(folder: SweepFolder) -> None:
+    """Print the numbers of runs that are done, failed, under way and left, and the errors of failed runs."""
     from neuro_sweeps.folder import Folder
     from neuro_sweeps.table import table_of
 
-    found = table_of(folder)
-    typer.echo(f"{found.name}: {len(found):,} runs: {all_counts(found.counts())}")
-    echo_failures(Folder(folder), found.keys)
+    table = table_of(folder)
+    typer.echo(f"{table.name}: {len(table):,} runs: {all_counts(table.counts())}")
+    echo_failures(Folder(folder), table.keys)
 
 
 @sweep.command("table")
-def sweep_table(folder: Swept, out: TableFile = None, times: RunTimes = False) -> None:
-    """Print or write a row for each run: outcome, parameters, seed, metrics and error."""
+def sweep_table(folder: SweepFolder, out: TableFile = None, times: RunTimes = False) -> None:
+    """Print or write a table with a row per run: outcome, parameters, seed, metrics and error."""
     from neuro_sweeps.table import table_of
 
-    put_table(table_of(folder), out, times)
+    write_table(table_of(folder), out, times)
 
 
 @sweep.command("plot")
 def sweep_plot(
-    folder: Swept,
+    folder: SweepFolder,
     metric: Metric = [],  # noqa: B006
     of: Of = [],  # noqa: B006
     kind: SweepAs = SweepPicture.auto,
     out: Pictures = None,
     format: InFormat = PictureFormat.png,
 ) -> None:
-    """Draw metrics over parameters: lines with a band over the seeds, a map of two, or parallel coordinates."""
+    """Draw metrics over parameters: lines with a band over the seeds, a map of two parameters, or parallel axes."""
     from neuro_sweeps.pictures import pictures
     from neuro_sweeps.table import table_of
 
-    drawn = pictures(table_of(folder), metric, of, kind.value)
-    write_pictures(drawn.items(), folder if out is None else out, format)
+    figures = pictures(table_of(folder), metric, of, kind.value)
+    write_pictures(figures.items(), folder if out is None else out, format)
 
 
 @sweep.command("page")
-def sweep_page(folder: Swept, out: SweepPage = None) -> None:
-    """Write one page that shows a sweep so far: metrics over parameters, all runs, what failed and why."""
+def sweep_page(folder: SweepFolder, out: SweepPage = None) -> None:
+    """Write an HTML page about a sweep so far: metrics over parameters, all runs, and errors."""
     from neuro_sweeps.page import write_page
     from neuro_sweeps.table import table_of
 

@@ -1,4 +1,4 @@
-"""Look for the best parameters, by Optuna: one objective, or the front of several, such as accuracy and joules."""
+"""Search for the best parameters with Optuna: one objective, or the front of several, such as accuracy and joules."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from neuro_sweeps.cli.shared import (
     all_counts,
     echo_failures,
     echo_next,
-    going,
-    put_table,
+    progress_bar,
+    write_table,
 )
 
 if TYPE_CHECKING:
@@ -39,21 +39,23 @@ class TuningPicture(StrEnum):
     parallel = "parallel"
 
 
-SearchFile = Annotated[Path, typer.Argument(metavar="SEARCH", help="What is tuned, as YAML.")]
+SearchFile = Annotated[Path, typer.Argument(metavar="SEARCH", help="Definition of the search, as YAML.")]
 SearchShare = Annotated[
     str | None,
-    typer.Option("--share", metavar="I/N", help="The trials of one of N processes that ask one journal."),
+    typer.Option("--share", metavar="I/N", help="Do only the I-th of N shares of the trials, for array jobs."),
 ]
-Tuned = Annotated[Path, typer.Argument(metavar="FOLDER", help="A tuning, as 'neuro tune run' writes it.")]
-TrialTimes = Annotated[bool, typer.Option("--times", help="Also how long the runs of each took together.")]
-EachRun = Annotated[bool, typer.Option("--runs", help="A row for each run of a trial, each seed and fold, instead.")]
+TuningFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of 'neuro tune run'.")]
+TrialTimes = Annotated[bool, typer.Option("--times", help="Add the total duration of each trial in s.")]
+EachRun = Annotated[bool, typer.Option("--runs", help="A row per run (seed and fold) instead of a row per trial.")]
 TunePage = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="The page; tune.html in FOLDER if not given.")
+    Path | None, typer.Option("--out", metavar="FILE", help="HTML file; default: tune.html in FOLDER.")
 ]
 TuneAs = Annotated[
     list[TuningPicture],
     typer.Option(
-        "--kind", metavar="WORD", help="history, front (of two objectives), importance or parallel; repeatable."
+        "--kind",
+        metavar="WORD",
+        help="history, front (of two objectives), importance or parallel; default: all; repeatable.",
     ),
 ]
 
@@ -69,87 +71,89 @@ def run_search(
     share: SearchShare = None,
     retry_failed: Retry = False,
 ) -> None:
-    """Ask for trials and run them until there are as many as the file says; the same command goes on where it was."""
+    """Run trials up to the number in the file. Run the same command again to continue an interrupted search."""
     from neuro_sweeps.definition import load_search
     from neuro_sweeps.execute import execute_search
-    from neuro_sweeps.executors import place_of
+    from neuro_sweeps.executors import executor_of
     from neuro_sweeps.folder import TUNING, Folder
     from neuro_sweeps.table import as_text
     from neuro_sweeps.trials import tune_table_of
 
-    place = place_of(on, workers, share)
-    made, folder = load_search(file), Folder(out, TUNING)
-    with going(out) as bar:
-        counts = execute_search(made, folder, place, retry=retry_failed, bar=bar)
-    found = tune_table_of(out)
+    executor = executor_of(on, workers, share)
+    definition, folder = load_search(file), Folder(out, TUNING)
+    with progress_bar(out) as bar:
+        counts = execute_search(definition, folder, executor, retry=retry_failed, bar=bar)
+    table = tune_table_of(out)
     typer.echo(f"{out}: {f'share {share}: ' if share else ''}{as_text(counts)}")
-    echo_best_and_failures(found)
-    echo_next(found, "tune", counts["left"], f", or neuro tune test {shlex.quote(str(out))}" * bool(made.plan.folds))
+    echo_best_and_failures(table)
+    test_command = f", or neuro tune test {shlex.quote(str(out))}" * bool(definition.plan.folds)
+    echo_next(table, "tune", counts["left"], test_command)
 
 
-def echo_best_and_failures(found: TuneTable) -> None:
-    """Print the best trials, why others failed, and how many runs the journal does not know."""
+def echo_best_and_failures(table: TuneTable) -> None:
+    """Print the best trials, the errors of failed trials, and the number of runs without a trial."""
     from neuro_sweeps.folder import Folder
 
-    best, units = found.best(), Folder(found.path).read().get("units", {})
+    best, units = table.best(), Folder(table.path).read().get("units", {})
     for each in best[:10]:
-        values = dict(zip(found.plan.objectives, each.values or (), strict=True))
-        typer.echo(f"best: {_named(values, units)} at {_named(each.point, units)} (trial {each.number})")
+        values = dict(zip(table.plan.objectives, each.values or (), strict=True))
+        typer.echo(f"best: {_values_text(values, units)} at {_values_text(each.point, units)} (trial {each.number})")
     if len(best) > 10:
         typer.echo(f"and {len(best) - 10} more of the front, see the table")
-    trials = found.trials()
-    echo_failures(Folder(found.path), [item.key for trial in trials for item in trial.items])
+    trials = table.trials()
+    echo_failures(Folder(table.path), [item.key for trial in trials for item in trial.items])
     for each in [trial for trial in trials if trial.has_no_value][:5]:
         typer.echo(f"failed trial {each.number}: {each.error}")
-    if strays := found.strays():
-        why = "are of no trial: the journal was cut; they are found when they are asked for again"
-        typer.echo(f"{strays:,} runs {why}")
+    if strays := table.strays():
+        typer.echo(
+            f"{strays:,} runs have no trial, since the journal was cut; later trials of the same points use them"
+        )
 
 
-def _named(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
-    from neuro_sweeps.table import measured
+def _values_text(values: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    from neuro_sweeps.table import with_unit
 
-    return ", ".join(f"{name} {measured(value, units.get(name, ''))}" for name, value in values.items())
+    return ", ".join(f"{name} {with_unit(value, units.get(name, ''))}" for name, value in values.items())
 
 
 @tune.command("status")
-def search_status(folder: Tuned) -> None:
-    """Tell how many trials are done, failed, pruned and left, which is the best so far, and why what failed did."""
+def search_status(folder: TuningFolder) -> None:
+    """Print the numbers of trials that are done, failed, pruned and left, the best so far, and errors."""
     from neuro_sweeps.trials import tune_table_of
 
-    found = tune_table_of(folder)
-    typer.echo(f"{found.name}: {found.plan.most:,} trials by {found.plan.sampler}: {all_counts(found.counts())}")
-    echo_best_and_failures(found)
+    table = tune_table_of(folder)
+    typer.echo(f"{table.name}: {table.plan.most:,} trials by {table.plan.sampler}: {all_counts(table.counts())}")
+    echo_best_and_failures(table)
 
 
 @tune.command("table")
-def search_table(folder: Tuned, out: TableFile = None, times: TrialTimes = False, runs: EachRun = False) -> None:
-    """Print or write a row for each trial: outcome, parameters, means of the metrics, whether no other beats it."""
+def search_table(folder: TuningFolder, out: TableFile = None, times: TrialTimes = False, runs: EachRun = False) -> None:
+    """Print or write a table with a row per trial: outcome, parameters, mean metrics, and whether it is a best one."""
     from neuro_sweeps.trials import tune_table_of
 
-    found = tune_table_of(folder)
-    put_table(found.runs() if runs else found, out, times)
+    table = tune_table_of(folder)
+    write_table(table.runs() if runs else table, out, times)
 
 
 @tune.command("plot")
 def search_plot(
-    folder: Tuned,
+    folder: TuningFolder,
     kind: TuneAs = [],  # noqa: B006
     out: Pictures = None,
     format: InFormat = PictureFormat.png,
 ) -> None:
-    """Draw a tuning: the best value so far, the front, how much each parameter matters, parallel coordinates."""
+    """Draw a search: the best value so far, the front, the importance of parameters, and parallel axes."""
     from neuro_sweeps.pictures import search_pictures
     from neuro_sweeps.trials import tune_table_of
 
     kinds = [each.value for each in kind if each != TuningPicture.auto]
-    drawn = search_pictures(tune_table_of(folder), kinds)
-    write_pictures(drawn.items(), folder if out is None else out, format)
+    figures = search_pictures(tune_table_of(folder), kinds)
+    write_pictures(figures.items(), folder if out is None else out, format)
 
 
 @tune.command("page")
-def search_page(folder: Tuned, out: TunePage = None) -> None:
-    """Write one page that shows a tuning so far: best, front, all trials, what failed and why."""
+def search_page(folder: TuningFolder, out: TunePage = None) -> None:
+    """Write an HTML page about a search so far: best trials, front, all trials, and errors."""
     from neuro_sweeps.page import write_page
     from neuro_sweeps.trials import tune_table_of
 
@@ -157,29 +161,29 @@ def search_page(folder: Tuned, out: TunePage = None) -> None:
 
 
 @tune.command("test")
-def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
-    """Run the best trials on what is held out from all folds, and tell what they are worth there."""
+def evaluate_best(folder: TuningFolder, on: On = "cores", workers: Workers = None) -> None:
+    """Test the best trials on the data that is held out from all folds, and print their objectives."""
     from neuro import ModelError
     from neuro_sweeps.definition import search_of
     from neuro_sweeps.execute import hold_out
-    from neuro_sweeps.executors import place_of
+    from neuro_sweeps.executors import executor_of
     from neuro_sweeps.folder import TUNING, Folder
     from neuro_sweeps.table import text
     from neuro_sweeps.trials import tune_table_of
 
-    found = tune_table_of(folder)
-    if not found.plan.folds:
-        lack = f"{folder}: its trials have no folds, so nothing is held out from them"
-        raise ModelError(lack, hint="'folds: 3' in the file, and a function that takes fold and folds")
-    best = found.best()
+    table = tune_table_of(folder)
+    if not table.plan.folds:
+        message = f"{folder}: the trials have no folds, so no data is held out"
+        raise ModelError(message, hint="set 'folds: 3' in the file, and use a function with parameters fold and folds")
+    best = table.best()
     if not best:
         raise ModelError(f"{folder}: no trial is done yet: nothing to test")
     points = [each.point for each in best]
     with Bar() as bar:
-        hold_out(search_of(Folder(folder, TUNING)), Folder(folder, TUNING), points, place_of(on, workers), bar)
-    rows = {row["trial"]: row for row in found.rows()}
+        hold_out(search_of(Folder(folder, TUNING)), Folder(folder, TUNING), points, executor_of(on, workers), bar)
+    rows = {row["trial"]: row for row in table.rows()}
     for each in best:
         row = rows[each.number]
-        aims = [(aim, text(row[aim]), text(row.get(f"test.{aim}"))) for aim in found.plan.objectives]
-        values = "; ".join(f"{aim} {inside} in folds, {outside} held out" for aim, inside, outside in aims)
+        objectives = [(name, text(row[name]), text(row.get(f"test.{name}"))) for name in table.plan.objectives]
+        values = "; ".join(f"{name} {in_folds} in folds, {test} held out" for name, in_folds, test in objectives)
         typer.echo(f"trial {each.number}: {values}")

@@ -251,7 +251,7 @@ def test_the_record_is_that_of_the_begin_but_for_what_was_changed(tmp_path):
     kept = json.loads(neuro.results.read(tmp_path / "day.h5").about["provenance"])
     assert kept["inputs"] != {each: digest_of(each) for each in kept["inputs"]}
     for name in ("day.h5", "killed.h5"):
-        assert "was changed while it ran by sim.set" in refusal(rerun, tmp_path / name)
+        assert "the run was steered by sim.set" in refusal(rerun, tmp_path / name)
 
 
 def _written_by_another(folder):
