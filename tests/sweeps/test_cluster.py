@@ -130,7 +130,8 @@ def test_a_killed_scheduler_loses_nothing(runs, cluster, tmp_path, notes):
     kill = killer(cluster.scheduler, [])
     words = {"set": {"notes": notes.path, "pause": 0.02}}
     told = refused(sweep, runs.noting, {"a": list(range(400))}, out, **words, on=cluster.file, each=kill)
-    assert told == f"the cluster at {cluster.file} has stopped\n  hint: finished runs are kept: run the same command again to continue"
+    hint = "finished runs are kept: run the same command again to continue"
+    assert told == f"the cluster at {cluster.file} has stopped\n  hint: {hint}"
     there = table_of(out).counts()["done"]
     assert there >= 5
     cluster.close()
