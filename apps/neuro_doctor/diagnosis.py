@@ -81,7 +81,7 @@ def _run(seen: Observation) -> Iterator[html.Html]:
     yield html.tag("h2", "The run")
     populations = seen.program.populations
     rows = [
-        (p.name, p.said, f"{p.size:,}", f"{int(seen.populations[k].spikes.sum()):,}", f"{seen.rate(k):.3g}")
+        (p.name, p.model_name, f"{p.size:,}", f"{int(seen.populations[k].spikes.sum()):,}", f"{seen.rate(k):.3g}")
         for k, p in enumerate(populations)
         if p.kind != "current"
     ]

@@ -138,7 +138,7 @@ def idle_inputs(program: Program) -> set[int]:
 def _is_idle(part: Population) -> bool:
     if part.kind == "listed":
         # Events of an iterator come once, and are not taken from whoever will run the network.
-        return (part.stream is None or not part.stream.again) and not part.spike_steps.size
+        return (part.stream is None or not part.stream.repeatable) and not part.spike_steps.size
     return part.kind == "poisson" and part.largest("rate") == 0.0
 
 
@@ -183,7 +183,7 @@ class _Watch:
         self.streams: dict[int, Iterator[Stretch]] = {
             k: part.stream.after(0)
             for k, part in enumerate(program.populations)
-            if part.stream is not None and part.stream.again
+            if part.stream is not None and part.stream.repeatable
         }
         self.filled = dict.fromkeys(self.streams, 0)
         self.plastic = [

@@ -71,7 +71,7 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
             return _hdf5(files.enter_context(output(sibling(what), _HDF5)))
 
         add_text(file, [json.dumps(_config(sim, file.stem), indent=1)], _CONFIG)
-        rows = [f"{k} {_kind(part)} neuro:{part.said} {part.name}" for k, part in enumerate(populations)]
+        rows = [f"{k} {_kind(part)} neuro:{part.model_name} {part.name}" for k, part in enumerate(populations)]
         add_text(sibling("node_types.csv"), [_NODE_TYPES, *rows], marked(_TYPES, _NODE_TYPES))
         rows = [f"{k} {part.synapse.name} {part.name}" for k, part in enumerate(projections)]
         add_text(sibling("edge_types.csv"), [_EDGE_TYPES, *rows], marked(_TYPES, _EDGE_TYPES))
@@ -116,11 +116,13 @@ def _node_verdict(sim: Simulation, part: Population) -> Verdict:
     has_spikes_left = part.spike_steps.size and int(part.spike_steps[-1]) * sim.program.resolution > sim.time
     if has_spikes_left or part.stream is not None:
         how = "parameters are attributes; the listed spikes up to the present time are written"
-        return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: a longer run has more spikes")
+        return Verdict(
+            part.name, part.model_name, APPROXIMATE, how, measured="not measured: a longer run has more spikes"
+        )
     if part.model.graded:
         how = "parameters and initial states are attributes; spikes are written without payloads"
-        return Verdict(part.name, part.said, APPROXIMATE, how, measured="not measured: SONATA has no payloads")
-    return Verdict(part.name, part.said, EXACT, "parameters and initial states are attributes")
+        return Verdict(part.name, part.model_name, APPROXIMATE, how, measured="not measured: SONATA has no payloads")
+    return Verdict(part.name, part.model_name, EXACT, "parameters and initial states are attributes")
 
 
 def _is_ours(path: Path) -> bool:

@@ -195,7 +195,9 @@ def curve_of(sim: Simulation, population: str, neuron: int) -> Network:
     neurons = sim.handles.neurons(population)
     ids, model = settable.neuron_ids([neuron], neurons.part.size), neurons.part.model
     if not isinstance(model, Neuron) or not has_curve(model):
-        raise ModelError(f"'{population}' is {neurons.part.said}: expected a neuron to which a current can be given")
+        raise ModelError(
+            f"'{population}' is {neurons.part.model_name}: expected a neuron to which a current can be given"
+        )
     words = model.parameters()
     for word in words:
         if word in neurons.part.parameters and model.quantities()[word].kind == "number":

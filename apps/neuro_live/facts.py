@@ -43,7 +43,7 @@ def population(sim: Simulation, part: Population) -> dict[str, Any]:
     computes = isinstance(part.model, Neuron)
     return {
         "name": part.name,
-        "model": part.said,
+        "model": part.model_name,
         "kind": part.kind,
         "size": part.size,
         "shape": list(part.shape),

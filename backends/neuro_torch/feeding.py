@@ -76,7 +76,9 @@ def checked(part: Population, given: Any) -> Any:
     if given is None:
         if part.stream is not None:
             hint = "neuro_torch.Events.of_recordings makes spikes of recordings"
-            raise ModelError(f"batch: '{part.name}' is not named: expected the spikes of this {part.said}", hint=hint)
+            raise ModelError(
+                f"batch: '{part.name}' is not named: expected the spikes of this {part.model_name}", hint=hint
+            )
         return None
     if isinstance(given, Train):
         if given.neuron.size and int(given.neuron.max()) >= part.size:

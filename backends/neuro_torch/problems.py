@@ -37,14 +37,14 @@ def problems(program: Program) -> list[Problem]:
 
 def _of_population(part: Population) -> Iterator[Problem]:
     if isinstance(part.model, Neuron) and part.model.most:
-        message = f"population '{part.name}': {part.said}"
+        message = f"population '{part.name}': {part.model_name}"
         yield _refused(message, "its neurons are stepped together, one after the other", ELSEWHERE, part)
     elif isinstance(part.model, Neuron):
         for name in ("step", "fire"):
             try:
                 translated(getattr(part.model.arithmetic, name))
             except Untranslatable as error:
-                message = f"population '{part.name}': {part.said}"
+                message = f"population '{part.name}': {part.model_name}"
                 way_out = f"write it with numbers, ifs and loops only, or {ELSEWHERE.replace(' it', ' it as it is')}"
                 yield _refused(message, f"it cannot run for all neurons at once ({error})", way_out, part)
 
@@ -54,7 +54,7 @@ def without_gradient(program: Program) -> list[Problem]:
     found = []
     for part in program.populations:
         if isinstance(part.model, Neuron) and (why := _no_gradient(part)):
-            message = f"population '{part.name}': {part.said}"
+            message = f"population '{part.name}': {part.model_name}"
             found.append(
                 _refused(message, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
             )

@@ -62,7 +62,7 @@ class CameraInput:
         shape: shape of the population.
         model: model of the population.
         sensor_size: width and height of the sensor in px. Without a recording, the smallest sensor that the shape fits.
-        again: whether the recording can be played several times.
+        repeatable: whether the recording can be played several times.
         identity: identity of the model and the recording.
     """
 
@@ -71,7 +71,7 @@ class CameraInput:
         self._played = model.played()
         self._eyes: dict[tuple[int, int, int], Eye] = {}
         self._sensor = None if self._played is None else self._played.sensor_size
-        self.again = self._played is None or self._played.again
+        self.repeatable = self._played is None or self._played.again
         ratio = Fraction(clock.resolution).limit_denominator(_FINEST) * 1000
         self._step_us = ratio.numerator, ratio.denominator
         self._offset = round(model.offset * 1000.0)
@@ -158,7 +158,7 @@ class CameraInput:
             if len(events) and self._step(int(events.t[-1])) > self._stop:
                 return
 
-    def given(self, events: Any) -> tuple[Ints, Ints]:
+    def spikes_of(self, events: Any) -> tuple[Ints, Ints]:
         """Return steps and neurons of Events, a structured array, or an iterable of these."""
         if isinstance(events, (str, PathLike)):
             raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")

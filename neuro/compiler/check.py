@@ -181,7 +181,7 @@ def check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
     """
     limit = LARGEST_MEAN * 1000.0 / clock.resolution
     if rate > limit:
-        message = f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
+        message = f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes per step"
         raise ModelError(message, path=(model.name, *words_of(what)))
 
 
@@ -219,7 +219,7 @@ def _check_graded(net: Network, part: Projection) -> None:
     sides = [name for name, model in ((part.source, source), (part.target, target)) if model.graded]
     if part.synapse.learns and sides and not part.synapse.takes_graded:
         text = f"{part.synapse.name} with graded spikes of '{sides[0]}': expected a static synapse"
-        refuse(part, text, "a spike of payload m is not m spikes, from which a rule would learn", part.synapse.name)
+        refuse(part, text, "a spike with payload m counts as one spike, not as m", part.synapse.name)
     if not source.graded or not isinstance(target, Neuron):
         return
     if target.relay:
@@ -248,7 +248,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
         text = f"{synapse.name}.{words[0]} of each synapse on a shared kernel: expected a number"
         refuse(part, text, "all_to_all gives each pair a rule of its own", synapse.name)
     if isinstance(part.rule, grid) and synapse.delays:
-        text = f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections"
+        text = f"{synapse.name} on a shared kernel, which has one delay: expected another connection rule"
         refuse(part, text, "all_to_all gives each pair a delay", synapse.name)
     if synapse.learns == "trials" and net.trials_section is None:
         message = f"{synapse.name} learns at the end of trials: expected a section 'trials'"

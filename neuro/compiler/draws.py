@@ -58,7 +58,10 @@ def all_onto(n_pre: int, n_post: int, excluded: Ints | None, first: int, end: in
 
 
 def inverted(own: Ints | None, n_post: int) -> Ints | None:
-    """Return the index of each target among the sources, from that of each source among the targets."""
+    """Return the index of each target among the sources, from that of each source among the targets.
+
+    Example: [2, -1, 1] with 3 targets gives [-1, 2, 0].
+    """
     if own is None:
         return None
     places = np.full(n_post, -1, dtype=np.int64)
@@ -83,7 +86,8 @@ def draw_partners(
         partners = np.empty((rows, n), dtype=np.int32)
         for row, most in zip(partners, choices.tolist(), strict=True):
             row[:] = rng.choice(most, n, replace=False, shuffle=False)
-    # Draw from n - 1 numbers, and add 1 to all from the excluded number on, so that no draw is rejected.
+    # Draw from n - 1 numbers, and add 1 to all from the excluded number on, so that no draw is rejected. Example:
+    # of 10 candidates without 3, draws are 0 to 8, and 3 to 8 become 4 to 9.
     if excluded is not None:
         partners += partners >= np.where(excluded < 0, among, excluded).astype(np.int32)[:, None]
     return partners

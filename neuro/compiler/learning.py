@@ -31,7 +31,7 @@ def check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
     """Check that a rule that learns by moves has a signal, and that the target has the state the rule reads."""
     if synapse.signal is None:
         message = f"{synapse.name} without 'signal': its weights never change: expected a signal"
-        refuse(part, message, f"name a signal to '{part.target}'; static has weights that stay", synapse.name)
+        refuse(part, message, f"name a signal to '{part.target}'; static has fixed weights", synapse.name)
     for word, signal in (("signal", synapse.signal), ("gate", synapse.gate)):
         if signal is not None:
             _check_signal(net, part, word, signal)
@@ -42,7 +42,7 @@ def check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
         )
         refuse(part, message, "soft_wta and pp_psc_delta have the probability p" * (synapse.sees == "p"), synapse.name)
     if isinstance(model, Neuron) and model.relay:
-        message = f"{synapse.name} onto '{part.target}', {a(model.name)}: expected neurons that heed weights"
+        message = f"{synapse.name} onto '{part.target}', {a(model.name)}: expected neurons with weighted input"
         refuse(part, message, word=synapse.name)
 
 
@@ -54,9 +54,9 @@ def check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: M
         if synapse.signal is None and synapse.learns == "pairs" and _needs_dopamine(synapse):
             fades = "tau_n" in synapse.numbers()
             sources = "'signal' and 'dopamine'" if fades else "'signal'"
-            message = f"{synapse.name} without {sources}: n stays 0, at which its weights never change"
+            message = f"{synapse.name} without {sources}: n stays 0, and its weights never change"
             way_out = f"name a signal to '{part.target}'" + ", or the population that releases dopamine" * fades
-            refuse(part, f"{message}: expected a source of n", f"{way_out}; static has weights that stay", synapse.name)
+            refuse(part, f"{message}: expected a source of n", f"{way_out}; static has fixed weights", synapse.name)
         return
     if synapse.dopamine not in net.populations:
         error = unknown("population", synapse.dopamine, net.populations, path=(synapse.name, "dopamine"))

@@ -33,7 +33,7 @@ _OF_SENSOR = ("file", "events", "stream", "sensor", "format", "polarity", "crop"
 _OF_ARRAY = {"file", "key"}
 _OF_DECISIONS = ("labels", "dropout", "reset")
 _WORDS = ("unknown word of", "unknown parameter of", "unknown state of")
-_HANGS_ON = {"count of synapses": ("from", "to", "rule"), "neurons at an end": ("from", "to")}
+_DEPENDS_ON = {"count of synapses": ("from", "to", "rule"), "neurons at an end": ("from", "to")}
 _NAMES = tuple(f"unknown {kind}" for kind in ("population", "parameter", "model", "signal", "synapse", "projection"))
 
 
@@ -88,10 +88,10 @@ class _Search:
         changed: the paths that were removed or have a stand-in.
         failed: names of parts that were removed, or whose kind changed.
         touched: names of all parts with a change.
-        lost: names in removed projections that may have been grids.
-        whole: the paths of ends that had invalid neurons of a known population, and have the whole population now.
+        possible_grid_ends: names in removed projections that may have been grids.
+        replaced_ends: the paths of ends that had invalid neurons of a known population, and have a stand-in now.
         resolved: whether all `$names` are replaced by values.
-        partial: whether a section that may contain parts could not be read.
+        may_lack_parts: whether a section that may contain parts could not be read.
     """
 
     def __init__(self, file: Path, params: dict[str, Any], seed: int, turn: int, backend_draws: bool) -> None:
@@ -101,9 +101,9 @@ class _Search:
         self.changed: list[Words] = []
         self.failed: set[str] = set()
         self.touched: set[str] = set()
-        self.lost: set[str] = set()
-        self.whole: set[Words] = set()
-        self.partial = self.resolved = False
+        self.possible_grid_ends: set[str] = set()
+        self.replaced_ends: set[Words] = set()
+        self.may_lack_parts = self.resolved = False
         self.program: Program | None = None
         self.unsure: set[Where] = set()
 
@@ -114,13 +114,13 @@ class _Search:
         return (files.index(where.file) if where.file in files else -1, where.line, where.column)
 
     def run(self) -> None:
-        sections = self.sections()
+        sections = self.load_sections()
         if sections is not None:
             self.resolved = True
             self.failed -= {path[1] for path in self.changed if path[0] == "parameters" and len(path) == 2}
-            self.parts(sections)
+            self.compile_parts(sections)
 
-    def sections(self) -> dict[str, Node] | None:
+    def load_sections(self) -> dict[str, Node] | None:
         """Return the sections with values in place of `$names`; None where too little is left."""
         while len(self.changed) < MOST:
             try:
@@ -142,7 +142,7 @@ class _Search:
             self.files[path] = read(path, twice=self.reported)
         return self.files[path]
 
-    def parts(self, sections: dict[str, Node]) -> None:
+    def compile_parts(self, sections: dict[str, Node]) -> None:
         """Build and compile the network, without the parts that have errors."""
         here = Where(str(self.file))
         root = Node(sections, here, here)
@@ -189,7 +189,7 @@ class _Search:
         if population and path not in self.changed:
             place = node_at(root, path[:3])
             node_at(root, path[:2]).value[path[2]] = as_node(some_neurons(population, self.turn), place)
-            self.whole.add(path)
+            self.replaced_ends.add(path)
             self.record_change(root, path, None, replaced=True)
             return
         while len(path) > 1 and (self.changed.count(path) > (len(path) == 2) or not has(root, path[:-1])):
@@ -232,7 +232,7 @@ class _Search:
         if path[0] == "parameters":
             self.params.pop(path[-1], None)
         if len(path) == 1:
-            self.partial |= path[0] in ("include", *GATHERED)
+            self.may_lack_parts |= path[0] in ("include", *GATHERED)
             if not replaced and removed is not None and isinstance(removed.value, dict):
                 self.failed |= set(removed.value)
             return
@@ -240,18 +240,16 @@ class _Search:
         if path[0] == "parameters" or (len(path) == 2 and not replaced) or path[2:] == ("synapse",):
             self.failed.add(path[1])
         if path[0] == "projections" and (len(path) == 2 or path[2] in ("from", "to", "rule")):
-            self.lost |= set(names(removed)) if removed is not None else set()
-            self.lost |= set(names(node_at(root, path[:2]))) if has(root, path[:2]) else set()
+            self.possible_grid_ends |= set(names(removed)) if removed is not None else set()
+            self.possible_grid_ends |= set(names(node_at(root, path[:2]))) if has(root, path[:2]) else set()
 
     def may_follow(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> bool:
         """Return whether an error may be a consequence of an earlier change."""
         # "unknown X of" is about a word inside a part, "unknown X" about a part itself.
         names_a_part = error.kind.startswith("unknown") and not error.kind.endswith(" of") and error.found == path[-1]
-        if path in self.changed or (
-            not names_a_part and any(path_changed[: len(path)] == path for path_changed in self.changed)
-        ):
+        if path in self.changed or (not names_a_part and any(change[: len(path)] == path for change in self.changed)):
             return True
-        if self.partial and error.kind in _NAMES:
+        if self.may_lack_parts and error.kind in _NAMES:
             return True
         longest = next(path[:n] for n in range(len(path), 0, -1) if has(root, path[:n]))
         words = set(() if names_a_part else names(node_at(root, longest))) | set(path[2:] if self.resolved else ())
@@ -259,9 +257,9 @@ class _Search:
             return True
         if path[0] == "parameters" and path[-1] in self.params:
             return bool(self.changed)
-        if path[0] == "populations" and "auto" in words and path[1:] and path[1] in self.lost:
+        if path[0] == "populations" and "auto" in words and path[1:] and path[1] in self.possible_grid_ends:
             return True
-        return (compiled or path[0] == "models") and self.depends_on_compiled(path, error)
+        return (compiled or path[0] == "models") and self.depends_on_change(path, error)
 
     def depends_on_kind(self, root: Node, path: Words, error: ModelError) -> bool:
         """Return whether an error is a consequence of a part of unknown kind."""
@@ -276,24 +274,26 @@ class _Search:
         if path[0] != "probes":
             return False
         of = (*path[:2], "of")
-        if (error.kind == "synapses" or error.kind in _HANGS_ON) and has(root, of):
+        if (error.kind == "synapses" or error.kind in _DEPENDS_ON) and has(root, of):
             return self.is_unsure(str(node_at(root, of).value), error.kind)
         return error.kind == "no projection" and "of" in ends
 
     def is_unsure(self, projection: str, what: str) -> bool:
         """Return whether the kind, the number or the end neurons of a projection's synapses are unknown."""
         changes = self.changes_in(("projections", projection))
-        if what in _HANGS_ON:
-            return any(words[0] in _HANGS_ON[what] for words in changes)
+        if what in _DEPENDS_ON:
+            return any(words[0] in _DEPENDS_ON[what] for words in changes)
         return projection in self.failed or any(words[0] == "synapse" and len(words) <= 2 for words in changes)
 
     def changes_in(self, path: Words) -> list[Words]:
         """Return the changed paths within a part, except those that leave the population known."""
         return [
-            words[2:] for words in self.changed if words[:2] == path[:2] and len(words) > 2 and words not in self.whole
+            words[2:]
+            for words in self.changed
+            if words[:2] == path[:2] and len(words) > 2 and words not in self.replaced_ends
         ]
 
-    def depends_on_compiled(self, path: Words, error: ModelError) -> bool:
+    def depends_on_change(self, path: Words, error: ModelError) -> bool:
         """Return whether an error of the compiler depends on a change in its part, or on the deciding population."""
         changes = self.changes_in(path)
         if {words[-1] for words in changes if words not in _ENDS} & {*error.path, *error.about, error.found}:
@@ -303,7 +303,7 @@ class _Search:
         if path[0] == "projections":
             if path[2:3] == ("weight",) and any(words == ("synapse",) or words[-1] == "Wmin" for words in changes):
                 return True
-            if error.kind == "trials" and (self.is_undecided() or ("trials",) in self.changed or self.partial):
+            if error.kind == "trials" and (self.is_undecided() or ("trials",) in self.changed or self.may_lack_parts):
                 return True
         if path[2:3] == ("synapses",):
             return ("of",) in changes
@@ -312,9 +312,9 @@ class _Search:
     def is_undecided(self) -> bool:
         """Return whether the population that decides a trial is unknown."""
         return any(
-            (path_changed[0] == "groups" and (len(path_changed) < 4 or path_changed[-1] == "of"))
-            or (path_changed[:2] in (("trials", "labels"), ("trials", "dropout")) and path_changed[2:] in ((), ("of",)))
-            for path_changed in self.changed
+            (change[0] == "groups" and (len(change) < 4 or change[-1] == "of"))
+            or (change[:2] in (("trials", "labels"), ("trials", "dropout")) and change[2:] in ((), ("of",)))
+            for change in self.changed
         )
 
 
@@ -394,7 +394,7 @@ def _valid_number(name: str, word: str, turn: int) -> Any:
     low = next((bound for bound in (quantity.at_least, quantity.above) if bound is not None), 0.0)
     high = next((bound for bound in (quantity.at_most, quantity.below) if bound is not None), low + 4.0)
     number = low + (high - low) * (turn + 1) / 4.0
-    return int(number) if quantity.kind == "integer" or quantity.whole else number
+    return int(number) if quantity.kind == "integer" or quantity.replaced_ends else number
 
 
 def _model(node: Node) -> type[Any]:

@@ -109,21 +109,21 @@ def _integers_below(bound: int, first: int, last: int, key: int) -> Ints:
     return numbers
 
 
-def _distinct(n: int, bound: int, key: int) -> Ints:
+def _distinct(count: int, bound: int, key: int) -> Ints:
     """Return the first n different numbers of that sequence; for most of all numbers, those not drawn."""
     # For nearly all pairs, draw the few that are left out, because redrawing repeated pairs would take long.
-    if 2 * n > bound:
+    if 2 * count > bound:
         remain = np.ones(bound, dtype=bool)
-        remain[_distinct(bound - n, bound, key)] = False
+        remain[_distinct(bound - count, bound, key)] = False
         return np.flatnonzero(remain)
-    numbers, n_drawn = _integers_below(bound, 0, n, key), n
+    numbers, n_drawn = _integers_below(bound, 0, count, key), count
     while True:
         # The first n different numbers of one sequence, so that the result does not depend on the size of batches.
         _, first = np.unique(numbers, return_index=True)
-        if first.size == n:
+        if first.size == count:
             return numbers
         first.sort()
-        missing = n - first.size
+        missing = count - first.size
         numbers = np.concatenate((numbers[first], _integers_below(bound, n_drawn, n_drawn + missing, key)))
         n_drawn += missing
 
@@ -285,8 +285,7 @@ def geometry_of(source: Population, target: Population, shapes: Mapping[str, tup
         raise ModelError(f"positions of {message} have {axes[0]} and {axes[1]} coordinates: expected as many")
     if first.lattice != second.lattice:
         raise ModelError(
-            f"{message} have no common scale: neurons of one lie a unit apart by their shape: "
-            "expected 'extent' of both",
+            f"{message} have no common scale: one has a spacing of 1 from its shape: expected 'extent' of both",
             hint="populations of one shape need none",
         )
     if not np.array_equal(first.periods, second.periods):

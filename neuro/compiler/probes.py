@@ -70,7 +70,7 @@ def _check_neurons(part: Probe, population: Population) -> None:
             refuse(part, text, "every: 10.0 is a common one", "record", about=("every",))
         if part.mean:
             message = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
-            way_out = "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes"
+            way_out = "leave 'mean' out" if what == "rate" else "record: rate is the mean rate of spikes"
             refuse(part, message, way_out, "mean", about=("record",))
         return
     states_of_model = recordable(population)
@@ -169,7 +169,9 @@ def _recorded_synapses(part: Probe, program: resolved.Program, index: int, shape
         return None
     chosen = np.asarray(part.synapses)
     if chosen.size and chosen.max() >= projection.size:
-        message = f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, as '{part.of}' has them"
+        message = (
+            f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, the last synapse of '{part.of}'"
+        )
         refuse(part, message, word="synapses", kind="count of synapses")
     if np.unique(chosen).size < chosen.size or not chosen.size:
         refuse(part, "synapses: expected at least one, and each once", word="synapses")

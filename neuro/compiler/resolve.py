@@ -373,7 +373,7 @@ def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints
             raise ModelError(
                 f"{model.name}.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: "
                 f"expected a neuron from 0 to {neurons - 1}",
-                hint=f"shape: {int(ids.max()) + 1} has room for all",
+                hint=f"shape: {int(ids.max()) + 1} includes all neurons",
                 path=(model.name, "spikes"),
                 about=("shape",),
             )
@@ -409,7 +409,7 @@ def _check_delays(rule: Synapse, delay: Steps, clock: Clock) -> None:
     if isinstance(rule, MoveRule) and np.any(delay != 1):
         one = f"{clock.resolution:g} ms, one step, with {rule.name}"
         message = f"delay = {clock.ms(int(delay.max())):g} ms: expected {one}"
-        raise ModelError(message, hint="a parrot_neuron may delay the input", path=("delay",))
+        raise ModelError(message, hint="delay the input with a parrot_neuron", path=("delay",))
     if not isinstance(rule, DelayRule):
         return
     _, most = rule.delay_range(clock.resolution)

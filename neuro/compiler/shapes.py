@@ -88,7 +88,7 @@ def _shape(net: Network, name: str, shapes: dict[str, Shape], pending: tuple[str
         return shapes[name]
     what = f"shape {list(part.shape)}"
     if name in pending:
-        refuse(part, f"{what}: its grids form a circle: expected numbers in one shape of it", word="shape")
+        refuse(part, f"{what}: its grids form a cycle: expected numbers in one of its shapes", word="shape")
     # The first grid decides; `grid_of` then refuses others that give another size.
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
     if not deciding:

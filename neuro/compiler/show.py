@@ -59,7 +59,7 @@ def summary(values: NDArray[Any]) -> str:
 
 
 def _population_row(part: Population) -> tuple[str, ...]:
-    return part.name, part.said, " x ".join(map(str, part.shape)), _grouped(part.size)
+    return part.name, part.model_name, " x ".join(map(str, part.shape)), _grouped(part.size)
 
 
 def _projection_row(net: Network, program: Program, part: Projection, clock: Clock) -> tuple[str, ...]:
@@ -138,8 +138,8 @@ def _lines(program: Program) -> Iterator[str]:
 
 
 def _population_lines(number: int, part: Population) -> Iterator[str]:
-    recorded = "spikes kept" if part.records else "spikes not kept"
-    yield f"population {number} {part.name}: {part.said}, shape {list(part.shape)}, {part.size} neurons, {recorded}"
+    spikes = "spikes kept" if part.records else "spikes not kept"
+    yield f"population {number} {part.name}: {part.model_name}, shape {list(part.shape)}, {part.size} neurons, {spikes}"
     for word, values in part.parameters.items():
         yield f"  {word} = {summary(values)}"
     for word, values in part.initial.items():

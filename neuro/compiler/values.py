@@ -89,7 +89,7 @@ def per_synapse(
             f"{what}: an array of shape {list(array.shape)} for synapses that are drawn at random: "
             "expected a number or a distribution"
         )
-        raise ModelError(text, hint="neuro.pairs lists synapses that can have a value each", path=words_of(what))
+        raise ModelError(text, hint="list synapses with neuro.pairs to give each a value", path=words_of(what))
     if array.shape not in connections.weight_shapes:
         message = f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(connections.weight_shapes))}"
         raise ModelError(message, path=words_of(what))

@@ -152,7 +152,7 @@ class Fed:
     sizes: Lazy = Lazy()
     ids: Lazy = Lazy()
 
-    again: ClassVar[bool] = True
+    repeatable: ClassVar[bool] = True
     """The stream can be played several times."""
 
     @property
@@ -175,7 +175,7 @@ class Fed:
             yield Stretch(until, each[later], neurons[later])
             first, entry = last, end
 
-    def given(self, events: Any) -> tuple[Ints, Ints]:
+    def spikes_of(self, events: Any) -> tuple[Ints, Ints]:
         """Refuse events: the stream has its spikes already."""
         raise NotImplementedError
 

@@ -358,8 +358,8 @@ def unnoted(program: Program) -> list[Problem]:
         Problem(
             True,
             f"probe '{probe.name}': {probe.record} at pre spikes",
-            "weights that learn are shown between steps only",
-            "record it every so many ms, or run it on backend 'event'",
+            "weights that learn can be read between steps only",
+            "record it at intervals, with 'every', or run it on backend 'event'",
             probe.origin,
         )
         for probe in program.synapse_probes
@@ -441,7 +441,7 @@ def own_generators(program: Program) -> list[Problem]:
     for projection in program.projections:
         if projection.carries == "current" and projection.receptor is not None:
             message = f"projection '{projection.name}': a current to receptor '{projection.receptor.name}'"
-            way_out = "leave the receptor out: the current then acts on V_m as it is"
+            way_out = "leave the receptor out: the current then acts on V_m directly"
             problems.append(
                 Problem(True, message, "the host writes currents into the bias", way_out, projection.origin)
             )

@@ -46,7 +46,8 @@ class Currents:
     """Stores the parameters and weights of all currents with the steps after which they hold.
 
     The current that a generator emits in step k over a delay of D steps is the external current of step k + D + 1. A
-    value that is set after step k is first emitted in step k + 1.
+    value that is set after step k is first emitted in step k + 1. Example: a value set after step 4 over a delay of 2
+    steps is emitted in step 5 and is an external current from step 8 on.
 
     Args:
         program: the whole network.

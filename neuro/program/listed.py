@@ -132,7 +132,10 @@ def _rows(steps: Ints, ids: Ints, payloads: Ints | None = None, *, begin: int) -
 
 
 def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:
-    """Return rows (step, neuron, multiplicity), sorted, with equal ones joined."""
+    """Return rows (step, neuron, multiplicity), sorted, with equal ones joined.
+
+    Example: steps [5, 3, 5] of neurons [1, 0, 1] give (3, 0, 1) and (5, 1, 2).
+    """
     begin, end, span = _extents(steps, neurons)
     if (end - begin) * span >= 1 << 63:
         pairs, counts = np.unique(np.stack([steps, neurons], axis=1), axis=0, return_counts=True)

@@ -43,7 +43,10 @@ class Share:
     number: int = 1
 
     def of(self, neurons: int) -> tuple[int, int]:
-        """Return the first neuron of a population in this share, and the end of the range."""
+        """Return the first neuron of a population in this share, and the end of the range.
+
+        Example: 3 shares of 10 neurons have the ranges (0, 4), (4, 7) and (7, 10).
+        """
         each, more = divmod(neurons, self.number)
         first = self.index * each + min(self.index, more)
         return first, first + each + (self.index < more)
@@ -127,7 +130,7 @@ class Rows:
             keys: tuple[NDArray[Any], ...] = (self.share.gather(pre),)
             if self.delays is not None:
                 keys = (self.share.gather(self.delays[own]), *keys)
-            # The targets of a share lie before those of the next, so equal ones are in order.
+            # All targets of a share come before those of the next share, so equal keys are in order.
             yield SynapseStretch(
                 (first, last), int(ends[first]), np.lexsort(keys), own, int(numbers[: self.share.index].sum())
             )
@@ -150,6 +153,8 @@ class Rows:
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
     """A rate or an amplitude that changes at listed steps, and is 0 before the first.
+
+    Example: steps [1, 11] with values [[5.0], [2.0]] hold 5.0 in steps 1 to 10, and 2.0 from step 11 on.
 
     Attributes:
         steps: ascending, from 1.
@@ -208,7 +213,7 @@ class Population:
     spike_payloads: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
-    def said(self) -> str:
+    def model_name(self) -> str:
         """The name of the model in the description, for messages."""
         return self.declared or self.model.name
 
@@ -296,8 +301,9 @@ class Projection:
         source, target: indices of the populations.
         carries: "spikes" or "current".
         layout: "one_to_one", "dense" (every pair, source-major), "csr", "grid" (a shared kernel), or "undrawn".
-        row_ends: csr: source i has the synapses row_ends[i] : row_ends[i + 1], with targets ascending. In a network of
-            about a million synapses or more, static synapses with drawn delays are sorted by delay, then by target.
+        row_ends: csr: source i has the synapses row_ends[i] : row_ends[i + 1], with targets ascending. For example,
+            row_ends [0, 2, 2, 3] and targets [1, 4, 0] connect 0 -> 1, 0 -> 4 and 2 -> 0. In a network of about a
+            million synapses or more, static synapses with drawn delays are sorted by delay, then by target.
         targets: csr: the target of each synapse, int32.
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
         delay: in steps, shape (1,) or one per synapse, int32, >= 1; uint8 in such a large network, where drawn delays
@@ -691,7 +697,7 @@ class Stream(Protocol):
     """A source of spikes for a population. Several callers can read one, since each stores its own position."""
 
     @property
-    def again(self) -> bool:
+    def repeatable(self) -> bool:
         """True if the stream can be read from the beginning several times."""
 
     @property
@@ -706,7 +712,7 @@ class Stream(Protocol):
                 for the spikes after the last batch gets the same error.
         """
 
-    def given(self, events: Any) -> tuple[Ints, Ints]:
+    def spikes_of(self, events: Any) -> tuple[Ints, Ints]:
         """Return steps and neurons of the spikes that a caller supplies while the network runs.
 
         Raises:

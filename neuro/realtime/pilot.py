@@ -129,7 +129,7 @@ class NetworkPilot:
             kind, expected = _TAKES[encoder.gives]
             if part.kind != kind:
                 output = f"{encoder.name} gives {encoder.gives}"
-                message = f"population '{name}' is {part.said}: {output}: expected {expected}"
+                message = f"population '{name}' is {part.model_name}: {output}: expected {expected}"
                 raise self._wrong(ModelError(message), "observe", name)
             observations = self._environments.observations
             try:

@@ -62,7 +62,7 @@ class Inlet:
         neurons = sim.handles.neurons(name)
         camera = neurons.part.stream
         if neurons.view is not None or not isinstance(camera, CameraInput):
-            raise ModelError(f"inputs: '{name}' is {neurons.part.said}: expected an event_camera")
+            raise ModelError(f"inputs: '{name}' is {neurons.part.model_name}: expected an event_camera")
         model = camera.model
         if any(getattr(model, word) is not None for word in ("file", "events", "stream")):
             raise ModelError(f"inputs: '{name}' plays a recording: expected an event_camera without one")

@@ -151,7 +151,7 @@ def train_of(sim: Any, part: Population, includes_spikes: bool, counts: Counts, 
     Spikes are included if `kept` is true and `empty` is false.
     """
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
-    about = (part.said, part.shape, asdict(counts.populations[part.name]), includes_spikes and part.records)
+    about = (part.model_name, part.shape, asdict(counts.populations[part.name]), includes_spikes and part.records)
     steps, ids, multiplicity = none, none, none
     payloads = none.astype(np.int32) if part.model.graded else None
     if includes_spikes and part.records and not empty:

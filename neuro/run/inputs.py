@@ -37,10 +37,10 @@ class InputFeeder:
         part = neurons.part
         if part.kind != "listed" or part.stream is not None:
             hint = f"sim.feed('{part.name}', events) gives it events" if part.stream is not None else ""
-            raise ModelError(f"inject: '{part.name}' is {a(part.said)}: expected a spike_generator", hint=hint)
+            raise ModelError(f"inject: '{part.name}' is {a(part.model_name)}: expected a spike_generator", hint=hint)
         if part.model.graded != (payloads is not None):
             expected = "payloads, one for each time" if part.model.graded else "no payloads"
-            raise ModelError(f"inject: '{part.name}' is {a(part.said)}: expected {expected}")
+            raise ModelError(f"inject: '{part.name}' is {a(part.model_name)}: expected {expected}")
         steps, emit, carried = settable.new_spikes(self._clock, times, ids, neurons, payloads)
         if steps.size and steps.min() <= self._engine.step:
             time, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
@@ -60,9 +60,9 @@ class InputFeeder:
         if neurons.view is not None:
             raise ModelError(f"feed: found the view {neurons.view}: expected the whole event_camera")
         if part.stream is None:
-            raise ModelError(f"feed: '{part.name}' is {a(part.said)}: expected an event_camera")
+            raise ModelError(f"feed: '{part.name}' is {a(part.model_name)}: expected an event_camera")
         try:
-            steps, ids = part.stream.given(events)
+            steps, ids = part.stream.spikes_of(events)
         except ModelError as error:
             raise error.at(None, f"feed: '{part.name}'") from None
         if steps.size and (first := int(steps.min())) <= self._engine.step:
@@ -86,20 +86,20 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
         ModelError: silencing these neurons would not silence their synapses. Either they share a kernel with neurons
             that stay active, or the synapses learn, so that their weights would grow again.
     """
-    candidates = [k for k, part in enumerate(program.projections) if part.source == neurons.index and part.size]
+    candidates = [index for index, part in enumerate(program.projections) if part.source == neurons.index and part.size]
     is_silenced = neurons.mask()
-    for part in (program.projections[k] for k in candidates):
+    for part in (program.projections[index] for index in candidates):
         if part.grid is not None and not is_silenced.all():
             message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all neurons"
             raise ModelError(message, hint=f"sim.silence('{neurons.part.name}')")
     # Dense, one-to-one and grid projections connect every source neuron; sparse ones are looked up by fan-out.
-    is_sparse = [program.projections[k].layout == "csr" for k in candidates]
+    is_sparse = [program.projections[index].layout == "csr" for index in candidates]
     indices = [
-        k
-        for k, sparse in zip(candidates, is_sparse, strict=True)
-        if not sparse or fan_out(program, k)[is_silenced].any()
+        index
+        for index, sparse in zip(candidates, is_sparse, strict=True)
+        if not sparse or fan_out(program, index)[is_silenced].any()
     ]
-    for part in (program.projections[k] for k in indices):
+    for part in (program.projections[index] for index in indices):
         if part.synapse.learns and not part.synapse.delays and not isinstance(part.synapse, tsodyks2):
             rule = part.synapse.name
             message = f"silence: {neurons.text}: '{part.name}' learns by {rule}, so its weights would grow again"

@@ -18,7 +18,7 @@ def normalise(sim: Simulation, projection: Projection | str, total: ArrayLike) -
     """Scale the weights onto each target neuron to a given sum. Call it at intervals while the network learns.
 
     The weights are the ones that `sim.weights` returns. For `stdp` and similar rules these are the last weights that
-    were sent, so changes by later postsynaptic spikes are lost.
+    were sent, so changes by later postsynaptic spikes are not included.
 
     Args:
         sim: the simulation.

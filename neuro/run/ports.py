@@ -134,7 +134,7 @@ class Port:
 
     def _set_one(self, sim: Any, values: ArrayLike) -> None:
         """Set any values of one simulation, by the method that the port replaces."""
-        raise ModelError(f"port: {self.text}: it is read and not set")
+        raise ModelError(f"port: {self.text}: the port can only be read")
 
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
         if self._together is None:
@@ -147,7 +147,7 @@ class Port:
 
     def _read(self, copy: int) -> NDArray[Any]:
         """Return the values of one copy."""
-        raise ModelError(f"port: {self.text}: it is set and not read")
+        raise ModelError(f"port: {self.text}: the port can only be set")
 
     def begin(self) -> None:
         """Forget earlier reads, because the simulation was reset or restored."""

@@ -142,7 +142,9 @@ class Records:
         """Return times in ms, neurons and payloads of a graded population, sorted by time, then neuron."""
         times, ids, payloads = self._spikes(of, since, until)
         if payloads is None:
-            raise ModelError(f"payloads of '{of.part.name}', {a(of.part.said)}: its spikes carry none", hint=UNGRADED)
+            raise ModelError(
+                f"payloads of '{of.part.name}', {a(of.part.model_name)}: its spikes carry none", hint=UNGRADED
+            )
         return times, ids, payloads
 
     def _spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints, Ints | None]:
@@ -159,7 +161,7 @@ class Records:
         part = of.part
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
-            raise ModelError(f"spikes of '{part.name}', {a(part.said)}, are not recorded", hint=hint)
+            raise ModelError(f"spikes of '{part.name}', {a(part.model_name)}, are not recorded", hint=hint)
         self._update_held()
         after = -1 if since is None else self._clock.floor(since, "since")
         to = NEVER if until is None else self._clock.floor(until, "until")

@@ -18,7 +18,7 @@ from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints
 from neuro.run.handles import Run
 from neuro.run.records import Records
-from neuro.run.turn import Turn, alone
+from neuro.run.turn import Turn, exclusive
 from neuro.run.watch import Watch
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class RunningNetwork:
         """The end of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
-    @alone
+    @exclusive
     def run(self, ms: float, progress: bool = False, out: str | PathLike[str] | None = None) -> None:
         """Advance by a multiple of the resolution. Several short runs give the same bits as a long one.
 
@@ -158,7 +158,7 @@ class RunningNetwork:
         with self._records.to_file(inner, *words, self._turn) as recording:
             yield recording
 
-    @alone
+    @exclusive
     def spikes(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
     ) -> tuple[Floats, Ints]:
@@ -178,7 +178,7 @@ class RunningNetwork:
         """
         return self._records.spikes(self.handles.neurons(of), since, until)
 
-    @alone
+    @exclusive
     def train(self, of: Population | View | str) -> tuple[Ints, Ints, Ints]:
         """Return recorded spikes in steps, with several spikes of a neuron in a step as one entry.
 
@@ -190,7 +190,7 @@ class RunningNetwork:
         """
         return self._records.train(self.handles.neurons(of))[:3]
 
-    @alone
+    @exclusive
     def payloads(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
     ) -> tuple[Floats, Ints, Ints]:
@@ -201,7 +201,7 @@ class RunningNetwork:
         """
         return self._records.payloads(self.handles.neurons(of), since, until)
 
-    @alone
+    @exclusive
     def trace(self, of: Probe | str) -> tuple[Floats, Any]:
         """Return the records of a probe.
 
@@ -219,12 +219,12 @@ class RunningNetwork:
         """The time in ms after which spikes and traces are in memory; earlier ones were forgotten."""
         return self._records.held_ms
 
-    @alone
+    @exclusive
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms.
 
         Afterwards `spikes` and `trace` return later records only, and `spikes` refuses a `since` before that time.
         """
-        if self._signals is not None:  # they may need the times of spikes that are forgotten now
+        if self._signals is not None:  # expressions may need the times of spikes that are forgotten now
             self._signals.listen()
         self._records.forget(before)

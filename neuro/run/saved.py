@@ -201,11 +201,11 @@ def present(run: Run, steered: Collection[str]) -> Program:
     return replace(program, populations=populations, projections=tuple(projections))
 
 
-def _present_population(k: int, part: Population, engine: Engine) -> Population:
+def _present_population(index: int, part: Population, engine: Engine) -> Population:
     if part.kind == "listed":
-        if part.stream is not None and part.stream.again:
+        if part.stream is not None and part.stream.repeatable:
             return part
-        emitted = engine.spikes(k, -1) if part.records else None
+        emitted = engine.spikes(index, -1) if part.records else None
         if emitted is None or not emitted.steps.size:
             return part
         if emitted.payloads is not None:
@@ -213,15 +213,14 @@ def _present_population(k: int, part: Population, engine: Engine) -> Population:
         listed_keys, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
         keys = np.concatenate([listed_keys, emitted.steps * part.size + emitted.ids])
         spikes, places = np.unique(keys, return_inverse=True)
-        most = np.zeros(
-            spikes.size, dtype=np.int64
-        )  # a listed spike is also among the emitted ones if its time has passed
+        # A listed spike is also among the emitted ones if its time has passed.
+        most = np.zeros(spikes.size, dtype=np.int64)
         np.maximum.at(most, places, np.concatenate([several, emitted.multiplicity]))
         spikes = np.repeat(spikes, most)
         return replace(part, spike_steps=spikes // part.size, spike_ids=spikes % part.size, stream=None)
     if part.kind == "current" or part.schedule is not None:
         return part
-    values = {word: engine.get(k, word) for word in part.parameters}
+    values = {word: engine.get(index, word) for word in part.parameters}
     return replace(part, parameters={word: v[:1] if (v == v[0]).all() else v for word, v in values.items()})
 
 

@@ -71,9 +71,8 @@ def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: in
     if ids is None:
         return _one_or_each(quantity, value, part.shape, what, key)
     values = engine.get(neurons.index, word)
-    if isinstance(
-        value, Distribution
-    ):  # drawn for all neurons, so that the value of a neuron does not depend on the view
+    if isinstance(value, Distribution):
+        # Drawn for all neurons, so that the value of a neuron does not depend on the view.
         values[ids] = _one_or_each(quantity, value, part.shape, what, key)[ids]
     else:
         values[ids] = _one_or_each(quantity, value, neurons.end.shape, what, key)

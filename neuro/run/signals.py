@@ -234,7 +234,8 @@ class _Expression(_Player):
                     self._memory[at + 1 : at + 3] = 0.0, spikes
         if not math.isfinite(results[-1]):
             message = f"signal '{self.name}': its expression is {results[-1]} at {self._clock.ms(now):g} ms"
-            raise ModelError(f"{message}: expected a finite number", hint="where(b > 0, a / max(b, 1), 0)")
+            hint = "avoid division by 0, e.g. where(b > 0, a / max(b, 1), 0)"
+            raise ModelError(f"{message}: expected a finite number", hint=hint)
         return float(results[-1])
 
     def listen(self) -> None:

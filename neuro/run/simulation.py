@@ -18,7 +18,7 @@ from neuro.model.network import Network
 from neuro.model.parts import Population, Projection, Side, Signal
 from neuro.model.views import View
 from neuro.run.running import RunningNetwork
-from neuro.run.turn import alone
+from neuro.run.turn import exclusive
 
 if TYPE_CHECKING:
     import neo
@@ -89,8 +89,8 @@ class Simulation(RunningNetwork):
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        message = "a simulation cannot be copied or pickled, as its kernels know where its memory lies"
-        hint = "sim.save(path), and restore(path) of another that was compiled from the network"
+        message = "a simulation cannot be copied or pickled, because its kernels hold memory addresses"
+        hint = "sim.save(path), and restore(path) of another simulation of the network"
         raise ModelError(message, hint=hint)
 
     def __str__(self) -> str:
@@ -105,22 +105,22 @@ class Simulation(RunningNetwork):
         from neuro.files.results import projection_table, run_table
 
         populations, counts = self.program.populations, self.counts().populations
-        spikes = {p.name: None if p.kind == "current" else counts[p.name].spikes for p in populations}
+        spikes = {part.name: None if part.kind == "current" else counts[part.name].spikes for part in populations}
         return [
-            run_table(self.time, ((p.name, p.said, p.size, spikes[p.name]) for p in populations)),
+            run_table(self.time, ((part.name, part.model_name, part.size, spikes[part.name]) for part in populations)),
             projection_table(
                 (
-                    p.name,
-                    populations[p.source].name,
-                    populations[p.target].name,
-                    synapse_text(p.synapse.name, None if p.undrawn is None else self.backend),
-                    p.size,
+                    part.name,
+                    populations[part.source].name,
+                    populations[part.target].name,
+                    synapse_text(part.synapse.name, None if part.undrawn is None else self.backend),
+                    part.size,
                 )
-                for p in self.program.projections
+                for part in self.program.projections
             ),
         ]
 
-    @alone
+    @exclusive
     def reset(self, weights: bool = False) -> None:
         """Return to time 0 and the initial states, and with `weights` to the initial weights. Parameters stay."""
         self._records.refuse_while_recording("reset")
@@ -142,7 +142,7 @@ class Simulation(RunningNetwork):
 
     # parameters, states and weights
 
-    @alone
+    @exclusive
     def set(
         self,
         part: Population | View | Projection | str,
@@ -175,7 +175,7 @@ class Simulation(RunningNetwork):
         self._values.set(part, values, named, of, pre, post)
         self.steered["set"] = None
 
-    @alone
+    @exclusive
     def get(
         self,
         part: Population | View | Projection | str,
@@ -207,7 +207,7 @@ class Simulation(RunningNetwork):
         """Return the names of a population's states that this backend can read, in the order of its model."""
         return self._cells.states(self.handles.neurons(of))
 
-    @alone
+    @exclusive
     def weights(
         self,
         part: Projection | str,
@@ -238,7 +238,7 @@ class Simulation(RunningNetwork):
         """
         return self._values.weights(self.handles.projection(part), of, pre, post, delays)
 
-    @alone
+    @exclusive
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection by a number for all, or an array in the form of `weights`."""
         self._synapses.set_weights(self.handles.projection(of), weights, None)
@@ -246,7 +246,7 @@ class Simulation(RunningNetwork):
 
     # input and output
 
-    @alone
+    @exclusive
     def inject(
         self,
         of: Population | View | str,
@@ -266,7 +266,7 @@ class Simulation(RunningNetwork):
         self._inputs.inject(self.handles.neurons(of), times, ids, payloads)
         self.steered["inject"] = None
 
-    @alone
+    @exclusive
     def feed(self, of: Population | str, events: Any) -> None:
         """Add events to those of an event camera's recording, while the network runs.
 
@@ -288,7 +288,7 @@ class Simulation(RunningNetwork):
         else:
             self._records.recording.feed(neurons.part.name, steps, ids)
 
-    @alone
+    @exclusive
     def replay(self, run: Results) -> None:
         """Feed event cameras the events of an earlier run, at the same steps, while this network runs.
 
@@ -308,7 +308,7 @@ class Simulation(RunningNetwork):
         if self._inflow is not None and self._inflow.fed.plays:
             raise ModelError(f"{what}: a state cannot hold a replayed run: expected a simulation without 'replay'")
 
-    @alone
+    @exclusive
     def silence(self, of: Population | View | str) -> None:
         """Set the weights of all synapses from some neurons to 0, from the next step on.
 
@@ -324,7 +324,7 @@ class Simulation(RunningNetwork):
         self._values.silence(of)
         self.steered["silence"] = None
 
-    @alone
+    @exclusive
     def activate(self, of: Population | View | str, rate: ArrayLike) -> None:
         """Drive neurons by independent Poisson spikes, from the next step on.
 
@@ -342,13 +342,13 @@ class Simulation(RunningNetwork):
         self._values.activate(self.handles.neurons(of), rate)
         self.steered["activate"] = None
 
-    @alone
+    @exclusive
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal from the next step on: one value for all neurons of its population or one for each."""
         self._inputs.signal(self.handles.signal(of), values)
         self.steered["signal"] = None
 
-    @alone
+    @exclusive
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
         """Return a port, which sets or reads one value at every step of a closed loop faster than `set` and `get`.
 
@@ -426,7 +426,7 @@ class Simulation(RunningNetwork):
 
         return TrialLoop(self._run, self._tally)
 
-    @alone
+    @exclusive
     def trials(
         self,
         times: ArrayLike,
@@ -462,19 +462,19 @@ class Simulation(RunningNetwork):
 
     # accounts
 
-    @alone
+    @exclusive
     def counts(self) -> Counts:
         """Return the counts of spikes, updates and synaptic operations since the start or the last reset."""
         return self._tally.between(None, self._engine.counts())
 
-    @alone
+    @exclusive
     def taken(self) -> TrialCounts:
         """Return the counts since the start or the last reset in a form that can be added over several runs."""
         from neuro.run.trials import TrialCounts
 
         return TrialCounts(0, self._engine.counts(), self._tally)
 
-    @alone
+    @exclusive
     def energy(
         self,
         target: str | PathLike[str],
@@ -510,12 +510,12 @@ class Simulation(RunningNetwork):
         words: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": self.backend}
         return bill(self.program, counts, target, **words)
 
-    @alone
+    @exclusive
     def memory(self) -> dict[str, int]:
         """Return the size of the engine in bytes, by content."""
         return self._engine.memory()
 
-    @alone
+    @exclusive
     def network(self, frozen: bool = False) -> Network:
         """Return the network with the learnt weights, to save it or to compile it for another backend.
 
@@ -528,7 +528,7 @@ class Simulation(RunningNetwork):
         net = learnt_network(self._run)
         return net.frozen() if check(_FLAG, frozen, "network: frozen") else net
 
-    @alone
+    @exclusive
     def doctor(
         self,
         ms: float = 1000.0,
@@ -584,7 +584,7 @@ class Simulation(RunningNetwork):
 
         return Saved(self._run, self._records, None if self._inflow is None else self._inflow.own, self._signals)
 
-    @alone
+    @exclusive
     def save(self, path: str | PathLike[str]) -> None:
         """Write the whole state to an HDF5 file.
 
@@ -600,7 +600,7 @@ class Simulation(RunningNetwork):
         trials = None if self.program.trials is None else self._trials
         self._saved.write(file_path(path, "path"), trials, record, files_of(self._net))
 
-    @alone
+    @exclusive
     def restore(self, path: str | PathLike[str]) -> None:
         """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
 

@@ -19,7 +19,7 @@ from neuro.run.watch import Watch
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 
 LOOK = 1000
-"""Steps between checks of all states for NaN, in control steps."""
+"""Steps of the network between checks for NaN, while control steps run."""
 
 
 class Joined:
@@ -105,7 +105,7 @@ class Stepper:
         for index in self._emit:
             part = program.populations[index]
             if part.kind != "listed" or part.stream is not None or part.model.graded:
-                raise ModelError(f"stepper: '{part.name}' is {a(part.said)}: expected a spike_generator")
+                raise ModelError(f"stepper: '{part.name}' is {a(part.model_name)}: expected a spike_generator")
         if run is None and not joined.plain:
             raise ModelError(
                 "stepper: the network has probes, streams or signals with values: expected one without",

@@ -80,7 +80,7 @@ class StreamFeeder:
             ModelError: a stream was begun that can be read only once.
         """
         for index in self._iterators:
-            if not self._streams[index].again:
+            if not self._streams[index].repeatable:
                 message = f"{what}: '{self._names[index]}' has played events that can be read only once"
                 hint = "give it Events, a list of them, or a function that makes an iterator"
                 raise ModelError(f"{message}: expected events that can be read again", hint=hint)

@@ -362,5 +362,5 @@ def _one_per_trial(values: ArrayLike, n: int, what: str) -> Ints:
     """Check whole numbers, one for each of n trials."""
     array = np.asarray(values)
     if array.shape != (n,) or array.dtype.kind not in "iu":
-        raise ModelError(f"trials: {what} of shape {list(array.shape)}: expected {n} whole numbers, one a trial")
+        raise ModelError(f"trials: {what} of shape {list(array.shape)}: expected {n} whole numbers, one per trial")
     return array.astype(np.int64)

@@ -34,7 +34,7 @@ def refused(name: str, turn: Turn) -> ModelError:
     return ModelError(message, hint="compile a simulation for each thread, or share one with a threading.Lock")
 
 
-def alone(method: F) -> F:
+def exclusive(method: F) -> F:
     """Make a method of a `Simulation` acquire the turn and run on the inner object."""
     name = method.__name__
 

@@ -185,8 +185,8 @@ class SynapseValues:
         shared = [word for word in values if word != "weight" and not (word in quantities and quantities[word].arrays)]
         if "weight" in values or (shared and chosen is not None):
             word = next((word for word in [*shared, *values] if word != "weight"), "")
-            alone = "is one for all synapses" if word in shared else "is set without weights"
-            message = f"{part.synapse.name}.{word} of '{part.name}' {alone}"
+            reason = "is one for all synapses" if word in shared else "is set without weights"
+            message = f"{part.synapse.name}.{word} of '{part.name}' {reason}"
             raise ModelError(f"{message}: expected 'weight' alone" + " with of, pre or post" * (chosen is not None))
         rule = self.checked_rule(index, values, chosen)
         self._engine.set_rule(index, rule.vector())
@@ -343,4 +343,4 @@ class Values:
 def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:
     if of is not None or pre is not None or post is not None:
         hint = f"sim.set({of!r}, ...)" if isinstance(of, View) else ""
-        raise ModelError(f"of, pre and post of {neurons.text}: they choose synapses: expected a projection", hint=hint)
+        raise ModelError(f"of, pre and post choose synapses: found {neurons.text}: expected a projection", hint=hint)

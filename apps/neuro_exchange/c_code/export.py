@@ -440,11 +440,11 @@ def _populations(fixed: FixedProgram) -> Iterator[Problem]:
     for part, cells in zip(fixed.program.populations, fixed.populations, strict=True):
         if part.model.role == "current":
             why = "currents of generators are written by a host, which a program in C lacks"
-            yield _problem(part, part.said, why, "give the neurons a constant current, I_e, or spikes")
+            yield _problem(part, part.model_name, why, "give the neurons a constant current, I_e, or spikes")
         elif cells.kind not in STEPS and part.kind not in INPUTS:
             models = ", ".join(model.__name__ for model in arithmetic_of(fixed.chip).models)
             models += " or parrot_neuron"
-            yield _problem(part, part.said, f"not a neuron of {fixed.chip.name}", f"use {models}")
+            yield _problem(part, part.model_name, f"not a neuron of {fixed.chip.name}", f"use {models}")
     if not any(cells.kind in STEPS for cells in fixed.populations):
         yield Problem(True, f"network '{fixed.program.name}'", "found no neurons", "add a population of iaf_psc_exp")
 

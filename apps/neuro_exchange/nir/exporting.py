@@ -61,7 +61,7 @@ class Export:
 
     def add_verdict(self, part: Population | Projection, verdict: str, how: str, way_out: str = "") -> None:
         """Add the verdict of a part."""
-        kind = part.said if isinstance(part, Population) else part.synapse.name
+        kind = part.model_name if isinstance(part, Population) else part.synapse.name
         self.verdicts.append(Verdict(part.name, kind, verdict, how, way_out))
 
 

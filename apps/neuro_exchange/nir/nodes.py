@@ -67,7 +67,7 @@ def neuron_of(part: Population, tool: str, h: float) -> ScaledNode:
         Unsupported: the convention has no such node.
     """
     if type(part.model) not in (iaf_psc_delta, iaf_psc_exp, cuba_lif):
-        raise Unsupported(f"{part.said} has no node in NIR", "use iaf_psc_delta, iaf_psc_exp or cuba_lif")
+        raise Unsupported(f"{part.model_name} has no node in NIR", "use iaf_psc_delta, iaf_psc_exp or cuba_lif")
     p = {word: np.broadcast_to(values, part.size).astype(np.float64) for word, values in part.parameters.items()}
     fires = bool(np.all(p["V_th"] < NEVER))
     if not fires and np.any(p["V_th"] < NEVER):

@@ -212,7 +212,7 @@ class _Script:
             return  # `_current` writes current sources
         if part.kind == "neuron":
             if part.model.name not in BY_MODEL:
-                raise ModelError(f"{part.said} has no standard cell in PyNN")
+                raise ModelError(f"{part.model_name} has no standard cell in PyNN")
             cell, values = self._cell(part)
         else:
             cell, values = self._source(part)
@@ -251,7 +251,7 @@ class _Script:
             times, ids = self.trains[part.name]
             return self._spike_lists(part, np.rint(times / self.step), ids)
         if part.model.graded:
-            raise ModelError(f"{part.said} has no counterpart in PyNN, whose spikes have no payloads")
+            raise ModelError(f"{part.model_name} has no counterpart in PyNN, whose spikes have no payloads")
         if part.kind == "listed" and part.stream is None:
             return self._spike_lists(part, part.spike_steps, part.spike_ids)
         if part.kind == "poisson" and part.schedule is None:
@@ -261,7 +261,7 @@ class _Script:
                 words["duration"] = repr((part.stop - part.start) * self.step)
             return "SpikeSourcePoisson", words
         raise ModelError(
-            f"{part.said} has no standard cell in PyNN", hint="duration=100.0 writes its spikes of 100 ms as lists"
+            f"{part.model_name} has no standard cell in PyNN", hint="duration=100.0 writes its spikes of 100 ms as lists"
         )
 
     def _spike_lists(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
@@ -485,9 +485,11 @@ class _Script:
                 column = values[:, neuron if values.shape[1] > 1 else 0] * scale
                 times = source.schedule.steps * self.step + delay_ms
                 if "stop" in window or source.start > 0:
-                    raise ModelError(f"'start' or 'stop' of {source.said} '{source.name}' has no counterpart in PyNN")
+                    raise ModelError(
+                        f"'start' or 'stop' of {source.model_name} '{source.name}' has no counterpart in PyNN"
+                    )
                 return f"StepCurrentSource(times={times.tolist()}, amplitudes={column.tolist()})"
-        raise ModelError(f"{source.said} '{source.name}' has no counterpart in PyNN with the same current")
+        raise ModelError(f"{source.model_name} '{source.name}' has no counterpart in PyNN with the same current")
 
     def _add_unsupported(self) -> None:
         """Add a problem for each signal, group and trial, which PyNN lacks."""

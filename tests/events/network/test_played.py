@@ -204,7 +204,7 @@ def test_people_are_told_the_model_that_they_know(messages, walk):
     sim.run(5.0)
     assert "camera  event_camera" in str(sim)
     said = {"camera": "event_camera", "cells": "iaf_psc_exp", "coded": "encode", "bias": "dc_generator"}
-    assert {part.name: part.said for part in sim.program.populations} == said
+    assert {part.name: part.model_name for part in sim.program.populations} == said
     wrong = network(neuro.event_camera(events=walk))
     wrong.connect("cells", "camera", neuro.all_to_all())
     calls = {"inject": lambda: sim.inject("camera", [6.0], [0]), "spikes": lambda: sim.spikes("coded")}
