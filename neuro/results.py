@@ -58,7 +58,7 @@ def read(path: str | PathLike[str]) -> Results:
     """Read the results of a run from a file, also if the run ended while it wrote. Arrays are read on first access.
 
     Raises:
-        ModelError: there is no such file, or it has another format.
+        ModelError: there is no such file, or the file has another format.
     """
     results = files.read(path)
     return Results(*(getattr(results, field.name) for field in fields(results)))

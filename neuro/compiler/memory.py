@@ -153,7 +153,7 @@ def _stored(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> tupl
 
 
 def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
-    """Return the approximate number of synapses of a projection that are stored one by one."""
+    """Return the approximate number of individually stored synapses of a projection."""
     match part.rule:
         case one_to_one():
             return 0

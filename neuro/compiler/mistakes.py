@@ -373,7 +373,7 @@ def chosen_from(sections: Mapping[str, Node], path: Words) -> str:
 
 
 def some_neurons(population: str, turn: int) -> Any:
-    """Return all neurons of a population, or one, so that errors about their number differ."""
+    """Return all neurons of a population, or a single one, so that errors about the number of neurons differ."""
     return population if turn == 0 else {population: 0}
 
 
@@ -394,7 +394,7 @@ def _valid_number(name: str, word: str, turn: int) -> Any:
     low = next((bound for bound in (quantity.at_least, quantity.above) if bound is not None), 0.0)
     high = next((bound for bound in (quantity.at_most, quantity.below) if bound is not None), low + 4.0)
     number = low + (high - low) * (turn + 1) / 4.0
-    return int(number) if quantity.kind == "integer" or quantity.replaced_ends else number
+    return int(number) if quantity.kind == "integer" or quantity.whole else number
 
 
 def _model(node: Node) -> type[Any]:

@@ -56,7 +56,8 @@ def total_number(
 
         targets = np.empty(n, dtype=np.int32) if buffer is None else buffer
         return draw_rows(key, ends, excluded, targets), targets
-    # A pair is one whole number, counted by source without excluded pairs, so sorting it sorts by source, then target.
+    # Pairs are whole numbers, counted by source without excluded pairs, so that sorted numbers are sorted by source and
+    # by target.
     places = _integers_below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
     places.sort()
     row_ends = np.searchsorted(places, ends)

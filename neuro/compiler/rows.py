@@ -37,7 +37,7 @@ def draw_rows(key: int, ends: Ints, excluded: Ints | None, targets: NDArray[np.i
     """Draw the targets of synapses into an array; return the row ends of the sources.
 
     Pairs are whole numbers, counted by source. The draws are the first numbers `keyed_random.uniform` x pairs of a key.
-    They are distributed to heaps and sorted within the array of targets, without other memory.
+    The numbers are distributed to heaps and sorted within the array of targets, without other memory.
 
     Args:
         key: key of the draws.
@@ -167,8 +167,8 @@ def _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, excluded, row
                 source += 1
                 row_ends[source] = k
             begin, end = ends[source] - base, ends[source + 1] - base
-            # Targets from the excluded one on are shifted up by one, as in `pairs.total_number`, so that both ways draw
-            # the same network.
+            # Targets from the excluded target on are shifted up by 1, as in `pairs.total_number`, so that both draw the
+            # same network.
             left_out = excluded[source] if excluded.size > 0 and excluded[source] >= 0 else _NO_TARGET
             while k < last and targets[k] < end:
                 target = targets[k] - begin

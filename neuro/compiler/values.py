@@ -29,7 +29,7 @@ from neuro.program.program import Floats
 
 
 def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
-    """Return one value for each neuron of a population, or one for all (shape (1,)).
+    """Return one value for each neuron of a population, or a shared value (shape (1,)).
 
     Args:
         value: a number, an array of the population's shape or flat, or a distribution.
@@ -58,7 +58,7 @@ def per_synapse(
     get_geometry: GetGeometry,
     buffer: Buffer | None = None,
 ) -> Floats:
-    """Return one value for each synapse in the program's order, or one for all (shape (1,)).
+    """Return one value for each synapse in the program's order, or a shared value (shape (1,)).
 
     Args:
         value: a number, an array in the order of the rule, a distribution or a function of distance.

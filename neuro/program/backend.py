@@ -173,7 +173,7 @@ class Engine(Protocol):
         """Apply the rule's `encourage` to every weight of the given maps, once per shared weight."""
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
-        """Add spikes of a listed population, with payloads if it is graded, at steps after the present one."""
+        """Add spikes of a listed population at steps after the present one, with payloads for a graded population."""
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of all synapses that a signal modulates, one value per target neuron."""
@@ -190,8 +190,8 @@ class Engine(Protocol):
     def get_synapses(self, projection: int, name: str) -> Floats:
         """Return a state of every synapse, in the order of the program's weights.
 
-        The name is "weight" (as stored, like NEST's), a state of the model such as "c", "K_plus" of the synapse's
-        source, or "n" of its target.
+        The name is "weight" (as stored, like NEST's), a state of the model such as "c", "K_plus" of the source neuron,
+        or "n" of the target neuron.
         """
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
@@ -305,7 +305,7 @@ class Registers(Protocol):
     """An engine whose neurons and synapses have registers that can be read."""
 
     def registers(self, population: int, name: str) -> Ints:
-        """Return a register of every neuron, by its own name or by the state or parameter that it holds."""
+        """Return a register of every neuron, named by the register or by the state or parameter stored in it."""
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
         """Return a register of every synapse, in the order of the program's weights."""
@@ -376,8 +376,8 @@ def unreadable(owner: Backend | Engine) -> frozenset[str]:
 def are_finite(engine: Engine, population: int, states: Sequence[str]) -> bool:
     """Return whether states of a linear model are finite, neither NaN nor infinite, in all neurons of a population.
 
-    An engine whose neurons sleep may have its own `are_finite`, which need not update them to the present: a value that
-    is finite when a linear neuron falls asleep stays finite.
+    An engine whose neurons sleep may define its own `are_finite` without an update of sleeping neurons: a value that is
+    finite when a linear neuron falls asleep stays finite.
     """
     engine_check: Callable[[int, Sequence[str]], bool] | None = getattr(engine, "are_finite", None)
     if engine_check is not None:

@@ -65,10 +65,10 @@ class SynapseBlock:
 
 
 class CompactProjection(Projection):
-    """A projection that stores targets in 16 bits and weights in 32 bits where all values fit exactly.
+    """A projection with targets in 16 bits and weights in 32 bits where all values fit exactly.
 
-    `targets`, `weight` and `delay` return a copy in the types of any other projection. A backend that stores the
-    synapses in an order of its own can free the arrays with `release`, and then supplies them on demand.
+    `targets`, `weight` and `delay` return a copy in the types of any other projection. A backend with a sorted copy of
+    the synapses can free the arrays with `release`, and supplies the synapses on demand.
     """
 
     __slots__ = ("_arrays", "_blocks", "_supply", "kinds")
@@ -169,9 +169,9 @@ class CompactProjection(Projection):
 
 
 class SharedProjection(Projection):
-    """A projection of one of several shares. It stores the number of synapses of each source in the smallest type.
+    """A projection of one of several shares, with the number of synapses of each source in the smallest type.
 
-    A share has few synapses of each source but a row for every source. `row_ends` returns a new array of the usual type
+    A share has few synapses of each source but a row for each source. `row_ends` returns a new array of the usual type
     at each access.
     """
 

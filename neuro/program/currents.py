@@ -1,7 +1,7 @@
 """Parameters of current generators over time, and the currents that follow.
 
-Currents that change in few steps are written by the caller when they change (`Currents`), so that no loop over time
-needs them. Other currents are computed for each step (`Emission`).
+The caller writes currents that change in few steps at each change (`Currents`), so that no loop over time needs these
+currents. Other currents are computed for each step (`Emission`).
 """
 
 from __future__ import annotations
@@ -241,7 +241,7 @@ def lines_of(program: Program, currents: Currents) -> list[CurrentLine]:
 
 
 class Emission:
-    """The current that a generator emits along one projection, with one column for each neuron or each synapse.
+    """The current that a generator emits along a projection, with a column for each neuron or each synapse.
 
     Args:
         program: the whole network.
@@ -316,7 +316,7 @@ def _pieces(moments: Ints, histories: Mapping[str, History]) -> Iterable[tuple[I
 
 
 def _at(history: History, step: int) -> Floats:
-    """Return the value in a step: one value if all neurons share it."""
+    """Return the value in a step, with shape (1,) if equal for all neurons."""
     values = next(values for since, values in reversed(history) if since < step)
     return values[:1] if np.all(values == values[:1]) else values
 

@@ -604,7 +604,7 @@ class Program:
             raise ModelError(message, where=part.origin, hint=hint)
 
     def sends_at_once(self, part: Projection) -> bool:
-        """Return whether a spike is sent with the weights of the step of its emission, not with those of the next step.
+        """Return whether a spike is sent with the weights of the step of emission, not of the next step.
 
         NEST's generators are devices, which send while they update. Neurons send when the next step begins, and so does
         every source of synapses that learn by pairs or moves.
@@ -694,7 +694,7 @@ class Stretch(NamedTuple):
 
 
 class Stream(Protocol):
-    """A source of spikes for a population. Several callers can read one, since each stores its own position."""
+    """A source of spikes for a population. Several callers can read a stream, since each stores its own position."""
 
     @property
     def repeatable(self) -> bool:

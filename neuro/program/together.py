@@ -55,7 +55,7 @@ class Joins(Protocol):
     """An engine that its backend can join with other engines of the same network."""
 
     def joined(self, engines: Sequence[Engine]) -> Engines:
-        """Return all `engines`, which include this one, as one."""
+        """Return all `engines`, including this engine, as one."""
 
 
 def join_engines(program: Program, engines: Sequence[Engine]) -> Engines:

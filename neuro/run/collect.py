@@ -164,7 +164,7 @@ def train_of(sim: Any, part: Population, includes_spikes: bool, counts: Counts, 
 def weights_of(
     sim: Any, part: Projection, counts: Counts, *, all_weights: bool = False, includes_weights: bool = True
 ) -> Weights:
-    """Return the results of a projection, with its weights if they are included."""
+    """Return the results of a projection, with weights if `includes_weights` is true."""
     names = [population.name for population in sim.program.populations]
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
     words = (*about, asdict(counts.projections[part.name]))

@@ -70,7 +70,7 @@ class Handles:
         self._signals = {part.name: index for index, part in enumerate(program.signals)}
         self._probes = {part.name: index for index, part in enumerate(net.probes.values())}
         self._declared_probes = tuple(net.probes.values())
-        self._whole = {
+        self._whole_populations = {
             part.name: Neurons(index, part, End(part.shape, None, part.size))
             for index, part in enumerate(program.populations)
         }
@@ -82,7 +82,7 @@ class Handles:
         Raises:
             ModelError: this network has neither, or the view reaches beyond its population.
         """
-        if isinstance(of, (Population, View)) or (isinstance(of, str) and (of in self._whole or "[" in of)):
+        if isinstance(of, (Population, View)) or (isinstance(of, str) and (of in self._whole_populations or "[" in of)):
             return self.neurons(of)
         if isinstance(of, Mapping) and len(of) == 1:
             return self.neurons(view_of_index(of, self._net.populations))
@@ -96,14 +96,14 @@ class Handles:
         Raises:
             ModelError: this network has no such population, or the view reaches beyond it.
         """
-        if isinstance(of, str) and of in self._whole:
-            return self._whole[of]
+        if isinstance(of, str) and of in self._whole_populations:
+            return self._whole_populations[of]
         of = view_of_index(of, self._net.populations)
         population = of.population if isinstance(of, View) else of
         index = self._find("population", Population, population, self._populations, self._net.populations)
         part = self._program.populations[index]
         if not isinstance(of, View):
-            return self._whole[part.name]
+            return self._whole_populations[part.name]
         return Neurons(index, part, end_of(of, part.shape), of)
 
     def neurons_or_ids(self, of: Side, population: int, word: str) -> Neurons:

@@ -83,8 +83,8 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
     """Return the indices of the projections with at least one synapse from the given neurons.
 
     Raises:
-        ModelError: silencing these neurons would not silence their synapses. Either they share a kernel with neurons
-            that stay active, or the synapses learn, so that their weights would grow again.
+        ModelError: silencing the neurons would not silence all synapses. Either some of the neurons share a kernel with
+            neurons that stay active, or the synapses learn, so that weights would grow again.
     """
     candidates = [index for index, part in enumerate(program.projections) if part.source == neurons.index and part.size]
     is_silenced = neurons.mask()
@@ -92,7 +92,7 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
         if part.grid is not None and not is_silenced.all():
             message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all neurons"
             raise ModelError(message, hint=f"sim.silence('{neurons.part.name}')")
-    # Dense, one-to-one and grid projections connect every source neuron; sparse ones are looked up by fan-out.
+    # Dense, one-to-one and grid projections connect every source neuron. In sparse projections the fan-out decides.
     is_sparse = [program.projections[index].layout == "csr" for index in candidates]
     indices = [
         index

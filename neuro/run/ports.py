@@ -59,7 +59,7 @@ class Port:
         return f"Port({self.text}{'' if self._together is None else f', {len(self._sims)} copies'})"
 
     def set(self, values: ArrayLike) -> None:
-        """Set the values from the next step on, one for all or one for each.
+        """Set the values from the next step on: a shared value, or one for each neuron or synapse.
 
         Args:
             values: in the forms of `Simulation.set` and `signal`. For copies an array (copies, n) or (copies, 1), or

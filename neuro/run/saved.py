@@ -1,4 +1,4 @@
-"""The present state of a simulation: its learnt network, its program for a copy, and its state in a file."""
+"""The present state of a simulation: the learnt network, the program for a copy, and the state in a file."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def _present_population(index: int, part: Population, engine: Engine) -> Populat
 
 
 def _with_payloads(part: Population, emitted: Spikes) -> Population:
-    """Return a graded population that lists the spikes it has emitted and those it still lists for later."""
+    """Return a graded population that lists the emitted spikes and the listed spikes still to come."""
     later = part.spike_steps > emitted.steps[-1]
     steps, ids = (
         np.concatenate([past, later_values[later]])

@@ -145,7 +145,7 @@ class _Listed(_Player):
 
 
 class _Expression(_Player):
-    """Computes the value of an expression each period, and sets it after its delay."""
+    """Computes the value of an expression each period, and sets the value after a delay."""
 
     def __init__(self, plan: Computed, engine: Engine, program: Program) -> None:
         self._plan, self._seed, self._clock = plan, program.seed, Clock(program.resolution)

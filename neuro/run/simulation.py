@@ -157,8 +157,8 @@ class Simulation(RunningNetwork):
         """Change parameters or states of neurons, or weights or parameters of the synapse model of a projection.
 
         The change acts from the next step on. A value is a number for all or an array with a number for each. For
-        neurons a distribution is allowed, too; the draw of a neuron does not depend on the view. For synapses the order
-        is the one in which `weights` lists them. `weight` is set in a call of its own. Parameters with a value per
+        neurons a distribution is allowed, too; the draw of a neuron does not depend on the view. Values of synapses
+        are in the order of `weights`. `weight` is set in a call of its own. Parameters with a value per
         synapse may be set for chosen synapses.
 
         Args:
@@ -329,7 +329,7 @@ class Simulation(RunningNetwork):
         """Drive neurons by independent Poisson spikes, from the next step on.
 
         The spikes come from the `poisson_generator` that is connected one to one to the neurons, as by
-        `net.wiring(drive=...)`, with the weight of that projection. If there are several such generators, the one with
+        `net.wiring(drive=...)`, with the weight of that projection. Of several such generators, the one with
         a described rate of 0 is used.
 
         Args:
@@ -517,7 +517,7 @@ class Simulation(RunningNetwork):
 
     @exclusive
     def network(self, frozen: bool = False) -> Network:
-        """Return the network with the learnt weights, to save it or to compile it for another backend.
+        """Return the network with the learnt weights, to be saved or compiled for another backend.
 
         Args:
             frozen: whether learning is removed: synapses become static, and signals are dropped.

@@ -198,7 +198,7 @@ class TrialLoop:
             if outcome.wins is not None:
                 wins.append(outcome.wins)
             if learn:
-                # Each of several winners teaches as if it were the only one, in the order of the wins.
+                # Each of several winners teaches like a single winner, in the order of the wins.
                 each_alone = [outcome]
                 if outcome.wins is not None and len(outcome.wins.neurons) > 1:
                     won = zip(outcome.wins.neurons.tolist(), outcome.wins.ticks.tolist(), strict=True)

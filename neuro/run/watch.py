@@ -20,9 +20,9 @@ class Watch:
     """Checks states at the end of runs, on every backend.
 
     States that can become unstable by themselves are checked each time: states of nonlinear models, and of targets of
-    third-party rules that learn. Other states become NaN only through unbounded input, and NaN stays. They are checked
-    when the number of steps has doubled since the last check, and at least every 10,000 steps, so that runs of one step
-    cost nothing.
+    third-party rules that learn. Other states become NaN only through unbounded input, and NaN stays. A check each time
+    that the number of steps has doubled, and at least every 10,000 steps, finds such a state, and runs of one step cost
+    nothing.
 
     Args:
         run: the network in execution.

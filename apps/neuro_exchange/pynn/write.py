@@ -261,7 +261,8 @@ class _Script:
                 words["duration"] = repr((part.stop - part.start) * self.step)
             return "SpikeSourcePoisson", words
         raise ModelError(
-            f"{part.model_name} has no standard cell in PyNN", hint="duration=100.0 writes its spikes of 100 ms as lists"
+            f"{part.model_name} has no standard cell in PyNN",
+            hint="duration=100.0 writes its spikes of 100 ms as lists",
         )
 
     def _spike_lists(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
