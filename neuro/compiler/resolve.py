@@ -184,7 +184,7 @@ class _Resolver:
 
     Attributes:
         names, signals: the index of each population and of each signal by its name.
-        alike: values of populations without draws, by model and shape.
+        shared_values: values of populations without draws, by model and shape.
     """
 
     def __init__(self, net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> None:

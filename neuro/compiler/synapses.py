@@ -30,7 +30,7 @@ class Synapses:
     """The synapses of a projection, and their values.
 
     Attributes:
-        found: the connections. Only the attributes that a program has are valid.
+        connections: the connections. Only the attributes that a program has are valid.
         delay: in steps, shape (1,) where shared.
         weight: shape (1,) where shared.
         rule: the synapse model, with arrays for parameters that have a value per synapse.
@@ -73,7 +73,7 @@ class Drawing:
         seed: seed of the draws.
         get_geometry: returns the positions and distances of the neurons of the populations.
         ordered: whether drawn synapses are sorted by delay.
-        among: the first target neuron whose synapses are stored, and the end; None: all.
+        target_range: the first target neuron whose synapses are stored, and the end; None: all.
         threads: number of threads that draw.
     """
 
@@ -159,8 +159,8 @@ class Piece:
 
     Attributes:
         block: the block.
-        found: the connections.
-        kept: a mask of the synapses of the share; None: all.
+        connections: the connections.
+        mask: a mask of the synapses of the share; None: all.
         delay: as in `Synapses`.
     """
 

@@ -148,7 +148,7 @@ def files_of(net: Network) -> dict[str, bytes]:
 def train_of(sim: Any, part: Population, includes_spikes: bool, counts: Counts, empty: bool = False) -> Train:
     """Return the results of a population, without spike counts.
 
-    Spikes are included if `kept` is true and `empty` is false.
+    Spikes are included if `includes_spikes` is true and `empty` is false.
     """
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
     about = (part.model_name, part.shape, asdict(counts.populations[part.name]), includes_spikes and part.records)

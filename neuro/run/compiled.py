@@ -68,21 +68,21 @@ def compile(
     copies: int | None = None,
     **options: Any,
 ) -> Simulation | Copies:
-    """Make a network ready to run.
+    """Compile a network for a backend.
 
     Args:
         net: the network.
         backend: the name of an installed backend, the table file of a chip, or the backend itself.
-        seed: of everything random; the same seed gives the same run on every float backend.
-        threads: cores to use; results do not depend on it.
-        copies: so many simulations of the network as one, with the seeds `seed`, `seed` + 1, ...; see `Copies`.
-        options: of the backend.
+        seed: seed of all random numbers; the same seed gives the same run on every float backend.
+        threads: number of cores; results do not depend on it.
+        copies: number of simulations to run together, with the seeds `seed`, `seed` + 1, ...; see `Copies`.
+        options: options of the backend.
 
     Returns:
-        a `Simulation`, or `Copies` where `copies` is given.
+        a `Simulation`, or `Copies` if `copies` is set.
 
     Raises:
-        ModelError: the network cannot be run as described; all that the backend refuses is listed.
+        ModelError: the network cannot run as described; the error lists everything that the backend refuses.
     """
     if not isinstance(net, Network):
         raise ModelError(f"neuro.compile: found {net!r}: expected a Network", hint="neuro.load reads one from YAML")

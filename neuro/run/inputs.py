@@ -109,7 +109,9 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
 
 
 def driver(program: Program, neurons: Neurons) -> Neurons:
-    """Return the generators that drive some neurons one to one. Among several, those with a described rate of 0 count.
+    """Return the generators that drive some neurons one to one.
+
+    Among several generators, only the generators with a described rate of 0 are considered.
 
     Raises:
         ModelError: there are none, or several that the rule does not distinguish.
