@@ -81,8 +81,7 @@ class RunningNetwork:
             ModelError: a part was added to the network after compilation, the time is not a multiple of the resolution,
                 a recording that is played is damaged (the run stops before the damage), or a state is NaN or infinite
                 at the end: a numerical instability. Models that cannot become unstable by themselves are checked only
-                    each time
-                that the elapsed time has doubled, and at least every 10,000 steps.
+                each time that the elapsed time has doubled, and at least every 10,000 steps.
         """
         if self._net.latest is not self._latest:
             self._refuse_changed()
