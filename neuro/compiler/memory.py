@@ -78,11 +78,11 @@ def check_memory(
     ]
     # Views are evaluated neuron by neuron, so first check that the neurons fit.
     check_room(net.name, needs)
-    here = min(shares, neighbours()) / shares
+    local_share = min(shares, neighbours()) / shares
     for part in (net.projections if projections is None else projections).values():
         synapses, has_targets = _stored(net, part, shapes)
         what = f"projection '{part.name}', {synapses:,} synapses"
-        needs.append(Need(here * OVERHEAD * synapses * _bytes(part, shares, has_targets), what, part.origin))
+        needs.append(Need(local_share * OVERHEAD * synapses * _bytes(part, shares, has_targets), what, part.origin))
     check_room(net.name, needs)
 
 

@@ -111,7 +111,10 @@ def _integers_below(bound: int, first: int, last: int, key: int) -> Ints:
 
 
 def _distinct(count: int, bound: int, key: int) -> Ints:
-    """Return the first n different numbers of that sequence; for most of all numbers, those not drawn."""
+    """Return the first `count` different numbers of the sequence of `_integers_below`.
+
+    For more than half of all numbers, return the numbers that are not among the first `bound - count` different ones.
+    """
     # For nearly all pairs, draw the few that are left out, because redrawing repeated pairs would take long.
     if 2 * count > bound:
         remain = np.ones(bound, dtype=bool)
@@ -119,7 +122,7 @@ def _distinct(count: int, bound: int, key: int) -> Ints:
         return np.flatnonzero(remain)
     numbers, n_drawn = _integers_below(bound, 0, count, key), count
     while True:
-        # The first n different numbers of one sequence, so that the result does not depend on the size of batches.
+        # All batches continue one sequence, so that the result does not depend on the size of batches.
         _, first = np.unique(numbers, return_index=True)
         if first.size == count:
             return numbers
