@@ -161,11 +161,11 @@ def drawn(table: Mapping[str, list[dict[str, float]]], reads: list[str]) -> Figu
         for x, shares in enumerate(table.values()):
             axis.plot([x + 0.12 * k] * len(shares), *columns(shares, [read]), "o", color=f"C{k}", ms=4, alpha=0.5)
         axis.plot(np.arange(len(table)) + 0.12 * k, means, "_", color=f"C{k}", ms=18, mew=2.5, label=f"{read}, mean")
-    axis.set(xticks=range(len(table)), xticklabels=table, ylim=(0, 105), ylabel="held-out recordings right, %")
-    axis.tick_params(axis="x", labelsize=8, rotation=20)
+    axis.set(ylim=(0, 105), ylabel="held-out recordings right, %")
+    axis.set_xticks(range(len(table)), list(table), fontsize=8, rotation=25, ha="right", rotation_mode="anchor")
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(axis="y", alpha=0.3)
-    axis.legend(frameon=False, fontsize=8)
+    figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=8)
     return figure
 
 
