@@ -152,10 +152,12 @@ def _metrics(table: SweepTable, units: Units) -> Iterator[html.Html]:
 def _metric(data: PlotData) -> html.Html:
     """Return the figure of a metric, with the first lines if there are many."""
     over = data.names[0] if data.kind == "lines" else " and ".join(data.names)
-    shown, more = data.first_lines(_MOST_LINES)
+    first_lines, more = data.first_lines(_MOST_LINES)
     caption = _CAPTIONS.get(data.kind, f"over {over}" + f": {data.caption}" * bool(data.caption))
     rest = f", without {more} more lines" if more else ""
-    return html.figure(html.drawn(draw(shown, wide=_WIDE), f"{data.metric} over {over}"), caption + rest, data.metric)
+    return html.figure(
+        html.drawn(draw(first_lines, wide=_WIDE), f"{data.metric} over {over}"), caption + rest, data.metric
+    )
 
 
 def _side_by_side(*pictures: tuple[str, html.Html]) -> Iterator[html.Html]:
@@ -195,13 +197,13 @@ def _point(point: Mapping[str, Any]) -> str:
 def _rows(table: RunRows, units: Units) -> Iterator[html.Html]:
     """Show the first rows of a table, without runs that are left."""
     rows = table.rows(times=True)
-    kept = [row for row in rows if row["outcome"] != "left"][:MOST_ROWS]
-    if not kept:
+    finished_rows = [row for row in rows if row["outcome"] != "left"][:MOST_ROWS]
+    if not finished_rows:
         return
     yield html.tag("h2", table.many.capitalize())
-    hidden = {"attempts"} if any(row["error"] for row in kept) else {"attempts", "error"}
-    names = [name for name in kept[0] if name not in hidden]
-    body = [[_cell(row[name], name, units) for name in names] for row in kept]
+    hidden = {"attempts"} if any(row["error"] for row in finished_rows) else {"attempts", "error"}
+    names = [name for name in finished_rows[0] if name not in hidden]
+    body = [[_cell(row[name], name, units) for name in names] for row in finished_rows]
     yield html.table(
         _headings(columns(names), units),
         body,
@@ -269,6 +271,6 @@ def _objectives(table: TuneTable, trials: Sequence[TrialRow]) -> Iterator[html.H
     pictures = []
     for name, figure in search_pictures(table, kinds, title="", wide=_WIDE).items():
         kind = name.rpartition("-")[2]
-        drawn = html.drawn(figure, f"{name} of {table.name}")
-        pictures.append((kind, html.figure(drawn, _CAPTIONS[kind], name)))
+        image = html.drawn(figure, f"{name} of {table.name}")
+        pictures.append((kind, html.figure(image, _CAPTIONS[kind], name)))
     yield from _side_by_side(*pictures)

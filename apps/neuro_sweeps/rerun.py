@@ -229,10 +229,10 @@ def _rerun_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | 
         calls = ", ".join(f"sim.{name}" for name in record["steered"])
         message = f"{path}: the run was steered by {calls}: expected a run without such calls"
         raise ModelError(message, hint=_origin_hint(record))
-    elsewhere = find_moved(record.get("inputs", {}), inputs)
+    new_paths = find_moved(record.get("inputs", {}), inputs)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            net = _network(then, record, elsewhere, Path(folder))
+            net = _network(then, record, new_paths, Path(folder))
         except ModelError as error:
             raise error.but(message=f"{path}: {error.message}", where=None) from None
         now = replace(_run(then, net, record, backend, bar), files=then.files)
@@ -244,7 +244,7 @@ def _rerun_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | 
         first = first_difference(path if then.finished else Path(folder) / "then.h5", Path(folder) / "now.h5")
     return Verdict(
         first,
-        (*differences(record, json.loads(now.about[ATTRIBUTE])), *input_changes(record.get("inputs", {}), elsewhere)),
+        (*differences(record, json.loads(now.about[ATTRIBUTE])), *input_changes(record.get("inputs", {}), new_paths)),
     )
 
 
@@ -270,7 +270,7 @@ def _unweighted(part: Weights) -> Weights:
     return Weights(part.source, part.target, part.synapse, part.synapses, part.counts)
 
 
-def _network(results: files.Results, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> Network:
+def _network(results: files.Results, record: Mapping[str, Any], new_paths: Mapping[str, str], folder: Path) -> Network:
     """Return the network of a file of results, with its recordings in the folder.
 
     Raises:
@@ -282,7 +282,7 @@ def _network(results: files.Results, record: Mapping[str, Any], elsewhere: Mappi
         if os.path.isabs(name) or ".." in Path(name).parts:
             raise ModelError(f"plays {shown(name)}: expected a file beside the network")
         was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
-        now = Path(elsewhere.get(was, was))
+        now = Path(new_paths.get(was, was))
         if not now.exists():
             hint = "--moved-to FOLDER searches a folder for the file, by content"
             raise ModelError(f"plays {was}, which is missing", hint=hint)
@@ -322,9 +322,9 @@ def _rerun_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
     if outcome.outcome == PRUNED:
         raise ModelError(f"{folder}: the run was pruned: expected a run that is done")
     record, run = _check_record(folder, outcome.provenance), recorded_run(runs, runs.read())
-    elsewhere = find_moved(record["inputs"], inputs)
+    new_paths = find_moved(record["inputs"], inputs)
     if isinstance(run, NetworkRun):
-        place = Path(elsewhere.get(str(run.file), run.file))
+        place = Path(new_paths.get(str(run.file), run.file))
         run = replace(run, file=place, backend=backend or run.backend)
     elif backend:
         raise ModelError(f"backend = '{backend}': only for networks: this {runs.kind.what} runs a function")
@@ -342,7 +342,7 @@ def _rerun_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
             fill(Path(new_folder))
             difference = first_difference(folder / "results.h5", Path(new_folder) / "results.h5")
     now = provenance((), **about)
-    return Verdict(difference, (*differences(record, now), *input_changes(record["inputs"], elsewhere)))
+    return Verdict(difference, (*differences(record, now), *input_changes(record["inputs"], new_paths)))
 
 
 def _rerun_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], repeat: Repeat | None) -> Verdict:
@@ -356,12 +356,12 @@ def _rerun_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]
         words = []
     if words[:1] != ["neuro"] or hdf5.has_format(path, state.FORMAT) or repeat is None:
         raise ModelError(f"{path}: was not written by a command of neuro", hint=_origin_hint(record))
-    elsewhere = find_moved(record["inputs"], inputs)
+    new_paths = find_moved(record["inputs"], inputs)
     with tempfile.TemporaryDirectory() as root:
         try:
             folder = NewFolder(root, record["folder"])
             for name in record["inputs"]:
-                folder.add(name, Path(elsewhere.get(name, name)))
+                folder.add(name, Path(new_paths.get(name, name)))
             arguments = repeat(words[1:], folder.place)
         except ModelError as error:
             message = f"{path}: {error.message.replace(root, '')}"
@@ -380,7 +380,7 @@ def _rerun_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]
         if new is None:
             raise ModelError(f"{path}: its command no longer writes a file of that name")
         difference = (_text_difference if path.suffix in (".html", ".htm") else first_difference)(path, new)
-        return Verdict(difference, (*differences(record, record_of(new)), *input_changes(record["inputs"], elsewhere)))
+        return Verdict(difference, (*differences(record, record_of(new)), *input_changes(record["inputs"], new_paths)))
 
 
 def _error_line(printed: str, root: str) -> str:
@@ -472,13 +472,13 @@ def find_moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, 
     return paths
 
 
-def input_changes(inputs: Mapping[str, str], elsewhere: Mapping[str, str]) -> list[str]:
+def input_changes(inputs: Mapping[str, str], new_paths: Mapping[str, str]) -> list[str]:
     """Describe the changes of inputs."""
     lines = []
     for name, digest in inputs.items():
-        now = digest_of(elsewhere.get(name, name))
-        if name in elsewhere:
-            lines.append(f"input {name}: moved to {elsewhere[name]}, with the same content")
+        now = digest_of(new_paths.get(name, name))
+        if name in new_paths:
+            lines.append(f"input {name}: moved to {new_paths[name]}, with the same content")
         elif not now:
             lines.append(f"input {name}: is missing")
         elif now != digest:

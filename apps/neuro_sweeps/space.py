@@ -285,8 +285,8 @@ def _runs(sampling: str, runs: int | None) -> int:
             raise ModelError(f"runs = {shown(runs)}: not used with a grid, which runs all its points", path=("runs",))
         return 0
     if not isinstance(runs, int) or isinstance(runs, bool) or runs < 1:
-        found = "nothing" if runs is None else shown(runs)
-        raise ModelError(f"runs: found {found}: expected the number of points to draw, a whole number >= 1")
+        text = "nothing" if runs is None else shown(runs)
+        raise ModelError(f"runs: found {text}: expected the number of points to draw, a whole number >= 1")
     return runs
 
 

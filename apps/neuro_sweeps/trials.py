@@ -469,10 +469,10 @@ class TuneTable(RunRows):
             yield {**row, "best": trial.values in best if trial.values else False, "error": trial.error}
 
     def _unbeaten(self, trials: list[TrialRow]) -> list[TrialRow]:
-        done = [trial for trial in trials if trial.values is not None]
-        values = np.array([trial.values for trial in done], float).reshape(-1, len(self.plan.objectives))
+        finished = [trial for trial in trials if trial.values is not None]
+        values = np.array([trial.values for trial in finished], float).reshape(-1, len(self.plan.objectives))
         is_unbeaten = front(values, tuple(self.plan.objectives.values()))
-        return [trial for trial, unbeaten in zip(done, is_unbeaten, strict=True) if unbeaten]
+        return [trial for trial, unbeaten in zip(finished, is_unbeaten, strict=True) if unbeaten]
 
     def _tested(self, folder: Folder, point: Point) -> dict[str, Any]:
         if not self.plan.folds:

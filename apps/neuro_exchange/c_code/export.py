@@ -251,14 +251,14 @@ def _draw_rewards(signals: Mapping[str, Dopamine], steps: int) -> Rewards:
     return rewards
 
 
-def _steps(program: Program, duration: float | None, given: InputSpikes, rewards: Rewards) -> int:
+def _steps(program: Program, duration: float | None, inputs: InputSpikes, rewards: Rewards) -> int:
     if duration is not None:
         steps = Clock(program.resolution).step(duration, "duration")
         if steps > _MOST:
             raise ModelError(f"duration = {duration:g} ms, {steps:,} steps: expected at most {_MOST:,}")
         return max(1, steps)
     spike_steps = [part.spike_steps for part in program.populations if part.kind == "listed"]
-    spike_steps += [spikes[0] for spikes in (*given.values(), *rewards.values())]
+    spike_steps += [spikes[0] for spikes in (*inputs.values(), *rewards.values())]
     last = max((int(steps.max()) for steps in spike_steps if steps.size), default=0)
     return min(max(last + _AFTER, _SHORTEST), _LONGEST)
 

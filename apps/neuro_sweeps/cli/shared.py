@@ -58,11 +58,11 @@ def echo_failures(folder: Folder, keys: Sequence[str]) -> None:
         typer.echo(f"and {len(groups) - 5} more errors, see the table")
 
 
-def echo_next(table: SweepTable | TuneTable, command: str, left: int, more: str = "") -> None:
+def echo_next(table: SweepTable | TuneTable, command: str, remaining: int, more: str = "") -> None:
     """Write the page if no run is left, and print the next commands."""
     from neuro_sweeps.page import write_page
 
-    if not left:
+    if not remaining:
         typer.echo(f"{write_page(table)}: written")
     name = shlex.quote(str(table.path))
     typer.echo(f"next: neuro {command} table {name}, or neuro {command} plot {name}{more}")
