@@ -5,6 +5,8 @@
   that has two or more of such words
 - name: an identifier that is a bare participle or adverb ("kept", "given", "early"), where a noun would say more
 - short: a private function of one statement that has one caller, in the same file
+
+Names that are terms here are not counted in the files that `.ci/plain.toml` lists, with a reason for each.
 """
 
 from __future__ import annotations
@@ -12,9 +14,15 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
+
+TERMS = Path(__file__).with_suffix(".toml")
+"""The allow-list."""
 
 FOLDERS = ("neuro", "backends", "models", "apps")
 KINDS = ("opening", "pronoun", "name", "short")
@@ -36,14 +44,43 @@ Hit = tuple[str, int, str]
 """Kind, line and text of a place."""
 
 
-def hits(source: str) -> Iterator[Hit]:
-    """The places of a source file."""
+@dataclass(frozen=True)
+class Term:
+    """A name that is allowed in the files that one of the patterns matches."""
+
+    name: str
+    reason: str
+    files: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not (PARTICIPLE.fullmatch(self.name) and self.reason.strip() and self.files):
+            raise ValueError(f"term '{self.name}': expected a name that is counted, a reason, and files")
+
+    def allows(self, file: str, name: str) -> bool:
+        """Return whether a name in a file, a path from the project's root, is this term."""
+        return name.strip("_") == self.name and any(fnmatch(file, pattern) for pattern in self.files)
+
+
+def terms(text: str) -> tuple[Term, ...]:
+    """Return the terms of an allow-list.
+
+    Raises:
+        TypeError: an entry lacks a word, or has another one.
+        ValueError: a name is not counted anyway, or has no reason or no files.
+    """
+    return tuple(Term(**entry | {"files": tuple(entry.get("files", ()))}) for entry in tomllib.loads(text)["term"])
+
+
+def hits(source: str, file: str = "", allowed: tuple[Term, ...] = ()) -> Iterator[Hit]:
+    """Yield the places of a source file. `file` is its path from the project's root, which the terms are matched to."""
     tree = ast.parse(source)
     nodes = list(ast.walk(tree))
     for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             yield from _of_docstring(ast.get_docstring(node) or "", getattr(node, "lineno", 1))
-        yield from (("name", line, name) for name, line in _names(node) if PARTICIPLE.fullmatch(name))
+        for name, line in _names(node):
+            if PARTICIPLE.fullmatch(name) and not any(term.allows(file, name) for term in allowed):
+                yield "name", line, name
     calls = Counter(_called(node) for node in nodes if isinstance(node, ast.Call))
     for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_short(node) and calls[node.name] == 1:
@@ -54,13 +91,14 @@ def hits(source: str) -> Iterator[Hit]:
 
 
 def counts(folders: tuple[str, ...] = FOLDERS) -> Counter[str]:
-    """The number of places of each kind in all files of some folders."""
-    return Counter(kind for file in _files(folders) for kind, _, _ in hits(file.read_text("utf-8")))
+    """Return the number of places of each kind in all files of some folders, in the project's root."""
+    return Counter(kind for _, (kind, _, _) in _places(folders, terms(TERMS.read_text("utf-8"))))
 
 
-def _files(folders: tuple[str, ...]) -> Iterator[Path]:
+def _places(folders: tuple[str, ...], allowed: tuple[Term, ...] = ()) -> Iterator[tuple[Path, Hit]]:
     for folder in folders:
-        yield from sorted(Path(folder).rglob("*.py"))
+        for file in sorted(Path(folder).rglob("*.py")):
+            yield from ((file, hit) for hit in hits(file.read_text("utf-8"), file.as_posix(), allowed))
 
 
 def _of_docstring(text: str, line: int) -> Iterator[Hit]:
@@ -97,13 +135,19 @@ def _is_short(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
 
 
 def main() -> None:
-    """Print the counts, and with `--list` each place."""
+    """Print the counts, each place with `--list`, and the terms that no name of all folders is."""
     folders = tuple(word for word in sys.argv[1:] if word != "--list") or FOLDERS
+    allowed = terms(TERMS.read_text("utf-8"))
+    places = list(_places(folders, allowed))
     if "--list" in sys.argv:
-        for file in _files(folders):
-            for kind, line, text in hits(file.read_text("utf-8")):
-                print(f"{kind:8}{file}:{line} {text[:140]}")
-    total = counts(folders)
+        for file, (kind, line, text) in places:
+            print(f"{kind:8}{file}:{line} {text[:140]}")
+    if folders == FOLDERS:
+        names = {(file.as_posix(), name) for file, (kind, _, name) in _places(folders) if kind == "name"}
+        for term in allowed:
+            if not any(term.allows(*place) for place in names):
+                print(f"unused: the term '{term.name}' ({term.reason})")
+    total = Counter(kind for _, (kind, _, _) in places)
     print(", ".join(f"{kind} {total[kind]}" for kind in KINDS))
 
 
