@@ -1,6 +1,6 @@
-"""Training by gradients: networks as `torch` modules, whose spikes are those of every other backend.
+"""Training by gradients: networks as `torch` modules, which emit the same spikes as every other backend.
 
-torch is imported when a network is trained or run, not before: that takes seconds.
+torch is imported when a network is trained or run, because its import takes seconds.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ backend = TorchBackend()
 
 
 if not TYPE_CHECKING:
-    _found, __dir__, __all__ = public_names(__name__, __file__)
+    _load, __dir__, __all__ = public_names(__name__, __file__)
     __all__ += ["backend"]
 
     def __getattr__(name: str) -> object:
-        """A public name; one error where torch, which it needs, is missing."""
+        """Return a public name; raise one clear error if torch is not installed."""
         try:
-            return _found(name)
+            return _load(name)
         except ModuleNotFoundError as error:
             if error.name != "torch":
                 raise

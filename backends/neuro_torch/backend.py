@@ -1,4 +1,4 @@
-"""The backend's two questions: what is refused, and how is it built."""
+"""The torch backend: its checks, its options and the construction of its engine."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
     from neuro_torch.engine import TorchEngine
 
-_TRIALS = "trials: there are none here"
-_GROUP = "there is no winner-take-all"
-_COMPETITION = "there is no competition"
-_RIVALS = "there is no lateral reset"
-_PAIRS = "only static synapses are here"
+_TRIALS = "trials: torch runs none"
+_GROUP = "torch has no winner-take-all"
+_COMPETITION = "torch has no competition"
+_RIVALS = "torch has no lateral reset"
+_PAIRS = "torch has static synapses only"
 
 _LAWS = (
     *("a_seed_repeats", "seeds_differ", "threads_do_not_matter", "a_reset_repeats", "a_reset_keeps_weights"),
@@ -62,60 +62,60 @@ UNSUPPORTED: dict[str, str] = {
 
 
 def torch_module(what: str = "backend 'torch'") -> Any:
-    """torch, or the one error that says how to get it."""
+    """Return the module torch, or raise an error that says how to install it."""
     return needed("torch", "torch", f"{what}: torch is not installed")
 
 
 def device_of(name: str | torch.device) -> torch.device:
-    """A device that is there and has doubles.
+    """Return an existing device that supports double precision.
 
     Args:
         name: "cpu", "cuda" (the first GPU), "cuda:1", or a `torch.device`.
 
     Raises:
-        ModelError: torch is not installed, or there is no such device.
+        ModelError: torch is not installed, or the device does not exist.
     """
     own = torch_module()
-    there = ["cpu", *(f"cuda:{number}" for number in range(own.cuda.device_count()))]
+    devices = ["cpu", *(f"cuda:{number}" for number in range(own.cuda.device_count()))]
     try:
         device: torch.device | None = own.device(name)
     except (RuntimeError, TypeError):
         device = None
     if device is None or device.type not in ("cpu", "cuda"):
-        raise ModelError(f"device = {name!r}: expected 'cpu' or 'cuda'", hint=f"here: {', '.join(there)}")
-    if device.type == "cuda" and f"cuda:{device.index or 0}" not in there:
-        raise ModelError(f"device = '{device}': torch sees no such GPU", hint=f"here: {', '.join(there)}")
+        raise ModelError(f"device = {name!r}: expected 'cpu' or 'cuda'", hint=f"here: {', '.join(devices)}")
+    if device.type == "cuda" and f"cuda:{device.index or 0}" not in devices:
+        raise ModelError(f"device = '{device}': torch sees no such GPU", hint=f"here: {', '.join(devices)}")
     return device
 
 
 class TorchBackend:
-    """Networks as tensors, in doubles, on a processor or a GPU: what gradients are taken of."""
+    """Networks as tensors of doubles on a CPU or a GPU, through which torch computes gradients."""
 
     name = "torch"
     description = "networks as tensors of torch, if installed, also on a GPU: what neuro_torch trains"
     unsupported = UNSUPPORTED
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """What cannot be stepped as tensors; nothing is approximated."""
+        """Return the features of a program that this backend cannot run; nothing is approximated."""
         return problems(program)
 
     def build(self, program: Program, *, threads: int = 1, device: str = "cpu", **options: Any) -> TorchEngine:
         """Make an engine at step 0.
 
         Args:
-            program: the network, of which nothing is refused.
-            threads: of torch, while it runs.
+            program: the network, which `problems` accepts.
+            threads: number of threads that torch uses during a run.
             device: "cpu", "cuda" or "cuda:1".
-            options: none are known.
+            options: further options; any name is an error.
 
         Raises:
-            ModelError: torch is not installed, or the device is not there.
+            ModelError: torch is not installed, the device does not exist, or an option is unknown.
         """
         for name in options.keys() - {"strict"}:
-            known = ["device", "strict", "threads"]
-            raise ModelError(f"backend 'torch' has no option '{name}'", hint=nearest(name, known))
+            option_names = ["device", "strict", "threads"]
+            raise ModelError(f"backend 'torch' has no option '{name}'", hint=nearest(name, option_names))
 
-        found = device_of(device)
+        torch_device = device_of(device)
         from neuro_torch.engine import TorchEngine
 
-        return TorchEngine(program, threads, found)
+        return TorchEngine(program, threads, torch_device)

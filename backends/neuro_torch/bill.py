@@ -1,11 +1,16 @@
-"""What a recording takes on a chip, in joules, as a tensor with a gradient: a regulariser, and a bill.
+"""Energy of a recording on a chip, in joules, as a differentiable tensor: a regulariser or a bill.
 
-It is the bill of `neuro.chips.price`, without the ranges: spikes x (fan-out x a synaptic operation + their ways between
-cores), updates of neurons, and static power x the time of the chip, which its busiest core decides. Where a chip has no
-figure but a ceiling, as Loihi 2 for all that it does, the ceiling is taken. A message with a payload is one spike.
+The energy is that of `neuro.chips.price` without the ranges. It is the sum of three terms:
 
-All but the busiest core is linear in the spikes, so a batch takes what its mean recording takes. Spikes have the
-gradient that the surrogate gives them; updates that are active only since something arrives have none.
+- spikes x (fan-out x energy of a synaptic operation + energy of the hops between cores),
+- updates of neurons,
+- static power x run time of the chip, which its busiest core determines.
+
+Where only a ceiling is published, as for every operation of Loihi 2, the ceiling is used. A graded message counts as
+one spike.
+
+All terms but the busiest core's are linear in the spikes, so the energy of a batch is that of its mean recording.
+Spikes have the gradient of the surrogate. Updates that are active only because input arrives have no gradient.
 """
 
 from __future__ import annotations
@@ -31,11 +36,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Bill"]
 
-_WAYS = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_south": "north_south", "packet": "chip"}
+_HOPS = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_south": "north_south", "packet": "chip"}
 
 
 class Counted(Protocol):
-    """What a bill reads of `neuro_torch.Outcome`: spikes (batch, neurons) by population, active updates (batch,)."""
+    """The part of `neuro_torch.Outcome` that a bill reads: spikes (batch, neurons) and active updates (batch,)."""
 
     @property
     def counts(self) -> Mapping[str, Tensor]: ...
@@ -46,35 +51,36 @@ class Counted(Protocol):
 
 
 class Compiled(Protocol):
-    """What a bill reads of `neuro_torch.Module`."""
+    """The part of `neuro_torch.Module` that a bill reads."""
 
     @property
     def program(self) -> Program: ...
 
 
 class Bill:
-    """The bill of a recording on a chip; called with an outcome it gives joules.
+    """Energy of a recording on a chip; calling it with an outcome returns joules.
 
-    It is that of one wiring, whatever the weights: after `neuro_torch.prune` another is made, of the pruned module.
+    A bill belongs to one set of synapses, whatever their weights. After `neuro_torch.prune`, make a new one from the
+    pruned module.
 
     Args:
         module: the network, a `neuro_torch.Module`.
         chip: name of a chip or processor with published costs, or a table file.
-        neurons_per_core: put fewer neurons on a core than the chip allows: the busiest core then has less to do.
+        neurons_per_core: fewer neurons on a core than the chip allows, so that the busiest core has less to do.
 
     Attributes:
         chip: the target.
-        placement: where the neurons lie; None where the target has no cores.
+        placement: cores of the neurons; None if the target has no cores.
 
     Raises:
-        ModelError: there is no such target, it has no costs or prices dense layers, or the network does not fit on it.
+        ModelError: the target is unknown, has no costs, or prices dense layers; or the network does not fit on it.
     """
 
     def __init__(
         self, module: Compiled, chip: str | PathLike[str] = "loihi", *, neurons_per_core: int | None = None
     ) -> None:
         self.chip, self.program = chip_of(chip), module.program
-        self._known = self.program
+        self._last_checked = self.program
         check_costs(self.chip)
         if "mac" in self.chip.costs:
             what = f"target '{self.chip.name}' prices every synapse in every step, whatever spikes there are"
@@ -84,25 +90,25 @@ class Bill:
             self.placement = place(self.program, self.chip, neurons_per_core=neurons_per_core)
             check_fits(self.program, self.placement, self.chip)
         parts = enumerate(self.program.populations)
-        self._spike = {part.name: torch.from_numpy(self._of_spikes(index)) for index, part in parts}
+        self._spike = {part.name: torch.from_numpy(self._joules_per_spike(index)) for index, part in parts}
         self._time = _Time(self.program, self.chip, self.placement)
         self._watts = self._cost(STATIC) * (1 if self.placement is None else self.placement.chips_used)
 
     def __call__(self, outcome: Counted) -> Tensor:
-        """Joules of a recording, the mean of the batch, as fast as the chip can.
+        """Return joules per recording, the mean of the batch, if the chip runs as fast as it can.
 
         Raises:
-            ModelError: the outcome is of a network with other synapses; the other methods raise it, too.
+            ModelError: the outcome is of a network with other synapses. The other methods raise the same error.
         """
         return self.dynamic(outcome) + self.static(outcome)
 
     def real_time(self, outcome: Counted) -> Tensor:
-        """The same in real time: a chip that is done before the recording is waits for its end."""
-        lasts = outcome.steps * self.program.resolution * 1e-3
-        return self.dynamic(outcome) + self._time(outcome).clamp(min=lasts) * self._watts
+        """Return joules per recording in real time: a chip that finishes early waits for the end of the recording."""
+        duration = outcome.steps * self.program.resolution * 1e-3
+        return self.dynamic(outcome) + self._time(outcome).clamp(min=duration) * self._watts
 
     def dynamic(self, outcome: Counted) -> Tensor:
-        """Joules of what is done."""
+        """Return joules of the operations."""
         self._check(outcome)
         total = self._updates(outcome)
         for name, joules in self._spike.items():
@@ -110,58 +116,58 @@ class Bill:
         return total
 
     def static(self, outcome: Counted) -> Tensor:
-        """Joules of chips being on; 0 where no figure is published."""
+        """Return joules of the static power; 0 where no figure is published."""
         self._check(outcome)
         return self._time(outcome) * self._watts
 
     def seconds(self, outcome: Counted) -> Tensor:
-        """How long the chip takes for a recording, s; 0 where no figure is published."""
+        """Return the run time of the chip per recording, s; 0 where no figure is published."""
         self._check(outcome)
         return self._time(outcome)
 
     def _check(self, outcome: Counted) -> None:
-        """Refuse what a network of other synapses made."""
-        found = getattr(outcome, "program", self._known)
-        if not _alike(found, self._known):
-            has, expected = (sum(part.size for part in each.projections) for each in (found, self.program))
+        """Refuse the outcome of a network with other synapses."""
+        program = getattr(outcome, "program", self._last_checked)
+        if not _same_wiring(program, self._last_checked):
+            n_synapses, expected = (sum(part.size for part in each.projections) for each in (program, self.program))
             raise ModelError(
-                f"Bill: the outcome is of a network of {has:,} synapses: expected that of the bill, which has "
+                f"Bill: the outcome is of a network of {n_synapses:,} synapses: expected that of the bill, which has "
                 f"{expected:,}",
                 hint="neuro_torch.Bill(module) of the module that made the outcome",
             )
-        self._known = found
+        self._last_checked = program
 
-    def _cost(self, what: str) -> float:
-        figure = self.chip.costs.get(what)
+    def _cost(self, operation: str) -> float:
+        figure = self.chip.costs.get(operation)
         return 0.0 if figure is None else figure.value or figure.high or 0.0
 
-    def _of_spikes(self, population: int) -> Floats:
-        """Joules of a spike of each neuron of a population."""
+    def _joules_per_spike(self, population: int) -> Floats:
+        """Return joules per spike of each neuron of a population."""
         program = self.program
         joules = np.zeros(program.populations[population].size)
-        sent = [index for index, part in enumerate(program.projections) if part.source == population]
-        if sent:
+        outgoing = [index for index, part in enumerate(program.projections) if part.source == population]
+        if outgoing:
             joules += self._cost("packet")
-        for index in sent:
+        for index in outgoing:
             joules += fan_out(program, index) * self._cost("synaptic_op")
             if self.placement is not None:
                 hops = self.placement.hops(index)
-                joules += sum(self._cost(what) * getattr(hops, way) for what, way in _WAYS.items())
+                joules += sum(self._cost(operation) * getattr(hops, kind) for operation, kind in _HOPS.items())
         return joules
 
     def _updates(self, outcome: Counted) -> Tensor:
-        """Joules of the updates of neurons."""
+        """Return joules of the updates of neurons."""
         active, inactive = (self._cost(f"neuron_update_{how}") for how in ("active", "inactive"))
         neurons = [part for part in self.program.populations if part.kind == "neuron"]
         total = torch.tensor(inactive * outcome.steps * sum(part.size for part in neurons), dtype=torch.float64)
         for part in neurons:
-            done = _mean(outcome.active[part.name])
-            total = total.to(done.device) + done * (active - inactive)
+            n_active = _mean(outcome.active[part.name])
+            total = total.to(n_active.device) + n_active * (active - inactive)
         return total
 
 
 class _Time:
-    """How long the chip takes: steps x the end of a step, and the work of the busiest core."""
+    """Run time of a recording on the chip: steps x the barrier of a step + the work of the busiest core."""
 
     def __init__(self, program: Program, chip: Chip, placement: Placement | None) -> None:
         self._program, self._each, self._works = program, 0.0, False
@@ -181,27 +187,27 @@ class _Time:
             self._fans = [torch.from_numpy(fan_out(program, i)).double() for i in range(len(program.projections))]
 
     def __call__(self, outcome: Counted) -> Tensor:
-        """Seconds of a mean recording."""
-        some = _mean(next(iter(outcome.counts.values())))
+        """Return seconds per mean recording."""
+        first_counts = _mean(next(iter(outcome.counts.values())))
         if not self._works:
-            return some.new_tensor(outcome.steps * self._each)
-        work = [some.new_zeros(()) for _ in self._program.populations]
+            return first_counts.new_tensor(outcome.steps * self._each)
+        work = [first_counts.new_zeros(()) for _ in self._program.populations]
         for index, part in enumerate(self._program.populations):
             if part.kind == "neuron":
                 active = _mean(outcome.active[part.name])
-                rest = part.size * outcome.steps - active
-                work[index] = active * self._active + rest * self._inactive
+                inactive = part.size * outcome.steps - active
+                work[index] = active * self._active + inactive * self._inactive
         for projection, fans in zip(self._program.projections, self._fans, strict=True):
             counts = _mean(outcome.counts[self._program.populations[projection.source].name])
             work[projection.target] = work[projection.target] + (counts * fans.to(counts.device)).sum() * self._op
-        return outcome.steps * self._each + (self._share.to(some.device) @ torch.stack(work)).amax()
+        return outcome.steps * self._each + (self._share.to(first_counts.device) @ torch.stack(work)).amax()
 
 
 _UPDATES = ("neuron_update_active", "neuron_update_inactive")
 
 
-def _alike(one: Program, other: Program) -> bool:
-    """Whether networks have the same neurons and synapses, whatever their weights."""
+def _same_wiring(one: Program, other: Program) -> bool:
+    """Return whether two networks have the same neurons and synapses; weights may differ."""
     if one is other:
         return True
     neurons = [[(part.name, part.size) for part in each.populations] for each in (one, other)]
@@ -218,5 +224,5 @@ def _alike(one: Program, other: Program) -> bool:
 
 
 def _mean(counts: Tensor) -> Tensor:
-    """Of a batch, in double precision: joules are sums of small numbers."""
+    """Return the mean of a batch in double precision, since joules are sums of small numbers."""
     return counts.double().mean(dim=0)

@@ -1,11 +1,11 @@
-"""Smaller networks: weights rounded as a chip rounds them while a module trains, and pruning of the smallest weights.
+"""Smaller networks: weights rounded as on a chip while a module trains, and pruning of the smallest weights.
 
-Rounded weights have the gradient straight through.
+The gradient passes through the rounding unchanged (straight-through estimator), so training compensates for the loss.
 
-What rounding loses is thereby seen while a network learns. On Loihi the chip then finds every learnt weight on its
-grid where all weights onto a population learn: others share the population's scale, are not rounded here, and may pull
-it away, so that learnt weights round once more (7e-4 of the largest is the most that was seen). On SpiNNaker the words
-are the same, and stand for the weights within 2^-15 in single precision, 2^-43 in double.
+On Loihi the chip then finds every learnt weight on its grid if all weights onto a population learn. Other weights onto
+the population share its scale but are not rounded here, so they may change the scale and round learnt weights once more
+(by 7e-4 of the largest weight at most in tests). On SpiNNaker the words are the same. They represent the weights within
+2^-15 in single precision and 2^-43 in double precision.
 
 Source: Bengio, Leonard & Courville, arXiv:1308.3432, 2013 (the straight-through estimator).
 """
@@ -38,24 +38,24 @@ EVERY = 50
 
 
 def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi") -> Module:
-    """Round the weights that learn as a chip does, in place; what is below the rounding stays in the parameters.
+    """Round the weights that learn as a chip does, in place; the parameters keep full precision.
 
-    Scales are those that `neuro.chips.quantise` chooses for the weights as they are; while the module trains they are
-    chosen anew every 50 batches, and for each batch that it is only asked. Of a module that is quantised already the
-    bits and the chip take the place of those that it had, and what is below the old rounding is not lost.
+    `neuro.chips.quantise` chooses the scales from the current weights: every 50 batches in training mode, before every
+    batch in evaluation mode. If the module is quantised already, the new bits and chip replace the old ones, and the
+    full-precision weights remain.
 
     Args:
         module: the network.
-        bits: of a weight, from 1 to those of the chip: 8 of Loihi, its sign included. One bit is the sign, and all
-            weights are half of the largest; where the chip lets none be below 0, it says whether there is a weight.
-        chip: a name or a table file; it needs an arithmetic.
+        bits: bits of a weight, sign included, from 1 to those of the chip (8 on Loihi). With one bit every weight is
+            plus or minus half of the largest. On a chip without negative weights the bit says whether there is a
+            weight.
+        chip: name or table file of a chip that has an arithmetic.
 
     Returns:
-        the module.
+        the same module.
 
     Raises:
-        ModelError: there is no such chip, it has no arithmetic, it refuses the network, or has not so many bits; or no
-            weights learn.
+        ModelError: the chip is unknown, has no arithmetic, refuses the network, or has fewer bits; or no weights learn.
     """
     target = chip_of(chip)
     if isinstance(bits, bool) or not isinstance(bits, int) or bits < 1:
@@ -66,30 +66,31 @@ def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi"
 
 
 def quantised_as(module: Module, other: Module) -> Module:
-    """Round the weights of another module as those of the first are, if they are."""
+    """Quantise another module like the first one, if the first one is quantised."""
     scales = _scales(module)
     return other if scales is None else _rounding_as(_Scales(other.program, scales.chip, scales.bits), other)
 
 
 def _rounding_as(scales: _Scales, module: Module) -> Module:
-    """Let a module round by these scales, and by no others."""
-    known = _scales(module)
-    if known is not None:
-        known.chip, known.bits = scales.chip, scales.bits
-        known.choose(module)
+    """Quantise a module with these scales, in place of any others."""
+    current = _scales(module)
+    if current is not None:
+        current.chip, current.bits = scales.chip, scales.bits
+        current.choose(module)
         return module
     for name, weight in list(module.weights.items()):
-        at = module.weights.attribute(name)
-        parametrize.register_parametrization(module.weights, at, _Rounded(weight, scales), unsafe=True)
+        attribute = module.weights.attribute(name)
+        parametrize.register_parametrization(module.weights, attribute, _Rounded(weight, scales), unsafe=True)
     scales.choose(module)
     module.register_forward_pre_hook(scales)
     return module
 
 
 class _Scales:
-    """Chooses the scales of all projections together, before a batch runs.
+    """A forward hook that chooses the scales of all projections together, before a batch runs.
 
-    Since populations share one for all that arrives at them, and a chip's may depend on more than the largest weight.
+    The choice is joint because all weights onto a population share a scale, which may depend on more than the largest
+    weight.
     """
 
     def __init__(self, program: Program, chip: Chip, bits: int) -> None:
@@ -105,10 +106,10 @@ class _Scales:
             age += 1
 
     def choose(self, module: Module) -> None:
-        """Choose them for the weights as they are.
+        """Choose the scales for the current weights.
 
         Raises:
-            ModelError: a weight is NaN.
+            ModelError: a weight is not finite.
         """
         rounded = _rounded(module)
         projections = list(module.program.projections)
@@ -120,10 +121,10 @@ class _Scales:
         fixed = quantise(replace(module.program, projections=tuple(projections)), self.chip)
         for name, each in rounded.items():
             wires, grid = fixed.projections[self._index[name]], each[-1]
-            assert wires is not None, "it was looked at"
+            assert wires is not None, "the hook quantises every learnt projection"
             signs = self.bits == 1 and wires.low < 0 < wires.high
             size = wires.grain * 2 ** (wires.bits - (2 if signs else self.bits))
-            grid.lie(wires.step * size, wires.step_below * size)
+            grid.set_steps(wires.step * size, wires.step_below * size)
             grid.low.fill_(-1 if signs else -(-wires.low // size))
             grid.high.fill_(1 if signs else wires.high // size)
 
@@ -139,7 +140,7 @@ class _Scales:
 
 
 class _Rounded(torch.nn.Module):
-    """The weights of one projection on the grid of a chip; `scales` are those of all together."""
+    """The weights of one projection, rounded to the grid of a chip; `scales` chooses the grid."""
 
     step: Tensor
     below: Tensor
@@ -157,28 +158,32 @@ class _Rounded(torch.nn.Module):
             self.register_buffer(name, torch.zeros((), dtype=torch.int64))
         self.register_buffer("even", torch.zeros((), dtype=torch.bool))
 
-    def lie(self, step: Any, below: Any) -> None:
-        """Take a grid; of each step so few bits are kept that every weight on it is one, in single precision, too."""
+    def set_steps(self, step: Any, below: Any) -> None:
+        """Set the grid's steps above and below 0.
+
+        The mantissa of a step is shortened, 16 bits in single and 44 in double precision, so that every multiple of the
+        step is exact in the dtype.
+        """
         for buffer, values in ((self.step, step), (self.below, below)):
             fraction, exponent = np.frexp(np.broadcast_to(values, buffer.numel() if np.size(values) > 1 else 1))
-            kept = 16 if buffer.dtype == torch.float32 else 44
-            short = np.ldexp(np.ceil(np.ldexp(fraction, kept)), exponent - kept)
-            buffer.copy_(torch.as_tensor(short.reshape(buffer.shape if short.size > 1 else (1,))))
+            mantissa_bits = 16 if buffer.dtype == torch.float32 else 44
+            shortened = np.ldexp(np.ceil(np.ldexp(fraction, mantissa_bits)), exponent - mantissa_bits)
+            buffer.copy_(torch.as_tensor(shortened.reshape(buffer.shape if shortened.size > 1 else (1,))))
         self.even.fill_(torch.equal(self.step, self.below))
 
     def forward(self, weight: Tensor) -> Tensor:
-        """What the chip has of them."""
+        """Return the rounded weights."""
         below = self.step if self.even else self.below
         rounded: Tensor = _Straight.apply(weight, self.step, below, self.low, self.high)  # type: ignore[no-untyped-call]
         return rounded
 
     def right_inverse(self, weight: Tensor) -> Tensor:
-        """What is learnt, where weights are set."""
+        """Return the full-precision weights that an assignment sets."""
         return weight
 
 
 class _Straight(torch.autograd.Function):
-    """Rounding, whose gradient is that of doing nothing."""
+    """Rounding with the gradient of the identity."""
 
     @staticmethod
     def forward(ctx: Any, weight: Tensor, step: Tensor, below: Tensor, low: Tensor, high: Tensor) -> Tensor:
@@ -195,16 +200,18 @@ class _Straight(torch.autograd.Function):
 
 
 def _rounded(module: Any) -> dict[str, Any]:
-    """The roundings of a module, and the weights that they round, by projection."""
+    """Return the parametrisations of a module's quantised weights, by projection."""
     parametrizations = getattr(module.weights, "parametrizations", {})
-    places = {name: module.weights.attribute(name) for name in module.weights}
-    return {name: parametrizations[at] for name, at in places.items() if at in parametrizations}
+    attributes = {name: module.weights.attribute(name) for name in module.weights}
+    return {
+        name: parametrizations[attribute] for name, attribute in attributes.items() if attribute in parametrizations
+    }
 
 
 def _scales(module: Module) -> _Scales | None:
-    """What chooses the scales of a module that is quantised."""
-    found: _Scales | None = next((each[-1].scales for each in _rounded(module).values()), None)
-    return found
+    """Return the hook that chooses the scales of a module, None if the module is not quantised."""
+    scales: _Scales | None = next((each[-1].scales for each in _rounded(module).values()), None)
+    return scales
 
 
 Bools = NDArray[np.bool_]
@@ -213,42 +220,49 @@ Bools = NDArray[np.bool_]
 def prune(
     module: Module, share: float | Mapping[str, float] | None = None, *, stay: Mapping[str, Bools] | None = None
 ) -> Module:
-    """A module of the same network without its smallest weights, by magnitude; it learns on.
+    """Return a module of the same network without its smallest weights by magnitude; the module can learn on.
 
-    The synapses are gone, not 0: the network that it gives lists those that are left, which is what a chip stores and
-    what a bill counts. Optimisers and bills are made anew, since parameters and synapses are. A module whose weights
-    are quantised gives one that is, to the same bits of the same chip; it begins with the rounded weights.
+    Pruned synapses are removed, not set to 0: the network lists the others, so a chip stores and a bill counts only
+    those. Make optimisers and bills anew, since parameters and synapses are new. The result of a quantised module is
+    quantised to the same bits of the same chip and begins with the rounded weights.
 
     Args:
         module: the network; it is not changed.
-        share: of the synapses of each projection that learns, 0 to 1 and less than all; or by name of the projection.
-        stay: instead of a share the synapses that stay, by name, in the order of the weights.
+        share: share of the synapses to remove, from 0 to less than 1, for all projections that learn or by projection
+            name.
+        stay: instead of a share, masks of the synapses that stay, by projection name, in the order of the weights.
 
     Raises:
-        ModelError: a name is unknown or its weights are shared, or a share cannot be.
+        ModelError: a name is unknown, a projection shares weights, or a share is out of range.
     """
     if (share is None) == (stay is None):
-        raise ModelError("prune: expected a share, or which synapses stay")
+        raise ModelError("prune: expected either share or stay")
     if stay is None:
         shares = share if isinstance(share, Mapping) else dict.fromkeys(_own(module), share)
-        for name, part in shares.items():
-            if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0.0 <= part < 1.0:
-                raise ModelError(f"prune: projection '{name}': share = {part!r}: expected 0 to 1, and less than 1")
+        for name, fraction in shares.items():
+            if isinstance(fraction, bool) or not isinstance(fraction, (int, float)) or not 0.0 <= fraction < 1.0:
+                raise ModelError(f"prune: projection '{name}': share = {fraction!r}: expected 0 to 1, and less than 1")
         _check(module, shares)
-        stay = {name: _largest(module, name, 1.0 - float(part)) for name, part in shares.items() if part is not None}
+        stay = {
+            name: _largest(module, name, 1.0 - float(fraction))
+            for name, fraction in shares.items()
+            if fraction is not None
+        }
     _check(module, stay)
-    for name, kept in stay.items():
-        if not np.any(kept):
-            raise ModelError(f"prune: projection '{name}': none of its {len(kept)} synapses stays: expected some")
+    for name, mask in stay.items():
+        if not np.any(mask):
+            raise ModelError(f"prune: projection '{name}': none of its {len(mask)} synapses stays: expected some")
     return quantised_as(module, module.on(_with(module, stay)))
 
 
 def largest(module: Module, share: float) -> dict[str, Bools]:
-    """Which synapses have the largest weights, by projection, in the order of the weights; shared ones are left out.
+    """Return masks of the synapses with the largest weights, by projection, in the order of the weights.
+
+    Projections with shared weights are left out.
 
     Args:
         module: the network.
-        share: of the synapses of each projection.
+        share: share of the synapses of each projection, 0 to 1.
     """
     return {name: _largest(module, name, share) for name in _own(module)}
 
@@ -260,10 +274,10 @@ def _largest(module: Module, name: str, share: float) -> Bools:
     return chosen
 
 
-def _check(module: Module, named: Mapping[str, object]) -> None:
-    if not named:
+def _check(module: Module, by_name: Mapping[str, object]) -> None:
+    if not by_name:
         raise ModelError("prune: found no projection with a weight of its own for each synapse: expected at least one")
-    for name in named:
+    for name in by_name:
         if name not in module.weights:
             raise unknown("projection that learns", name, list(module.weights))
         if name not in _own(module):
@@ -271,26 +285,26 @@ def _check(module: Module, named: Mapping[str, object]) -> None:
 
 
 def _own(module: Module) -> list[str]:
-    """Projections that learn and have a weight of its own for each synapse."""
+    """Return the projections that learn and have a separate weight for each synapse."""
     parts = {part.name: part for part in module.program.projections}
     return [name for name in module.weights if parts[name].grid is None and parts[name].weight.size == parts[name].size]
 
 
 def _with(module: Module, stay: Mapping[str, Bools]) -> neuro.Network:
-    """The network with what was learnt, and of some projections only some synapses."""
+    """Return the network with the learnt weights and, in some projections, only the synapses that stay."""
     net = module.network()
     program = module.program
     for index, part in enumerate(program.projections):
         if part.name not in stay:
             continue
-        kept = np.flatnonzero(stay[part.name])
+        remaining = np.flatnonzero(stay[part.name])
         pre, post = program.connections(index)
         weight = module.weights[part.name].detach().cpu().double().numpy().reshape(-1)
-        delay = np.broadcast_to(part.delay, part.size)[kept] * program.resolution
+        delay = np.broadcast_to(part.delay, part.size)[remaining] * program.resolution
         net.projections[part.name] = replace(
             net.projections[part.name],
-            rule=neuro.pairs(pre=pre[kept], post=post[kept]),
-            weight=weight[kept],
+            rule=neuro.pairs(pre=pre[remaining], post=post[remaining]),
+            weight=weight[remaining],
             delay=float(delay[0]) if np.all(delay == delay[:1]) else delay,
             source_view=None,
             target_view=None,

@@ -1,4 +1,4 @@
-"""The engine: a program stepped as tensors for one recording, its record, what is read and written between steps."""
+"""The engine: steps a program as tensors for one recording, records spikes, reads and writes states between steps."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from neuro_torch.wires import Emitted
 
 
 class TensorRecord:
-    """Spikes in the order of their steps, and counts.
+    """Recorded spikes in the order of their steps, and counts.
 
     Attributes:
-        steps, ids, multiplicity: what was recorded, an array for each step that had spikes.
-        events, spikes: of each neuron, a spike of multiplicity m once and m times.
-        active: neuron-steps with an arrival or a spike.
+        steps, ids, multiplicity: recorded spikes, one array for each step with spikes.
+        events, spikes: counts by neuron; a spike of multiplicity m counts once in `events` and m times in `spikes`.
+        active: number of neuron updates with an arrival or a spike.
 
     Args:
-        size: neurons.
-        keeps: whether spikes are kept.
-        graded: whether multiplicities are payloads, of which each counts as one spike.
+        size: number of neurons.
+        keeps: whether spikes are recorded; counts always are.
+        graded: whether multiplicities are payloads, so that each message counts as one spike.
     """
 
     def __init__(self, size: int, keeps: bool, graded: bool = False) -> None:
@@ -42,7 +42,7 @@ class TensorRecord:
         return 24 * sum(len(steps) for steps in self.steps)
 
     def start_anew(self) -> None:
-        """Nothing happened yet."""
+        """Drop all spikes and counts."""
         self.steps: list[Ints] = []
         self.ids: list[Ints] = []
         self.multiplicity: list[Ints] = []
@@ -51,7 +51,7 @@ class TensorRecord:
         self.active = 0
 
     def add(self, step: int, ids: Ints, multiplicity: Ints) -> None:
-        """The spikes of one step."""
+        """Add the spikes of one step."""
         self.events[ids] += 1
         self.spikes[ids] += 1 if self._graded else multiplicity
         if self._keeps and len(ids):
@@ -60,7 +60,7 @@ class TensorRecord:
             self.multiplicity.append(multiplicity)
 
     def since(self, step: int) -> Spikes:
-        """The spikes after a step."""
+        """Return the spikes after a step."""
         first = next((k for k, steps in enumerate(self.steps) if steps[0] > step), len(self.steps))
         none = np.zeros(0, dtype=np.int64)
         columns = (np.concatenate([none, *column[first:]]) for column in (self.steps, self.ids, self.multiplicity))
@@ -72,21 +72,21 @@ class TensorRecord:
         self.keep(self.since(before))
 
     def keep(self, spikes: Spikes) -> None:
-        """Have these spikes and no others; counts stay."""
+        """Replace the recorded spikes; counts stay."""
         cuts = np.flatnonzero(np.diff(spikes.steps)) + 1
-        some = len(spikes.steps) > 0
-        self.steps = np.split(spikes.steps, cuts) if some else []
-        self.ids = np.split(spikes.ids, cuts) if some else []
-        self.multiplicity = np.split(spikes.multiplicity.astype(np.int64), cuts) if some else []
+        has_spikes = len(spikes.steps) > 0
+        self.steps = np.split(spikes.steps, cuts) if has_spikes else []
+        self.ids = np.split(spikes.ids, cuts) if has_spikes else []
+        self.multiplicity = np.split(spikes.multiplicity.astype(np.int64), cuts) if has_spikes else []
 
 
 class TorchEngine:
-    """A program in execution; `neuro.program.backend.Engine` says what each method does.
+    """A program in execution, see `neuro.program.backend.Engine` for the methods.
 
     Args:
-        program: the network, of which nothing is refused.
-        threads: of torch, while it runs.
-        device: where its tensors are.
+        program: the network, which `problems` accepts.
+        threads: number of threads that torch uses during a run.
+        device: device of the tensors.
     """
 
     def __init__(self, program: Program, threads: int, device: torch.device) -> None:
@@ -100,7 +100,7 @@ class TorchEngine:
         return self.stepper.now
 
     def run(self, steps: int) -> None:
-        """Advance."""
+        """Advance by some steps."""
         with torch.no_grad(), _threads(self._threads), np.errstate(over="ignore", invalid="ignore"):
             for _ in range(steps):
                 self.stepper.step()
@@ -113,22 +113,22 @@ class TorchEngine:
             ids = emitted.neuron.cpu().numpy()
             record.add(self.step, ids, emitted.multiplicity.cpu().numpy().astype(np.int64))
             if k in self.stepper.heard:
-                heard = self.stepper.heard[k][0]
-                heard[emitted.neuron] = True
-                record.active += int(heard.sum())
+                received = self.stepper.heard[k][0]
+                received[emitted.neuron] = True
+                record.active += int(received.sum())
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
         """Add spikes of a listed population, with payloads where it is graded."""
         self.stepper.sources[population].inject(steps, ids, self.step, payloads)
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Nothing listens: rules under dopamine are refused."""
+        """Ignore a signal: rules under dopamine are refused, so nothing receives one."""
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """A state or parameter of every neuron, or of some."""
+        """Return a state or parameter of all neurons, or of some."""
         every: Floats = np.broadcast_to(self._values(population, name), self.program.populations[population].size)
-        found: Floats = every.copy() if ids is None else every[ids]
-        return found
+        selected: Floats = every.copy() if ids is None else every[ids]
+        return selected
 
     def _values(self, population: int, name: str) -> Floats:
         if (cells := self.stepper.cells.get(population)) is not None and name in cells.names:
@@ -136,8 +136,8 @@ class TorchEngine:
             return values
         source = self.stepper.sources.get(population)
         if source is not None and name in source.names:
-            drawn: Floats = source.states[source.names.index(name)]
-            return drawn
+            source_values: Floats = source.states[source.names.index(name)]
+            return source_values
         return self.stepper.parameters(population)[name]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
@@ -152,27 +152,27 @@ class TorchEngine:
             part.refresh()
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """The weight of every synapse: they have nothing else here."""
+        """Return the weight of every synapse; static synapses have no other state."""
         if projection in self.stepper.flows:
             return self.stepper.flows[projection].weights.copy()
         weights: Floats = self.stepper.weights(projection).cpu().numpy()
         return np.broadcast_to(weights, self.program.projections[projection].size).copy()
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Nothing is there to change: static synapses have no numbers."""
+        """Do nothing: static synapses have no rule parameters."""
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights, or those that are chosen."""
+        """Replace all weights, or those that a mask selects."""
         where = slice(None) if chosen is None else chosen
-        kept = self.get_synapses(projection, "weight")
-        kept[where] = np.broadcast_to(weights, kept.shape)[where]
+        updated = self.get_synapses(projection, "weight")
+        updated[where] = np.broadcast_to(weights, updated.shape)[where]
         if projection in self.stepper.flows:
-            self.stepper.flows[projection].weights = kept
+            self.stepper.flows[projection].weights = updated
         else:
-            self.stepper.set_weights(projection, torch.from_numpy(kept).to(self.stepper.device))
+            self.stepper.set_weights(projection, torch.from_numpy(updated).to(self.stepper.device))
 
     def spikes(self, population: int, since: int) -> Spikes:
-        """Recorded spikes after a step."""
+        """Return the recorded spikes after a step."""
         return carrying(self.program.populations[population], self.records[population].since(since))
 
     def forget(self, before: int) -> None:
@@ -181,7 +181,7 @@ class TorchEngine:
             record.forget(before)
 
     def counts(self) -> EngineCounts:
-        """Counts since the start or the last reset."""
+        """Return counts since the start or the last reset."""
         return EngineCounts(
             steps=self.step,
             events=tuple(record.events.copy() for record in self.records),
@@ -191,11 +191,11 @@ class TorchEngine:
         )
 
     def memory(self) -> dict[str, int]:
-        """Bytes of states, synapses and recorded spikes."""
+        """Return bytes of states, synapses and recorded spikes."""
         return {**self.stepper.memory(), "spikes": sum(record.nbytes for record in self.records)}
 
     def reset(self, weights: bool) -> None:
-        """Back to step 0."""
+        """Return to step 0."""
         self.stepper.start_anew()
         for record in self.records:
             record.start_anew()
@@ -204,7 +204,7 @@ class TorchEngine:
                 self.set_weights(k, part.weight)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that `restore` needs."""
+        """Return everything that `restore` needs."""
         return take_snapshot(self.stepper, self.records)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -212,21 +212,21 @@ class TorchEngine:
         put_snapshot(self.stepper, self.records, arrays)
 
     def present(self, trial: Trial) -> Outcome:
-        """Never called: networks with trials are refused."""
+        """Raise NotImplementedError: networks with trials are refused."""
         raise NotImplementedError
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Never called, as `present`."""
+        """Raise NotImplementedError, as `present`."""
         raise NotImplementedError
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Never called, as `present`."""
+        """Raise NotImplementedError, as `present`."""
         raise NotImplementedError
 
 
 @contextmanager
 def _threads(number: int) -> Iterator[None]:
-    """Let torch compute with some threads, and afterwards with as many as before."""
+    """Set the number of torch's threads within a block."""
     before = torch.get_num_threads()
     torch.set_num_threads(number)
     try:
@@ -236,40 +236,40 @@ def _threads(number: int) -> Iterator[None]:
 
 
 Arrays = Mapping[str, NDArray[Any]]
-_LISTED = ("states", "steps", "ids", "numbers")
-"""What a source keeps between steps."""
+_SOURCE_STATE = ("states", "steps", "ids", "numbers")
+"""Attributes of a source that change between steps."""
 
 
 def take_snapshot(stepper: Stepper, records: Sequence[TensorRecord]) -> dict[str, NDArray[Any]]:
-    """Copies of everything that changes while it runs."""
-    found: dict[str, NDArray[Any]] = {"step": np.array(stepper.now)}
+    """Copy everything that changes while a stepper runs."""
+    arrays: dict[str, NDArray[Any]] = {"step": np.array(stepper.now)}
     for k, cells in stepper.cells.items():
-        found[f"cells/{k}"] = (
+        arrays[f"cells/{k}"] = (
             torch.stack([state[0] for state in cells.states]).cpu().numpy() if cells.states else np.zeros(0)
         )
     for k, source in stepper.sources.items():
-        found |= {f"sources/{k}/{name}": getattr(source, name).copy() for name in _LISTED}
+        arrays |= {f"sources/{k}/{name}": getattr(source, name).copy() for name in _SOURCE_STATE}
     for k, flow in stepper.flows.items():
-        found |= {f"flows/{k}/{name}": getattr(flow, name).copy() for name in ("due", "held", "weights")}
+        arrays |= {f"flows/{k}/{name}": getattr(flow, name).copy() for name in ("due", "held", "weights")}
     for k in range(len(records)):
-        found |= {f"parameters/{k}/{word}": values.copy() for word, values in stepper.parameters(k).items()}
-        found[f"sent/{k}"] = _listed(stepper.sent[k])
+        arrays |= {f"parameters/{k}/{word}": values.copy() for word, values in stepper.parameters(k).items()}
+        arrays[f"sent/{k}"] = _spikes_in_flight(stepper.sent[k])
     for k, versions in stepper.versions.items():
         rows = [[float(since), *weights.cpu().tolist()] for since, weights in versions]
         widest = max(len(row) for row in rows)
-        found[f"weights/{k}"] = np.array(
+        arrays[f"weights/{k}"] = np.array(
             [row if len(row) == widest else row[:1] + row[1:] * (widest - 1) for row in rows]
         )
     for k, record in enumerate(records):
         spikes = record.since(-1)
-        found |= {f"records/{k}/{name}": getattr(spikes, name) for name in ("steps", "ids", "multiplicity")}
-        found |= {f"records/{k}/counted_{name}": getattr(record, name).copy() for name in ("events", "spikes")}
-        found[f"records/{k}/active"] = np.array(record.active)
-    return found
+        arrays |= {f"records/{k}/{name}": getattr(spikes, name) for name in ("steps", "ids", "multiplicity")}
+        arrays |= {f"records/{k}/counted_{name}": getattr(record, name).copy() for name in ("events", "spikes")}
+        arrays[f"records/{k}/active"] = np.array(record.active)
+    return arrays
 
 
 def put_snapshot(stepper: Stepper, records: Sequence[TensorRecord], arrays: Arrays) -> None:
-    """Set a stepper of the same program to what `take_snapshot` gave."""
+    """Restore a stepper of the same program from the arrays of `take_snapshot`."""
     stepper.start_anew()
     stepper.now = int(arrays["step"])
     for k in range(len(records)):
@@ -281,7 +281,7 @@ def put_snapshot(stepper: Stepper, records: Sequence[TensorRecord], arrays: Arra
             cells.put(name, values)
         cells.refresh()
     for k, source in stepper.sources.items():
-        for name in _LISTED:
+        for name in _SOURCE_STATE:
             setattr(source, name, arrays[f"sources/{k}/{name}"].copy())
         source.refresh()
     for k, flow in stepper.flows.items():
@@ -297,20 +297,20 @@ def put_snapshot(stepper: Stepper, records: Sequence[TensorRecord], arrays: Arra
         record.active = int(arrays[f"records/{k}/active"])
 
 
-def _listed(sent: Sequence[tuple[int, Emitted]]) -> NDArray[Any]:
-    """Step, neuron and multiplicity of all spikes that are under way, shape (3, spikes)."""
+def _spikes_in_flight(emissions: Sequence[tuple[int, Emitted]]) -> NDArray[Any]:
+    """Return step, neuron and multiplicity of all spikes that have not arrived everywhere, shape (3, spikes)."""
     columns = [np.zeros((3, 0), dtype=np.int64)]
-    for step, emitted in sent:
-        of: Tensor = torch.stack([emitted.neuron, emitted.multiplicity.to(torch.int64)]).cpu()
-        columns.append(np.concatenate([np.full((1, of.shape[1]), step), of.numpy()]))
+    for step, emitted in emissions:
+        rows: Tensor = torch.stack([emitted.neuron, emitted.multiplicity.to(torch.int64)]).cpu()
+        columns.append(np.concatenate([np.full((1, rows.shape[1]), step), rows.numpy()]))
     return np.concatenate(columns, axis=1)
 
 
-def _emitted(listed: NDArray[Any], size: int, device: torch.device) -> list[tuple[int, Emitted]]:
-    found = []
-    for step in np.unique(listed[0]).tolist():
-        _, ids, multiplicity = listed[:, listed[0] == step]
+def _emitted(columns: NDArray[Any], size: int, device: torch.device) -> list[tuple[int, Emitted]]:
+    emissions = []
+    for step in np.unique(columns[0]).tolist():
+        _, ids, multiplicity = columns[:, columns[0] == step]
         spikes = torch.zeros(1, size, dtype=torch.float64, device=device)
         spikes[0, torch.from_numpy(ids).to(device)] = torch.from_numpy(multiplicity).to(torch.float64).to(device)
-        found.append((step, Emitted(spikes)))
-    return found
+        emissions.append((step, Emitted(spikes)))
+    return emissions

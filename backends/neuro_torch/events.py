@@ -1,4 +1,4 @@
-"""Batches of spikes that are kept sparse, without torch: memory grows with the spikes, not with the pixels."""
+"""Sparse batches of spikes, without torch: memory grows with the number of spikes, not of pixels."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Train:
-    """The spikes of one population in a batch, by recording, then step, then neuron; each at most once.
+    """The spikes of one population in a batch, sorted by recording, step and neuron, without duplicates.
 
     Attributes:
         ends: spikes of recording b are `ends[b] : ends[b + 1]`, shape (batch + 1,), int64.
-        step: in which each is emitted, from 0.
-        neuron: which emits it.
+        step: step of each spike, from 0.
+        neuron: neuron of each spike.
     """
 
     ends: NDArray[np.int64]
@@ -33,7 +33,7 @@ class Train:
     neuron: Ints
 
     def of(self, recordings: Sequence[int]) -> Train:
-        """Those of some recordings."""
+        """Return the spikes of some recordings."""
         parts = [slice(int(self.ends[b]), int(self.ends[b + 1])) for b in recordings]
         lengths = [part.stop - part.start for part in parts]
         step, neuron = (
@@ -43,7 +43,10 @@ class Train:
         return Train(np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))), step, neuron)
 
     def rows(self, steps: int) -> NDArray[np.int64]:
-        """Where the spikes of each step of each recording end, shape (batch x steps + 1,), the first 0."""
+        """Return the offsets of the spikes of each step of each recording, shape (batch x steps + 1,).
+
+        Row `b * steps + t` has the spikes `rows[b * steps + t] : rows[b * steps + t + 1]`.
+        """
         recording = np.repeat(np.arange(len(self.ends) - 1), np.diff(self.ends))
         number = np.bincount(recording * steps + self.step, minlength=(len(self.ends) - 1) * steps)
         return np.concatenate(([0], np.cumsum(number, dtype=np.int64)))
@@ -52,19 +55,19 @@ class Train:
 class Events:
     """Spikes of a batch of recordings.
 
-    A neuron emits at most one spike in a step: more of them are one, as chips merge them. `events[k]` and
-    `events[[3, 1]]` are batches of some recordings, so a data set can be one object; `len` is the batch.
+    A neuron emits at most one spike per step; duplicates are merged, as chips do. `events[k]` and `events[[3, 1]]` are
+    batches of some recordings, so a data set can be one object. `len` is the number of recordings.
 
     Args:
-        batch: recordings.
-        steps: of each recording; that of index 0 is the first step of the run.
-        spikes: by population the index of the recording, the step and the neuron of each spike, in any order.
+        batch: number of recordings.
+        steps: steps of each recording; index 0 is the first step of the run.
+        spikes: by population, the recording, step and neuron of each spike, three arrays in any order.
 
     Attributes:
         trains: the spikes by population.
 
     Raises:
-        ModelError: the arrays are no whole numbers, differ in length or lie outside.
+        ModelError: the arrays hold other than whole numbers, differ in length, or are out of range.
     """
 
     def __init__(self, batch: int, steps: int, spikes: Mapping[str, tuple[Any, Any, Any]]) -> None:
@@ -73,7 +76,7 @@ class Events:
 
     @classmethod
     def of_trains(cls, steps: int, trains: Mapping[str, Train]) -> Events:
-        """Spikes that are sorted already, each once: nothing is looked at."""
+        """Make a batch of trains that are sorted and without duplicates; nothing is checked."""
         self = object.__new__(cls)
         self.batch = next((len(train.ends) - 1 for train in trains.values()), 0)
         self.steps, self.trains = steps, dict(trains)
@@ -81,16 +84,16 @@ class Events:
 
     @classmethod
     def of_dense(cls, tensors: Mapping[str, Any]) -> Events:
-        """Those of dense tensors or arrays by population, (batch, steps, neurons), of 0 and 1.
+        """Make a batch from dense tensors or arrays by population, (batch, steps, neurons), of 0 and 1.
 
         Raises:
-            ModelError: they hold something else, or their shapes do not agree.
+            ModelError: a tensor holds other values, or the shapes do not agree.
         """
-        held = {
+        tensors_on_host = {
             name: tensor.detach().to_dense().cpu() if hasattr(tensor, "detach") else tensor
             for name, tensor in tensors.items()
         }
-        arrays = {name: np.asarray(tensor) for name, tensor in held.items()}
+        arrays = {name: np.asarray(tensor) for name, tensor in tensors_on_host.items()}
         sizes = {name: array.shape[:2] for name, array in arrays.items()}
         for name, array in arrays.items():
             if array.ndim != 3:
@@ -116,16 +119,17 @@ class Events:
         scale: int = 1,
         start: float = 0.0,
     ) -> Events:
-        """Those of event cameras.
+        """Make a batch from recordings of event cameras.
 
         Args:
-            recordings: `neuro.events.Events`, or what has their `t` (us), `x`, `y` (px) and `p`.
-            population: the name of the pixels' population.
-            shape: its shape: (2, rows, columns), OFF then ON, or (rows, columns) where both count as one.
-            step: of the network, ms.
-            duration: ms of each recording that are seen, a multiple of the step.
-            scale: pixels in a row and in a column that are one neuron.
-            start: ms from a recording's first event to its first step.
+            recordings: `neuro.events.Events`, or objects with their `t` (us), `x`, `y` (px) and `p`.
+            population: name of the population of the pixels.
+            shape: shape of the population: (2, rows, columns), OFF then ON, or (rows, columns) for both polarities as
+                one.
+            step: step of the network, ms.
+            duration: part of each recording to use in ms, a multiple of the step.
+            scale: number of pixel rows and columns that one neuron stands for.
+            start: time from a recording's first event to its first step, ms.
 
         Raises:
             ModelError: an event lies outside the shape, or a time is no multiple of the step.
@@ -134,15 +138,15 @@ class Events:
         if steps < 1:
             raise ModelError(f"duration = {duration:g} ms: expected at least one step of {step:g} ms")
         check_pixels(shape)
-        trains = [_of_camera(one, tuple(shape), step, steps, scale, start) for one in recordings]
-        return cls.of_trains(steps, {population: _joined(trains)})
+        trains = [_camera_train(one, tuple(shape), step, steps, scale, start) for one in recordings]
+        return cls.of_trains(steps, {population: _concatenate(trains)})
 
     @classmethod
     def join(cls, parts: Sequence[Events]) -> Events:
-        """The recordings of several batches, one after the other.
+        """Concatenate the recordings of several batches.
 
         Raises:
-            ModelError: there is none, or their steps or populations differ.
+            ModelError: the list is empty, or steps or populations differ.
         """
         if not parts:
             raise ModelError("Events.join: found no batch: expected at least one")
@@ -151,10 +155,12 @@ class Events:
             if part.steps != first.steps or part.trains.keys() != first.trains.keys():
                 message = f"batch {k} has {part.steps} steps of {sorted(part.trains)}"
                 raise ModelError(f"{message}: expected {first.steps} of {sorted(first.trains)}, as the first")
-        return cls.of_trains(first.steps, {name: _joined([p.trains[name] for p in parts]) for name in first.trains})
+        return cls.of_trains(
+            first.steps, {name: _concatenate([p.trains[name] for p in parts]) for name in first.trains}
+        )
 
     def _train(self, name: str, spikes: tuple[Any, Any, Any]) -> Train:
-        recording, step, neuron = (_whole(each, name) for each in spikes)
+        recording, step, neuron = (_integers(each, name) for each in spikes)
         if not len(recording) == len(step) == len(neuron):
             raise ModelError(f"'{name}': {len(recording)} recordings, {len(step)} steps, {len(neuron)} neurons")
         for word, values, end in (("recording", recording, self.batch), ("step", step, self.steps)):
@@ -162,7 +168,7 @@ class Events:
                 raise ModelError(f"'{name}': spike {k}: found {word} {values[k]}: expected 0 to {end - 1}")
         for k in np.flatnonzero(neuron < 0)[:1]:
             raise ModelError(f"'{name}': spike {k}: found neuron {neuron[k]}: expected at least 0")
-        order, recording = _each_once(recording, step, neuron)
+        order, recording = _sort_distinct(recording, step, neuron)
         ends = np.searchsorted(recording, np.arange(self.batch + 1))
         return Train(ends.astype(np.int64), step[order].astype(np.int32), neuron[order].astype(np.int32))
 
@@ -184,14 +190,14 @@ class Events:
         return f"Events(batch={self.batch}, steps={self.steps}, spikes: {counts or 'none'})"
 
     def dense(self, population: str, neurons: int) -> NDArray[np.float32]:
-        """The spikes of a population as 0 and 1, shape (batch, steps, neurons)."""
+        """Return the spikes of a population as 0 and 1, shape (batch, steps, neurons)."""
         train = self.trains[population]
         spikes = np.zeros((self.batch, self.steps, neurons), dtype=np.float32)
         spikes[np.repeat(np.arange(self.batch), np.diff(train.ends)), train.step, train.neuron] = 1.0
         return spikes
 
     def counts(self, population: str, neurons: int) -> NDArray[np.float32]:
-        """Spikes of each neuron of a population, shape (batch, neurons)."""
+        """Return the number of spikes of each neuron of a population, shape (batch, neurons)."""
         train = self.trains[population]
         recording = np.repeat(np.arange(self.batch), np.diff(train.ends))
         number = np.bincount(recording * neurons + train.neuron, minlength=self.batch * neurons)
@@ -199,10 +205,10 @@ class Events:
 
 
 def collate(samples: Sequence[Any]) -> Any:
-    """What a `torch.utils.data.DataLoader` is given as `collate_fn` where samples hold `Events`.
+    """Collate samples with `Events`: the `collate_fn` of a `torch.utils.data.DataLoader`.
 
     Args:
-        samples: `Events` of one recording each, or tuples of them and what torch knows how to put together.
+        samples: `Events` of one recording each, or tuples of `Events` and of values that torch's default collates.
     """
     if isinstance(samples[0], Events):
         return Events.join(samples)
@@ -212,22 +218,22 @@ def collate(samples: Sequence[Any]) -> Any:
     return tuple(Events.join(each) if isinstance(each[0], Events) else default_collate(list(each)) for each in columns)
 
 
-def _of_camera(events: Any, shape: tuple[int, ...], step: float, steps: int, scale: int, start: float) -> Train:
-    """The spikes of one recording."""
-    at, neuron = pixel_spikes(events, shape, step, steps=steps, scale=scale, start=start)
-    order, _ = _each_once(np.zeros(len(at), dtype=np.int64), at, neuron)
+def _camera_train(events: Any, shape: tuple[int, ...], step: float, steps: int, scale: int, start: float) -> Train:
+    """Return the spikes of one recording."""
+    spike_steps, neuron = pixel_spikes(events, shape, step, steps=steps, scale=scale, start=start)
+    order, _ = _sort_distinct(np.zeros(len(spike_steps), dtype=np.int64), spike_steps, neuron)
     ends = np.array([0, len(order)], dtype=np.int64)
-    return Train(ends, at[order].astype(np.int32), neuron[order].astype(np.int32))
+    return Train(ends, spike_steps[order].astype(np.int32), neuron[order].astype(np.int32))
 
 
-def _each_once(recording: Any, step: Any, neuron: Any) -> tuple[Any, Any]:
-    """The places of spikes by recording, step, neuron, each once, and the recording of each."""
+def _sort_distinct(recording: Any, step: Any, neuron: Any) -> tuple[Any, Any]:
+    """Return the indices of the distinct spikes, sorted by recording, step and neuron, and their recordings."""
     steps, neurons = int(step.max(initial=0)) + 1, int(neuron.max(initial=0)) + 1
     order = np.unique((recording * steps + step) * neurons + neuron, return_index=True)[1]
     return order, recording[order]
 
 
-def _joined(trains: Sequence[Train]) -> Train:
+def _concatenate(trains: Sequence[Train]) -> Train:
     lengths = np.concatenate([np.zeros(0, np.int64), *(np.diff(train.ends) for train in trains)])
     step, neuron = (
         np.concatenate([np.zeros(0, np.int32), *(getattr(train, word) for train in trains)])
@@ -236,7 +242,7 @@ def _joined(trains: Sequence[Train]) -> Train:
     return Train(np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))), step, neuron)
 
 
-def _whole(values: Any, name: str) -> NDArray[np.int64]:
+def _integers(values: Any, name: str) -> NDArray[np.int64]:
     array = np.asarray(values)
     if array.ndim != 1 or (array.dtype.kind not in "iu" and array.size):
         raise ModelError(f"'{name}': found {array.dtype} of the shape {array.shape}: expected whole numbers in a row")

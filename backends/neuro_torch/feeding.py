@@ -1,4 +1,4 @@
-"""What a batch gives to the inputs of a network: checked, and as scans take it."""
+"""Inputs of a batch: checks, and conversion to the form that scans and steps read."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from neuro_torch.sources import TensorSource
 
 
 def _check_trains(batch: Events) -> None:
-    """Refuse spikes before the first neuron and outside of the steps: `Events.of_trains` takes any."""
+    """Refuse negative neurons and steps outside the recording, which `Events.of_trains` does not check."""
     for name, train in batch.trains.items():
         least, first, last = train.neuron.min(initial=0), train.step.min(initial=0), train.step.max(initial=0)
         if least < 0:
             raise ModelError(f"batch: '{name}': found neuron {least}: expected at least 0")
         if first < 0 or last >= batch.steps:
-            found = first if first < 0 else last
-            raise ModelError(f"batch: '{name}': found step {found}: expected 0 to {batch.steps - 1}")
+            step = first if first < 0 else last
+            raise ModelError(f"batch: '{name}': found step {step}: expected 0 to {batch.steps - 1}")
 
 
 def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
-    """Recordings and steps of a batch.
+    """Return the number of recordings and of steps of a batch.
 
     Args:
         program: the network.
-        batch: as given to `neuro_torch.Module`.
-        steps: those that it has to have, None for any.
+        batch: the argument of `neuro_torch.Module`.
+        steps: the required number of steps, None for any.
 
     Raises:
-        ModelError: it names no inputs, or its parts or steps do not agree.
+        ModelError: the batch names no inputs, or its parts or steps do not agree.
     """
-    known = [part.name for part in program.populations if part.kind == "listed"]
+    input_names = [part.name for part in program.populations if part.kind == "listed"]
     if not isinstance(batch, (Events, Mapping)):
         message = f"batch: found {type(batch).__name__}: expected neuro_torch.Events, or tensors by population"
-        raise ModelError(message, hint=f"{{'{known[0]}': tensor}}" if known else "")
-    named = batch.trains if isinstance(batch, Events) else batch
-    for name in named:
-        if name not in known:
-            raise unknown("population of inputs", name, known)
+        raise ModelError(message, hint=f"{{'{input_names[0]}': tensor}}" if input_names else "")
+    inputs = batch.trains if isinstance(batch, Events) else batch
+    for name in inputs:
+        if name not in input_names:
+            raise unknown("population of inputs", name, input_names)
     if isinstance(batch, Events):
-        found = {(batch.batch, batch.steps)}
+        distinct_sizes = {(batch.batch, batch.steps)}
         _check_trains(batch)
     else:
         for name, each in batch.items():
@@ -56,124 +56,124 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
             if each.ndim < 3:
                 message = f"batch: '{name}': found the shape {tuple(each.shape)}"
                 raise ModelError(f"{message}: expected (batch, steps, neurons)")
-        found = {tuple(each.shape[:2]) for each in batch.values()}
-    if len(found) != 1:
-        raise ModelError(f"batch: found (batch, steps) of {sorted(found)}: expected one of all inputs")
-    size, given = found.pop()
-    if size < 1 or given < 1:
-        raise ModelError(f"batch: found {size} recordings of {given} steps: expected at least one of each")
-    if steps is not None and given != steps:
-        raise ModelError(f"batch: found {given} steps: expected {steps}, the module's duration")
-    return size, given
+        distinct_sizes = {tuple(each.shape[:2]) for each in batch.values()}
+    if len(distinct_sizes) != 1:
+        raise ModelError(f"batch: found (batch, steps) of {sorted(distinct_sizes)}: expected one of all inputs")
+    size, n_steps = distinct_sizes.pop()
+    if size < 1 or n_steps < 1:
+        raise ModelError(f"batch: found {size} recordings of {n_steps} steps: expected at least one of each")
+    if steps is not None and n_steps != steps:
+        raise ModelError(f"batch: found {n_steps} steps: expected {steps}, the module's duration")
+    return size, n_steps
 
 
-def checked(part: Population, given: Any) -> Any:
-    """What a batch gives to a generator: sparse spikes, a dense tensor or array, None where it does not name it.
+def checked(part: Population, value: Any) -> Any:
+    """Check the input of a generator and return it: sparse spikes, a dense tensor or array, or None if not named.
 
     Raises:
-        ModelError: a shape or a neuron is wrong, or what has no spikes of its own is not named.
+        ModelError: a shape or a neuron is wrong, or the batch names no input for a generator without spikes of its own.
     """
-    if given is None:
+    if value is None:
         if part.stream is not None:
             hint = "neuro_torch.Events.of_recordings makes spikes of recordings"
             raise ModelError(
                 f"batch: '{part.name}' is not named: expected the spikes of this {part.model_name}", hint=hint
             )
         return None
-    if isinstance(given, Train):
-        if given.neuron.size and int(given.neuron.max()) >= part.size:
-            message = f"batch: '{part.name}': found neuron {given.neuron.max()}"
+    if isinstance(value, Train):
+        if value.neuron.size and int(value.neuron.max()) >= part.size:
+            message = f"batch: '{part.name}': found neuron {value.neuron.max()}"
             raise ModelError(f"{message}: expected 0 to {part.size - 1}")
-        return given
-    check(part, given)
-    return given
+        return value
+    check(part, value)
+    return value
 
 
-def given_to(part: Population, given: Any, task: ScanTask) -> Train | torch.Tensor | None:
-    """What was checked, as a pass has it.
+def convert(part: Population, value: Any, task: ScanTask) -> Train | torch.Tensor | None:
+    """Convert a checked input to a tensor of the pass; sparse spikes and None stay.
 
     Raises:
-        ModelError: something is NaN.
+        ModelError: the input holds NaN.
     """
-    return given if given is None or isinstance(given, Train) else fitted(part, given, task)
+    return value if value is None or isinstance(value, Train) else to_dense(part, value, task)
 
 
-def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: ScanTask, scans: Any) -> Any:
-    """All that a generator emits: a dense tensor, or listed as the scans take it.
+def emitted(program: Program, part: Population, value: Train | torch.Tensor | None, task: ScanTask, scans: Any) -> Any:
+    """Return everything that a generator emits, as a dense tensor or as the spike lists of the scans.
 
     Args:
         program: the network.
         part: the generator.
-        given: what `given_to` has found.
-        task: what the pass is about.
+        value: the result of `convert`.
+        task: sizes, dtype and device of the pass.
         scans: `neuro_torch.scan.compiled` or `neuro_torch.scan.operations`.
     """
     silent = part.kind == "listed" and not np.any(part.spike_steps <= task.steps)
-    if isinstance(given, Train) and silent:
-        return scans.listed(given, task)
-    if silent and given is not None:
-        return given
+    if isinstance(value, Train) and silent:
+        return scans.pack_train(value, task)
+    if silent and value is not None:
+        return value
     source = TensorSource(part, program.resolution, program.seed)
     own = np.array([source.emit(step) for step in range(1, task.steps + 1)])
-    every = torch.as_tensor(own).to(task.device, task.dtype).expand(task.batch, -1, -1)
-    return every if given is None else every + dense(given, part, task)
+    all_spikes = torch.as_tensor(own).to(task.device, task.dtype).expand(task.batch, -1, -1)
+    return all_spikes if value is None else all_spikes + dense(value, part, task)
 
 
-def dense(given: Train | torch.Tensor, part: Population, task: ScanTask) -> torch.Tensor:
-    """Spikes that are given, (batch, steps, neurons)."""
-    if isinstance(given, Train):
-        events = Events.of_trains(task.steps, {part.name: given})
+def dense(value: Train | torch.Tensor, part: Population, task: ScanTask) -> torch.Tensor:
+    """Return an input as a dense tensor, (batch, steps, neurons)."""
+    if isinstance(value, Train):
+        events = Events.of_trains(task.steps, {part.name: value})
         return torch.from_numpy(events.dense(part.name, part.size)).to(task.device, task.dtype)
-    return given
+    return value
 
 
-def beginning(given: Any, steps: int) -> Any:
-    """The first steps of the first recording of what was checked."""
-    if isinstance(given, Train):
-        one = given.of([0])
-        some = one.step < steps
-        return Train(np.array([0, some.sum()]), one.step[some], one.neuron[some])
-    if isinstance(given, torch.Tensor) and given.layout is not torch.strided:
-        return given[0].to_dense()[None, :steps]
-    return None if given is None else given[:1, :steps]
+def beginning(value: Any, steps: int) -> Any:
+    """Return the first steps of the first recording of a checked input."""
+    if isinstance(value, Train):
+        first = value.of([0])
+        is_early = first.step < steps
+        return Train(np.array([0, is_early.sum()]), first.step[is_early], first.neuron[is_early])
+    if isinstance(value, torch.Tensor) and value.layout is not torch.strided:
+        return value[0].to_dense()[None, :steps]
+    return None if value is None else value[:1, :steps]
 
 
-def check(part: Population, given: Any) -> None:
-    """Refuse a tensor or an array that does not fit a population, whatever its numbers are.
+def check(part: Population, value: Any) -> None:
+    """Refuse a tensor or an array whose shape or dtype does not fit a population.
 
     Args:
         part: the population.
-        given: a tensor or an array, (batch, steps, neurons) or (batch, steps, *shape of the population); it may be
-            sparse.
+        value: a tensor or an array, dense or sparse, (batch, steps, neurons) or (batch, steps, *shape of the
+            population).
 
     Raises:
-        ModelError: it has another shape, or another kind of numbers.
+        ModelError: the shape or the dtype is wrong.
     """
     try:
-        tensor = torch.as_tensor(given)
+        tensor = torch.as_tensor(value)
     except TypeError:
-        raise ModelError(f"batch: '{part.name}': found an array of {given.dtype}: expected numbers") from None
+        raise ModelError(f"batch: '{part.name}': found an array of {value.dtype}: expected numbers") from None
     shape = tuple(tensor.shape)
     if shape[2:] not in ((part.size,), part.shape):
-        known = dict.fromkeys([(part.size,), part.shape])
-        expected = " or ".join(f"(batch, steps, {', '.join(map(str, each))})" for each in known)
+        shapes = dict.fromkeys([(part.size,), part.shape])
+        expected = " or ".join(f"(batch, steps, {', '.join(map(str, each))})" for each in shapes)
         raise ModelError(f"batch: '{part.name}': found the shape {shape}: expected {expected}")
     if tensor.is_complex():
         raise ModelError(f"batch: '{part.name}': found {tensor.dtype}: expected real numbers")
 
 
-def fitted(part: Population, given: Any, task: ScanTask) -> Tensor:
-    """What fits a population, (batch, steps, neurons).
+def to_dense(part: Population, value: Any, task: ScanTask) -> Tensor:
+    """Return an input as a dense tensor of the pass, (batch, steps, neurons).
 
     Args:
         part: the population.
-        given: what `check` lets pass.
-        task: what the pass is about.
+        value: a tensor or an array that `check` accepts.
+        task: sizes, dtype and device of the pass.
 
     Raises:
-        ModelError: it holds NaN.
+        ModelError: the input holds NaN or infinity.
     """
-    tensor = torch.as_tensor(given)
+    tensor = torch.as_tensor(value)
     if tensor.layout is not torch.strided:
         tensor = tensor.to_dense()
     tensor = tensor.reshape(*tensor.shape[:2], part.size)
@@ -183,7 +183,7 @@ def fitted(part: Population, given: Any, task: ScanTask) -> Tensor:
 
 
 def _check_finite(part: Population, tensor: Tensor) -> None:
-    # A sum is one pass without a copy; it may overflow where every number is finite.
+    # The sum is one pass without a copy. The sum of finite numbers may overflow, so each number is checked then.
     if tensor.sum().isfinite() or tensor.isfinite().all():
         return
     b, t, i = (~tensor.isfinite()).nonzero()[0].tolist()

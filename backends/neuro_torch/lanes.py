@@ -1,8 +1,10 @@
-"""What rewritten functions call while they run for all neurons at once (`neuro_torch.translate`).
+"""Runtime of rewritten model functions (`neuro_torch.translate`), which run for all neurons at once.
 
-Every neuron is a lane. `live` is which lanes go on here: None for all, else a tensor of booleans. A branch on numbers
-that all lanes share is a branch; on a tensor both ways are gone, each with its lanes live, and what is written keeps
-its old value in the others. A loop goes on while a lane is live in it.
+Every neuron is a lane. `live` marks the lanes that execute the current statement: None for all, else a tensor of
+booleans. A branch on a number that all lanes share is an ordinary branch. On a tensor both branches run, each with its
+lanes live; an assignment changes live lanes only. A loop runs while any lane is live in it.
+
+Example: for V = [1, 3], `if V >= 2: V = 0` runs the assignment with `live` = [False, True] and leaves V = [1, 0].
 """
 
 from __future__ import annotations
@@ -28,39 +30,46 @@ NUMBERS = (bool, int, float, np.generic)
 
 @dataclass(slots=True)
 class Frame:
-    """A call: the lanes that came in, those that have returned, and what they return."""
+    """State of a function call: the lanes that entered, the lanes that have returned, and the return value."""
 
-    came: Tensor | None
-    gone: Tensor | None = None
+    entered: Tensor | None
+    returned: Tensor | None = None
     value: Any = None
 
 
 @dataclass(slots=True)
 class Loop:
-    """A loop of a call: the lanes that came to it, and those that are still in it."""
+    """State of a loop: the lanes that entered and the lanes still inside."""
 
     frame: Frame
-    came: Tensor | None
+    entered: Tensor | None
     inside: Tensor | None
 
 
 @dataclass(slots=True)
 class Fork:
-    """A branch: the answer if all lanes share it; else the lanes that came, go each way, and left the first way."""
+    """State of a branch.
 
-    told: bool | None
-    came: Tensor | None = None
+    Attributes:
+        shared: the condition, if all lanes share it; then the other attributes stay None.
+        entered: the lanes that entered.
+        yes, no: the lanes of each branch.
+        after_first: the lanes that are live at the end of the first branch.
+    """
+
+    shared: bool | None
+    entered: Tensor | None = None
     yes: Any = None
     no: Any = None
-    left: Tensor | None = None
+    after_first: Tensor | None = None
 
 
 class LaneRows:
-    """States, inputs or other numbers of all neurons, by row; an index is (row, ALL), or ALL where there is one row.
+    """States, inputs or other numbers of all neurons, by row; the index is (row, ALL), or ALL for a single row.
 
     Args:
-        rows: a tensor, or a number that all share, each.
-        shape: to which what is stored is brought; None leaves it as it is.
+        rows: one tensor per row, or one number that all neurons share.
+        shape: shape to which stored values are expanded; None keeps theirs.
     """
 
     __slots__ = ("rows", "shape")
@@ -72,14 +81,14 @@ class LaneRows:
         return self.rows[at[0]] if type(at) is tuple else self.rows[0]
 
     def write(self, lanes: Lanes, at: Any, value: Any) -> None:
-        """Store in the lanes that are live."""
+        """Store a value in the live lanes."""
         row = at[0] if type(at) is tuple else 0
         new = value if lanes.live is None else merged(lanes.live, value, self.rows[row])
         self.rows[row] = new if self.shape is None else spread(new, self.shape, lanes.device)
 
 
 def spread(value: Any, shape: tuple[int, ...], device: Any) -> Tensor:
-    """A number or tensor as one of doubles and of a shape."""
+    """Return a number or tensor as a tensor of doubles, expanded to a shape."""
     tensor = value if isinstance(value, Tensor) else torch.tensor(float(value), dtype=torch.float64, device=device)
     if tensor.dtype is not torch.float64:
         tensor = tensor.to(torch.float64)
@@ -87,74 +96,74 @@ def spread(value: Any, shape: tuple[int, ...], device: Any) -> Tensor:
 
 
 def merged(mask: Tensor, new: Any, old: Any) -> Any:
-    """The new value in some lanes, the old in the others; what is NaN has one value for all."""
+    """Return the new value in the masked lanes, the old one elsewhere; a value that is not numeric is replaced."""
     if old is None or new is old:
         return new
     if isinstance(new, tuple) and isinstance(old, tuple) and len(new) == len(old):
         return tuple(merged(mask, n, o) for n, o in zip(new, old, strict=True))
     if not isinstance(new, (Tensor, *NUMBERS)) or not isinstance(old, (Tensor, *NUMBERS)):
         return new
-    found = torch.where(mask, double(new, mask), double(old, mask))
-    return reached(found, new, old)
+    result = torch.where(mask, double(new, mask), double(old, mask))
+    return with_margin_of(result, new, old)
 
 
 def double(value: Any, like: Tensor) -> Any:
-    """A float as a tensor of doubles; torch would take floats of Python for singles."""
+    """Return a float as a tensor of doubles, because torch converts Python floats to singles; other values stay."""
     if isinstance(value, (float, np.floating)):
         return torch.tensor(float(value), dtype=torch.float64, device=like.device)
     return value
 
 
-def reached(found: Tensor, *parts: Any) -> Tensor:
-    """Hand on to a boolean how far above what it was compared with something was, see `Lanes.at_least`."""
+def with_margin_of(result: Tensor, *parts: Any) -> Tensor:
+    """Copy the margin of a comparison to a result that depends on it, see `Lanes.at_least`."""
     for part in parts:
         margin = getattr(part, "margin", None)
         if margin is not None:
-            vars(found)["margin"] = margin
+            vars(result)["margin"] = margin
             break
-    return found
+    return result
 
 
 class Lanes:
     """All neurons of one call.
 
     Args:
-        device: where its tensors are.
+        device: device of the tensors.
         live: the lanes that take part, None for all.
-        gate: of graded neurons that learn, the derivative of a choice by how far above its threshold something is: what
-            a threshold chooses has this gradient, too, and what is rounded down that of itself.
+        gate: surrogate for graded neurons that learn: maps the margin of a comparison to the derivative of the choice
+            that depends on it. With a gate, rounding down has the gradient of the identity.
     """
 
     def __init__(self, device: Any, live: Tensor | None = None, gate: Callable[[Tensor], Tensor] | None = None) -> None:
         self.device, self.live, self.gate = device, live, gate
 
     def run(self, function: Any, *arguments: Any) -> Any:
-        """A function of a model's arithmetic, for all neurons."""
+        """Run a function of a model's arithmetic for all neurons."""
         return translated(function)(self, *arguments)
 
     # Calls.
 
     def enter(self) -> Frame:
-        """A call begins."""
+        """Begin a call."""
         return Frame(self.live)
 
     def returns(self, frame: Frame, value: Any) -> bool:
-        """Lanes that are live return a value; True where all others have, too."""
+        """Return a value in the live lanes; True if no lane is left in the call."""
         if self.live is None:
             frame.value = value
             return True
-        frame.value = value if frame.gone is None else merged(self.live, value, frame.value)
-        frame.gone = self.live if frame.gone is None else frame.gone | self.live
+        frame.value = value if frame.returned is None else merged(self.live, value, frame.value)
+        frame.returned = self.live if frame.returned is None else frame.returned | self.live
         self.live = torch.zeros_like(self.live)
         return False
 
     def leave(self, frame: Frame) -> Any:
-        """A call ends: all lanes that came go on behind it."""
-        self.live = frame.came
+        """End a call: all lanes that entered continue after it."""
+        self.live = frame.entered
         return frame.value
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """Call what a function calls, each by its own way to do it for all neurons."""
+        """Call a function from a rewritten function: rewritten too, on plain numbers, or by torch's version."""
         if isinstance(function, FunctionType):
             return translated(function)(self, *arguments)
         if (plain := getattr(function, "py_func", None)) is not None:
@@ -162,64 +171,68 @@ class Lanes:
         if all(isinstance(argument, NUMBERS) for argument in arguments):
             return function(*arguments)
         if isinstance(function, BuiltinFunctionType | type | np.ufunc):
-            own = _OWN.get(function) or getattr(torch, getattr(function, "__name__", ""), None)
-            if own is not None:
-                return own(self, *arguments) if function in _OWN else own(*map(self.tensor, arguments))
+            torch_version = _TORCH_VERSIONS.get(function) or getattr(torch, getattr(function, "__name__", ""), None)
+            if torch_version is not None:
+                return (
+                    torch_version(self, *arguments)
+                    if function in _TORCH_VERSIONS
+                    else torch_version(*map(self.tensor, arguments))
+                )
         raise Untranslatable(f"'{getattr(function, '__name__', function)}' of tensors")
 
     def tensor(self, value: Any) -> Tensor:
-        """A number as a tensor of doubles; a tensor as it is."""
+        """Return a number as a tensor of doubles; a tensor stays."""
         return value if isinstance(value, Tensor) else torch.tensor(value, dtype=torch.float64, device=self.device)
 
-    # Writing.
+    # Assignments.
 
     def put(self, old: Any, new: Any) -> Any:
-        """What a name means after an assignment."""
+        """Return the value of a variable after an assignment in the live lanes."""
         return new if self.live is None else merged(self.live, new, old)
 
     def store(self, place: Any, at: Any, value: Any) -> None:
-        """An assignment to a place of an array or a list."""
+        """Assign to an element of an array or a list in the live lanes."""
         if isinstance(place, LaneRows):
             place.write(self, at, value)
         else:
             place[at] = self.put(place[at], value)
 
-    # Ways.
+    # Branches.
 
     def fork(self, test: Any) -> Fork:
-        """A branch begins."""
+        """Begin a branch."""
         if not isinstance(test, Tensor):
             return Fork(bool(test))
-        yes, came = test if test.dtype is torch.bool else test != 0, self.live
-        return Fork(None, came, yes, ~yes) if came is None else Fork(None, came, came & yes, came & ~yes)
+        yes, entered = test if test.dtype is torch.bool else test != 0, self.live
+        return Fork(None, entered, yes, ~yes) if entered is None else Fork(None, entered, entered & yes, entered & ~yes)
 
     def first(self, fork: Fork) -> bool:
-        """Whether the first way is gone."""
-        if fork.told is not None:
-            return fork.told
+        """Return whether the `if` branch runs, and make its lanes live."""
+        if fork.shared is not None:
+            return fork.shared
         self.live = fork.yes
         return True
 
     def second(self, fork: Fork) -> bool:
-        """Whether the second way is gone."""
-        if fork.told is not None:
-            return not fork.told
-        fork.left, self.live = self.live, fork.no
+        """Return whether the `else` branch runs, and make its lanes live."""
+        if fork.shared is not None:
+            return not fork.shared
+        fork.after_first, self.live = self.live, fork.no
         return True
 
     def join(self, fork: Fork) -> None:
-        """Both ways come together."""
-        if fork.told is not None:
+        """End a branch: the live lanes of both branches continue."""
+        if fork.shared is not None:
             return
-        if fork.left is fork.yes and self.live is fork.no:
-            self.live = fork.came
+        if fork.after_first is fork.yes and self.live is fork.no:
+            self.live = fork.entered
             return
-        assert fork.left is not None
+        assert fork.after_first is not None
         assert self.live is not None
-        self.live = fork.left | self.live
+        self.live = fork.after_first | self.live
 
     def choose(self, test: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
-        """One of two values."""
+        """Evaluate a conditional expression."""
         if not isinstance(test, Tensor):
             return yes() if test else no()
         chosen, other, margin = yes(), no(), getattr(test, "margin", None)
@@ -230,22 +243,22 @@ class Lanes:
     # Loops.
 
     def loop(self, frame: Frame) -> Loop:
-        """A loop begins."""
+        """Begin a loop."""
         return Loop(frame, self.live, self.live)
 
     def goes_on(self, loop: Loop, test: Any) -> bool:
-        """Whether a lane has another round; those that skipped the rest of the last are in again."""
+        """Return whether any lane runs another iteration; lanes that waited for it are live again."""
         if isinstance(test, Tensor):
             loop.inside = test if loop.inside is None else loop.inside & test
         elif not test:
             return False
-        if loop.frame.gone is not None:
-            loop.inside = ~loop.frame.gone if loop.inside is None else loop.inside & ~loop.frame.gone
+        if loop.frame.returned is not None:
+            loop.inside = ~loop.frame.returned if loop.inside is None else loop.inside & ~loop.frame.returned
         self.live = loop.inside
         return self.live is None or bool(self.live.any())
 
     def numbers(self, loop: Loop, *bounds: Any) -> Iterator[Any]:
-        """The rounds of a loop over `range`; one over all neurons has one round."""
+        """Iterate over a `range`; a loop over all neurons is a single iteration."""
         if bounds[-1] is ALL:
             yield ALL
         elif any(isinstance(bound, Tensor) for bound in bounds):
@@ -259,79 +272,79 @@ class Lanes:
             yield from self.each(loop, range(*(int(bound) for bound in bounds)))
 
     def each(self, loop: Loop, values: Any) -> Iterator[Any]:
-        """The rounds of a loop over values that all lanes share."""
+        """Iterate over values that all lanes share."""
         for value in values:
             if not self.goes_on(loop, True):
                 return
             yield value
 
-    def looped(self, loop: Loop) -> None:
-        """The lanes that came to the loop go on behind it, but for those that have returned."""
-        self.live, gone = loop.came, loop.frame.gone
-        if gone is not None:
-            self.live = ~gone if loop.came is None else loop.came & ~gone
+    def end_loop(self, loop: Loop) -> None:
+        """End a loop: the lanes that entered continue, except those that have returned."""
+        self.live, returned = loop.entered, loop.frame.returned
+        if returned is not None:
+            self.live = ~returned if loop.entered is None else loop.entered & ~returned
 
     def breaks(self, loop: Loop) -> bool:
-        """Live lanes leave the loop; True where all do."""
+        """Break: the live lanes leave the loop; True if all lanes do."""
         if self.live is None:
             return True
         loop.inside = ~self.live if loop.inside is None else loop.inside & ~self.live
         return self.skips()
 
     def skips(self) -> bool:
-        """Live lanes wait for the next round; True where all do."""
+        """Continue: the live lanes wait for the next iteration; True if all lanes do."""
         if self.live is None:
             return True
         self.live = torch.zeros_like(self.live)
         return False
 
-    # Truth.
+    # Comparisons and logic.
 
     def at_least(self, a: Any, b: Any) -> Any:
-        """Whether a >= b; of what has a gradient the result knows by how much (`margin`), which surrogates ask for."""
+        """Return a >= b; if a or b has a gradient, the result carries the margin a - b for the surrogate."""
         return self._with_margin(a >= b, a, b)
 
     def above(self, a: Any, b: Any) -> Any:
-        """As `at_least`, a > b."""
+        """Return a > b, with a margin as `at_least`."""
         return self._with_margin(a > b, a, b)
 
     def at_most(self, a: Any, b: Any) -> Any:
-        """As `at_least`, a <= b."""
+        """Return a <= b, with a margin as `at_least`."""
         return self._with_margin(a <= b, b, a)
 
     def below(self, a: Any, b: Any) -> Any:
-        """As `at_least`, a < b."""
+        """Return a < b, with a margin as `at_least`."""
         return self._with_margin(a < b, b, a)
 
-    def _with_margin(self, found: Any, a: Any, b: Any) -> Any:
-        if isinstance(found, Tensor) and any(isinstance(side, Tensor) and side.requires_grad for side in (a, b)):
-            vars(found)["margin"] = a - b
-        return found
+    def _with_margin(self, result: Any, a: Any, b: Any) -> Any:
+        if isinstance(result, Tensor) and any(isinstance(side, Tensor) and side.requires_grad for side in (a, b)):
+            vars(result)["margin"] = a - b
+        return result
 
     def both(self, first: Any, later: Callable[[], Any]) -> Any:
-        """Whether both hold; the second is not asked where the first tells for all."""
+        """Return `first and later()`; `later` is not called if all lanes share a false `first`."""
         if not isinstance(first, Tensor):
             return later() if first else first
         second = later()
         if not isinstance(second, Tensor):
             return first if second else second
-        return reached(torch.logical_and(first, second), first, second)
+        return with_margin_of(torch.logical_and(first, second), first, second)
 
     def either(self, first: Any, later: Callable[[], Any]) -> Any:
-        """Whether one holds, likewise."""
+        """Return `first or later()`; `later` is not called if all lanes share a true `first`."""
         if not isinstance(first, Tensor):
             return first or later()
         second = later()
         if not isinstance(second, Tensor):
             return second or first
-        return reached(torch.logical_or(first, second), first, second)
+        return with_margin_of(torch.logical_or(first, second), first, second)
 
     def no(self, value: Any) -> Any:
-        """Whether it does not hold."""
+        """Return `not value`."""
         return torch.logical_not(value) if isinstance(value, Tensor) else not value
 
     def minus(self, a: Any, b: Any) -> Any:
-        """A difference, of truths as of 0 and 1, too."""
+        """Return a - b, with booleans as 0 and 1."""
         if isinstance(b, Tensor) and b.dtype is torch.bool:
             b = b.to(torch.float64)
         if isinstance(a, Tensor) and a.dtype is torch.bool:
@@ -339,22 +352,22 @@ class Lanes:
         return a - b
 
 
-def _better(lanes: Lanes, test: Any, new: Any, old: Any) -> Any:
+def _select(lanes: Lanes, test: Any, new: Any, old: Any) -> Any:
     return lanes.choose(test, lambda: new, lambda: old)
 
 
 def _extreme(better: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    def found(lanes: Lanes, *values: Any) -> Any:
+    def extreme(lanes: Lanes, *values: Any) -> Any:
         best = values[0]
         for value in values[1:]:
-            best = _better(lanes, better(value, best), value, best)
+            best = _select(lanes, better(value, best), value, best)
         return best
 
-    return found
+    return extreme
 
 
 class _Chosen(torch.autograd.Function):
-    """One of two values, with the gradient of a surrogate for what was compared."""
+    """A choice of one of two values, whose gradient reaches the compared quantity through the gate."""
 
     @staticmethod
     def forward(ctx: Any, test: Tensor, chosen: Tensor, other: Tensor, margin: Tensor, gate: Any) -> Tensor:
@@ -372,7 +385,7 @@ class _Chosen(torch.autograd.Function):
 
 
 class _Floor(torch.autograd.Function):
-    """Rounding down, whose gradient is that of doing nothing (Bengio, Leonard & Courville, arXiv:1308.3432, 2013)."""
+    """Rounding down with the gradient of the identity (Bengio, Leonard & Courville, arXiv:1308.3432, 2013)."""
 
     @staticmethod
     def forward(ctx: Any, value: Tensor) -> Tensor:
@@ -387,7 +400,7 @@ def _floor(lanes: Lanes, value: Any) -> Any:
     return torch.floor(value) if lanes.gate is None else _Floor.apply(value)  # type: ignore[no-untyped-call]
 
 
-_OWN: dict[Any, Callable[..., Any]] = {
+_TORCH_VERSIONS: dict[Any, Callable[..., Any]] = {
     builtins.abs: lambda lanes, a: abs(a),
     builtins.max: _extreme(lambda a, b: a > b),
     builtins.min: _extreme(lambda a, b: a < b),
@@ -398,4 +411,4 @@ _OWN: dict[Any, Callable[..., Any]] = {
     math.fabs: lambda lanes, a: abs(a),
     math.floor: _floor,
 }
-"""Functions of Python whose tensors' version has another name or other ways."""
+"""Python functions whose torch version has another name or signature."""

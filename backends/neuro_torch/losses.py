@@ -1,19 +1,20 @@
-"""Losses: how far what output neurons did is from what was wanted; all are means over the batch.
+"""Losses: distance of the output neurons' spikes or potentials from a target, averaged over the batch.
 
-Spikes have the shape (batch, steps, neurons), labels the shape (batch,): the neuron that should say most.
+Spikes have the shape (batch, steps, neurons). Labels have the shape (batch,) and name the neuron that should respond
+most.
 
 | loss | is small where | source |
 | --- | --- | --- |
 | `count_cross_entropy` | the labelled neuron fires most often | Eshraghian et al., Proc. IEEE 111(9):1016, 2023 |
-| `potential_cross_entropy` | it has the highest potential | Cramer et al., IEEE TNNLS 33(7):2744, 2022 |
-| `first_spike` | it fires first | Mostafa, IEEE TNNLS 29(7):3227, 2018; the gradient is our own |
-| `potential_mse` | potentials follow given values | as of a leaky readout: Bellec et al., NeurIPS 2018 |
-| `van_rossum` | spike trains are near to given ones | van Rossum, Neural Comput. 13(4):751, 2001 |
+| `potential_cross_entropy` | its potential is the highest | Cramer et al., IEEE TNNLS 33(7):2744, 2022 |
+| `first_spike` | the labelled neuron fires first | Mostafa, IEEE TNNLS 29(7):3227, 2018; the gradient is our own |
+| `potential_mse` | potentials follow target values | as of a leaky readout: Bellec et al., NeurIPS 2018 |
+| `van_rossum` | spike trains are near the targets | van Rossum, Neural Comput. 13(4):751, 2001 |
 
-**The time of a first spike** is a polynomial of the spikes, the sum over steps t of the product of 1 - s(u) for all
-u <= t. So its derivative says exactly what one spike more or less would do: one at a step u before the first spike
-would be t - u steps sooner, and without the first spike the second would count. A neuron that never fired has the time
-of the end, and learns from all steps.
+**The time of a first spike** is a polynomial of the spikes: the sum over steps t of the product of 1 - s(u) for all
+u <= t. Its derivative is the exact effect of adding or removing one spike. A spike added at a step u before the first
+spike at t moves the time by u - t steps. If the first spike is removed, the second one counts. A neuron that never
+fired has the time of the end of the recording, and learns from all steps.
 """
 
 from __future__ import annotations
@@ -43,31 +44,31 @@ Over = Literal["mean", "max", "last"]
 
 
 def count_cross_entropy(spikes: Tensor, labels: Tensor, *, scale: float = 1.0) -> Tensor:
-    """Cross-entropy of softmax(scale x spike counts).
+    """Return the cross-entropy of softmax(scale x spike counts).
 
     Args:
         spikes: (batch, steps, neurons).
         labels: (batch,), the neuron that should fire most.
-        scale: how much a spike more says.
+        scale: logit per spike.
 
     Raises:
-        ModelError: shapes or labels cannot be.
+        ModelError: shapes or labels are wrong.
     """
     _check(spikes, labels)
     return cross_entropy(scale * spikes.sum(dim=1), labels)
 
 
 def potential_cross_entropy(V_m: Tensor, labels: Tensor, *, over: Over = "mean", scale: float = 1.0) -> Tensor:
-    """Cross-entropy of softmax(scale x potentials).
+    """Return the cross-entropy of softmax(scale x potentials).
 
     Args:
         V_m: (batch, steps, neurons), mV.
         labels: (batch,), the neuron whose potential should be highest.
-        over: which potential of a recording: the mean, the largest, or that of the last step.
-        scale: per mV.
+        over: reduction over the steps: "mean", "max" or "last".
+        scale: logit per mV.
 
     Raises:
-        ModelError: shapes or labels cannot be, or there is no such `over`.
+        ModelError: shapes or labels are wrong, or `over` is unknown.
     """
     _check(V_m, labels)
     potential: dict[str, Callable[[], Tensor]] = {
@@ -81,33 +82,33 @@ def potential_cross_entropy(V_m: Tensor, labels: Tensor, *, over: Over = "mean",
 
 
 def potential_mse(V_m: Tensor, wanted: Tensor) -> Tensor:
-    """Mean square of the distance between potentials and given values, mV^2.
+    """Return the mean squared difference between potentials and targets, mV^2.
 
     Args:
         V_m: (batch, steps, neurons), mV.
-        wanted: the same shape; NaN where nothing is asked.
+        wanted: targets of the same shape; NaN entries are ignored.
 
     Raises:
-        ModelError: shapes differ, or nothing is asked.
+        ModelError: shapes differ, or all targets are NaN.
     """
     _check_shapes(V_m, wanted, "potentials")
-    asked = ~wanted.isnan()
-    if not asked.any():
+    is_target = ~wanted.isnan()
+    if not is_target.any():
         raise ModelError("wanted potentials are NaN: expected some numbers")
-    return (V_m - wanted)[asked].square().mean()
+    return (V_m - wanted)[is_target].square().mean()
 
 
 def first_spike(spikes: Tensor, labels: Tensor, *, tau: float = 10.0, resolution: float = 1.0) -> Tensor:
-    """Cross-entropy of softmax(-time of the first spike / tau).
+    """Return the cross-entropy of softmax(-time of the first spike / tau).
 
     Args:
         spikes: (batch, steps, neurons).
         labels: (batch,), the neuron that should fire first.
-        tau: by how much the others should be later, ms.
-        resolution: of a step, ms.
+        tau: time by which the other neurons should fire later, ms.
+        resolution: length of a step, ms.
 
     Raises:
-        ModelError: shapes, labels or times cannot be.
+        ModelError: shapes, labels or times are wrong.
     """
     _check(spikes, labels)
     _check_times(tau=tau, resolution=resolution)
@@ -115,17 +116,19 @@ def first_spike(spikes: Tensor, labels: Tensor, *, tau: float = 10.0, resolution
 
 
 def first_spike_steps(spikes: Tensor) -> Tensor:
-    """Steps before the first spike of each neuron, all steps where it has none; (batch, neurons), differentiable.
+    """Return the number of steps before the first spike of each neuron, (batch, neurons), differentiable.
+
+    A neuron without a spike has the number of all steps.
 
     Args:
-        spikes: (batch, steps, neurons); several in one step are one.
+        spikes: (batch, steps, neurons); several spikes in one step count as one.
     """
     steps: Tensor = _FirstSpike.apply(spikes)  # type: ignore[no-untyped-call]
     return steps
 
 
 class _FirstSpike(torch.autograd.Function):
-    """The time of the first spike, with the derivative that the head of this file tells."""
+    """The time of the first spike, with the derivative that the module's docstring defines."""
 
     @staticmethod
     def forward(ctx: Any, spikes: Tensor) -> Tensor:
@@ -139,39 +142,39 @@ class _FirstSpike(torch.autograd.Function):
         step = torch.arange(spikes.shape[1], device=spikes.device)[None, :, None]
         later = (spikes != 0) & (step > first[:, None, :])
         second = _first(later)
-        sooner = (first[:, None, :] - step).clamp(min=0)
-        lost = torch.where(step == first[:, None, :], (second - first)[:, None, :], 0)
-        change: Tensor = -(sooner + lost).to(gradient.dtype) * gradient[:, None, :]
+        steps_earlier = (first[:, None, :] - step).clamp(min=0)
+        delay_to_second = torch.where(step == first[:, None, :], (second - first)[:, None, :], 0)
+        change: Tensor = -(steps_earlier + delay_to_second).to(gradient.dtype) * gradient[:, None, :]
         return change
 
 
 def _first(fired: Tensor) -> Tensor:
-    """The first step that is true, or the number of steps; (batch, neurons)."""
+    """Return the first true step, or the number of steps; (batch, neurons)."""
     steps = fired.shape[1]
     step = torch.arange(steps, device=fired.device)[None, :, None]
     return torch.where(fired, step, steps).amin(dim=1)
 
 
 def van_rossum(spikes: Tensor, wanted: Tensor, *, tau: float = 10.0, resolution: float = 1.0) -> Tensor:
-    """Squared van Rossum distance of spike trains, summed over neurons: one spike against none is 1/2.
+    """Return the squared van Rossum distance of spike trains, summed over neurons: one spike against none is 1/2.
 
     Args:
         spikes: (batch, steps, neurons).
-        wanted: the same shape.
-        tau: of the kernel exp(-t / tau), ms: how far from each other two spikes may be and still be alike.
-        resolution: of a step, ms.
+        wanted: target trains of the same shape.
+        tau: time constant of the kernel exp(-t / tau), ms; spikes much nearer than tau count as coincident.
+        resolution: length of a step, ms.
 
     Raises:
-        ModelError: shapes or times cannot be.
+        ModelError: shapes or times are wrong.
     """
     _check_shapes(spikes, wanted, "spikes")
     _check_times(tau=tau, resolution=resolution)
-    kept = math.exp(-resolution / tau)
-    apart, trace = torch.zeros_like(spikes[:, 0]), torch.zeros_like(spikes[:, 0])
+    decay = math.exp(-resolution / tau)
+    distance, trace = torch.zeros_like(spikes[:, 0]), torch.zeros_like(spikes[:, 0])
     for difference in (spikes - wanted.to(spikes.dtype)).unbind(dim=1):
-        apart = apart + 0.5 * (1.0 - kept * kept) * trace.square()  # the integral over the step that ends here
-        trace = kept * trace + difference
-    return (apart + 0.5 * trace.square()).sum(dim=1).mean()  # the last one decays for ever
+        distance = distance + 0.5 * (1.0 - decay * decay) * trace.square()  # integral over the step that ends here
+        trace = decay * trace + difference
+    return (distance + 0.5 * trace.square()).sum(dim=1).mean()  # integral from the last step to infinity
 
 
 LOSSES: Mapping[str, Callable[..., Tensor]] = {
@@ -179,13 +182,13 @@ LOSSES: Mapping[str, Callable[..., Tensor]] = {
     "potential": potential_cross_entropy,
     "first_spike": first_spike,
 }
-"""Losses that take labels, by the name that `neuro train` gives them."""
+"""Losses of labels, by their name in `neuro train`."""
 
 
 def decisions(spikes: Tensor) -> Tensor:
-    """The output neuron that fired most, of several the one that fired first, then the first; -1 for silence.
+    """Return the output neuron that fired most, -1 if none fired; for graded neurons the largest sum of payloads.
 
-    Of graded neurons it is the one whose payloads have the largest sum.
+    Ties go to the neuron that fired first, then to the lower index.
 
     Args:
         spikes: (batch, steps, neurons).
@@ -194,12 +197,12 @@ def decisions(spikes: Tensor) -> Tensor:
         (batch,), int64.
     """
     count, steps = spikes.double().sum(dim=1), spikes.shape[1]
-    said = (count * (steps + 1) + (steps - _first(spikes != 0))).argmax(dim=1)
-    return torch.where((spikes != 0).any(dim=2).any(dim=1), said, -1)
+    winners = (count * (steps + 1) + (steps - _first(spikes != 0))).argmax(dim=1)
+    return torch.where((spikes != 0).any(dim=2).any(dim=1), winners, -1)
 
 
 def _check(values: Tensor, labels: Tensor) -> None:
-    """Refuse what is not a batch with a label for each recording."""
+    """Refuse values that are not a batch, and labels that do not fit."""
     if values.dim() != 3:
         raise ModelError(f"a tensor of shape {tuple(values.shape)}: expected (batch, steps, neurons)")
     batch, _, neurons = values.shape
@@ -211,7 +214,7 @@ def _check(values: Tensor, labels: Tensor) -> None:
 
 
 def _check_shapes(values: Tensor, wanted: Tensor, what: str) -> None:
-    """Refuse wanted values of another shape."""
+    """Refuse targets of another shape."""
     if values.shape != wanted.shape or values.dim() != 3:
         message = f"{what} of shape {tuple(values.shape)} and wanted ones of shape {tuple(wanted.shape)}"
         raise ModelError(f"{message}: expected the same shape, (batch, steps, neurons)")

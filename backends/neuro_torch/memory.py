@@ -1,8 +1,9 @@
-"""How much memory a batch takes at its peak, forward and backward, estimated before any is taken.
+"""Estimate of the peak memory of a batch, forward and backward, before it runs.
 
-What scans keep is known from what they do; what steps keep depends on the model, so it is counted in some steps of one
-recording. Sums are of what is held at once, where that is most. What a process takes lies within a factor of 2.5 of
-that: spikes of neurons, unknown before, are left out, and allocators do not give back all that is freed.
+For scans the saved tensors are known. For steps they depend on the model, so they are counted in a few steps of one
+recording. The estimate sums everything that is in memory at the moment with the most. The memory of a process lies
+within a factor of 2.5 of the estimate, because spikes of neurons are not known before and left out, and because
+allocators do not return all freed memory.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from neuro.program.program import Population, Program
 from neuro_torch.events import Train
 from neuro_torch.scan.layers import CELLS, Component, Plan, ScanTask, Synapses
 
-__all__ = ["Need", "free", "kept_by_steps", "need", "refuse_large"]
+__all__ = ["Need", "free", "need", "refuse_large", "saved_per_step"]
 
 DOUBLE = 8
 INDEX = 8
@@ -31,9 +32,9 @@ class Need:
     """Bytes of a pass.
 
     Attributes:
-        batch: recordings.
-        each: of a recording, the mean of the batch.
-        fixed: whatever the batch.
+        batch: number of recordings.
+        each: bytes per recording, the mean of the batch.
+        fixed: bytes that do not depend on the batch.
     """
 
     batch: int
@@ -42,49 +43,51 @@ class Need:
 
     @property
     def total(self) -> float:
-        """Bytes of the batch."""
+        """Bytes of the whole batch."""
         return self.batch * self.each + self.fixed
 
 
 def refuse_large(need: Need, task: ScanTask) -> None:
-    """Refuse a batch for which memory does not suffice.
+    """Refuse a batch that needs more memory than is free.
 
     Raises:
-        ModelError: it needs more than is free where the parameters are.
+        ModelError: the batch needs more than is free on the parameters' device.
     """
-    left = free(task.device)
-    if left is None or need.total <= left:
+    available = free(task.device)
+    if available is None or need.total <= available:
         return
-    where = "" if task.device.type == "cpu" else f" on '{task.device}'"
-    fits = int((left - need.fixed) // need.each)
+    location = "" if task.device.type == "cpu" else f" on '{task.device}'"
+    fits = int((available - need.fixed) // need.each)
     raise ModelError(
         f"a batch of {task.batch} recordings of {task.steps} steps needs about {need.total / 1e9:.3g} GB: expected at "
-        f"most what is free{where}, {left / 1e9:.3g} GB",
-        hint=f"a batch of {max(1, fits // 2)} takes half of that"
+        f"most what is free{location}, {available / 1e9:.3g} GB",
+        hint=f"a batch of {max(1, fits // 2)} needs half of that"
         if fits >= 1
         else "a shorter duration or longer steps need less",
     )
 
 
 def free(device: torch.device) -> int | None:
-    """Bytes that are free on a device: of a GPU with what torch has cached there; None if unknown."""
+    """Return the free bytes of a device, on a GPU with torch's cache; None if unknown."""
     if device.type != "cuda":
         return free_memory()
     cached = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)
     return int(torch.cuda.mem_get_info(device)[0] + cached)
 
 
-def need(program: Program, plan: Plan, asked: Mapping[int, Any], task: ScanTask, tape: Callable[[], float]) -> Need:
-    """What a pass takes, with its way back where gradients are on.
+def need(
+    program: Program, plan: Plan, batch_inputs: Mapping[int, Any], task: ScanTask, tape: Callable[[], float]
+) -> Need:
+    """Return the memory of a pass, with its backward pass where gradients are on.
 
     Args:
         program: the network.
-        plan: what runs it.
-        asked: what a batch gives to each generator, None where it does not name it.
-        task: what the pass is about.
-        tape: bytes that one recording keeps for the way back in a step, where it is stepped.
+        plan: the scans or steps that run it.
+        batch_inputs: checked input of each generator, None where the batch does not name it.
+        task: sizes, dtype and device of the pass.
+        tape: returns the bytes that one recording saves per step for the backward pass, when the network is stepped.
     """
-    inputs = {k: _Input.of(program.populations[k], given, task) for k, given in asked.items()}
+    inputs = {k: _Input.of(program.populations[k], value, task) for k, value in batch_inputs.items()}
     learns = torch.is_grad_enabled()
     if not plan.parts:
         return _steps(program, inputs.values(), task, tape() if learns else 0.0)
@@ -93,14 +96,14 @@ def need(program: Program, plan: Plan, asked: Mapping[int, Any], task: ScanTask,
 
 @dataclass(frozen=True, slots=True)
 class _Input:
-    """What a generator emits in a recording.
+    """Spikes of a generator in a recording.
 
     Attributes:
-        spikes: that are given: the mean of all, or of a dense tensor those of the first recording.
-        numbers: of a dense tensor of all steps and neurons.
-        sparse: whether it stays sparse.
-        copied: whether a dense tensor is made of what is given.
-        learns: whether it has a gradient.
+        spikes: number of spikes in the batch's input, the mean of all recordings, or that of the first if dense.
+        numbers: size of a dense tensor of all steps and neurons.
+        sparse: whether the spikes stay sparse.
+        copied: whether the input is copied to a dense tensor.
+        learns: whether the input has a gradient.
     """
 
     spikes: float
@@ -110,37 +113,37 @@ class _Input:
     learns: bool
 
     @classmethod
-    def of(cls, part: Population, given: Any, task: ScanTask) -> _Input:
-        own = part.kind != "listed" or bool(np.any(part.spike_steps <= task.steps))
+    def of(cls, part: Population, value: Any, task: ScanTask) -> _Input:
+        has_own_spikes = part.kind != "listed" or bool(np.any(part.spike_steps <= task.steps))
         numbers = task.steps * part.size
-        if given is None or isinstance(given, Train):
-            spikes = 0 if given is None else len(given.step)
-            return cls(spikes / task.batch, numbers, not own, own, False)
-        same = getattr(given, "dtype", None) == task.dtype and given.device == task.device
-        learns = isinstance(given, torch.Tensor) and given.requires_grad
-        return cls(_spikes(given), numbers, False, own or not same, learns)
+        if value is None or isinstance(value, Train):
+            spikes = 0 if value is None else len(value.step)
+            return cls(spikes / task.batch, numbers, not has_own_spikes, has_own_spikes, False)
+        is_unchanged = getattr(value, "dtype", None) == task.dtype and value.device == task.device
+        learns = isinstance(value, torch.Tensor) and value.requires_grad
+        return cls(_spikes(value), numbers, False, has_own_spikes or not is_unchanged, learns)
 
 
-def _spikes(given: Any) -> int:
-    """How many numbers of the first recording of a tensor or an array are not 0."""
-    one = torch.as_tensor(given[0])
-    if one.is_meta:
+def _spikes(value: Any) -> int:
+    """Return the number of nonzero elements in the first recording of a tensor or an array."""
+    first = torch.as_tensor(value[0])
+    if first.is_meta:
         return 0
-    return int(torch.count_nonzero(one if one.layout is torch.strided else one.to_dense()))
+    return int(torch.count_nonzero(first if first.layout is torch.strided else first.to_dense()))
 
 
 Inputs = Mapping[int, _Input]
 
 
-def _given(inputs: Iterable[_Input], task: ScanTask) -> float:
-    """What inputs take that scans are given: lists of spikes with their places, or a copy, and its gradient twice."""
+def _input_bytes(inputs: Iterable[_Input], task: ScanTask) -> float:
+    """Return bytes of the inputs of scans: spike lists, or a copy and twice its gradient."""
     size: int = task.dtype.itemsize
-    listed = sum(each.spikes * (3 * INDEX + size) for each in inputs)
-    return listed + sum(size * each.numbers * (each.copied + 2 * each.learns) for each in inputs)
+    spike_lists = sum(each.spikes * (3 * INDEX + size) for each in inputs)
+    return spike_lists + sum(size * each.numbers * (each.copied + 2 * each.learns) for each in inputs)
 
 
 def _largest(parts: Iterable[Component], of: Callable[[Component], float]) -> float:
-    """Of parts that are done one after the other."""
+    """Return the largest memory of components that run one after the other."""
     return max(map(of, parts))
 
 
@@ -149,40 +152,43 @@ def _neurons(part: Component) -> int:
 
 
 def _states(parts: Iterable[Component], learns: bool) -> int:
-    """Bytes of a step that the arithmetic of graded neurons keeps for the way back: about four doubles of each."""
+    """Return bytes per step that the arithmetic of graded neurons saves, about four doubles per neuron."""
     sizes = (cell.size for part in parts for cell in part.cells.values() if cell.model not in CELLS)
     return 4 * DOUBLE * sum(sizes) if learns else 0
 
 
 def _kernels(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
-    """Spikes, potentials and what became of them stay; input and gradients come and go with a part."""
+    """Return the memory of compiled scans.
+
+    Spikes, potentials and flags are saved; input and gradients exist for one component at a time.
+    """
     size = task.dtype.itemsize
-    kept = (2 * size + 1 if learns else size) * sum(map(_neurons, parts)) + _states(parts, learns)
+    saved = (2 * size + 1 if learns else size) * sum(map(_neurons, parts)) + _states(parts, learns)
     passing = _largest(parts, lambda part: (4 + bool(part.inside)) * size * _neurons(part))
-    return Need(task.batch, task.steps * (kept + passing) + _given(inputs.values(), task))
+    return Need(task.batch, task.steps * (saved + passing) + _input_bytes(inputs.values(), task))
 
 
 def _torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
-    """Besides, what products of tensors keep, and rows of weights of all given spikes at once."""
+    """Return the memory of scans by torch: besides that of compiled scans, saved products and rows of weights."""
     size = task.dtype.itemsize
     driven = [each for part in parts for each in part.outside]
     products = sum(size * each.sizes[0] * len(_delays(each)) for each in driven if not _is_sparse(each, inputs))
-    kept = (2 * size + 3) * sum(map(_neurons, parts)) + products if learns else 2 * size * sum(map(_neurons, parts))
+    saved = (2 * size + 3) * sum(map(_neurons, parts)) + products if learns else 2 * size * sum(map(_neurons, parts))
     passing = _largest(parts, lambda part: 6 * size * _neurons(part) * task.steps + _drives(part, inputs, task))
-    listed = [each for part in parts for each in (*part.outside, *part.inside) if not each.dense]
-    tables = sum(3 * size * each.sizes[0] * each.sizes[1] * len(_delays(each)) for each in listed)
-    kept += _states(parts, learns)
-    return Need(task.batch, task.steps * kept + passing + _given(inputs.values(), task), tables)
+    sparse_synapses = [each for part in parts for each in (*part.outside, *part.inside) if not each.dense]
+    tables = sum(3 * size * each.sizes[0] * each.sizes[1] * len(_delays(each)) for each in sparse_synapses)
+    saved += _states(parts, learns)
+    return Need(task.batch, task.steps * saved + passing + _input_bytes(inputs.values(), task), tables)
 
 
 def _drives(part: Component, inputs: Inputs, task: ScanTask) -> float:
-    """What the largest of the projections from outside takes on its way."""
+    """Return the memory of the largest projection from outside while it delivers spikes."""
     size = task.dtype.itemsize
     return max((size * each.sizes[1] * _moved(each, inputs, task) for each in part.outside), default=0.0)
 
 
 def _moved(each: Synapses, inputs: Inputs, task: ScanTask) -> float:
-    """Tensors of one step of the targets that are held at once while spikes go along a projection."""
+    """Return the number of tensors, each of one step of the targets, that delivering spikes needs at once."""
     if _is_sparse(each, inputs):
         return 2 * task.steps + 2 * inputs[each.source].spikes
     return 3 * task.steps
@@ -197,23 +203,24 @@ def _delays(each: Synapses) -> Any:
 
 
 def _steps(program: Program, inputs: Iterable[_Input], task: ScanTask, tape: float) -> Need:
-    """Spikes of each step, then of all, and their gradients; inputs are dense, as doubles and stacked.
+    """Return the memory of stepping: spikes of each step and of all, and their gradients; inputs are dense doubles.
 
-    Many small tensors that stay lie between many that go, so allocators hold about twice of what is left.
+    The factor of 2: many small tensors that stay lie between many that are freed, so allocators hold about twice as
+    much.
     """
     neurons = sum(part.size for part in program.populations if part.kind == "neuron")
     size = task.dtype.itemsize
-    kept = 2 * (tape + neurons * (4 * DOUBLE + size))
+    saved = 2 * (tape + neurons * (4 * DOUBLE + size))
     dense = sum(each.numbers for each in inputs) * (2 * DOUBLE + size)
-    return Need(task.batch, task.steps * kept + dense + 3 * INDEX * sum(each.spikes for each in inputs))
+    return Need(task.batch, task.steps * saved + dense + 3 * INDEX * sum(each.spikes for each in inputs))
 
 
-def kept_by_steps(run: Callable[[int], object], steps: int) -> float:
-    """Bytes that are kept in a step for the way back, counted.
+def saved_per_step(run: Callable[[int], object], steps: int) -> float:
+    """Return the bytes that a step saves for the backward pass, measured on a few steps.
 
     Args:
-        run: runs so many steps.
-        steps: as many as there are.
+        run: runs a number of steps.
+        steps: largest number of steps to run.
     """
     more = min(6, steps)
     less = more // 2
@@ -221,14 +228,14 @@ def kept_by_steps(run: Callable[[int], object], steps: int) -> float:
 
 
 def _saved(run: Callable[[int], object], steps: int) -> int:
-    """Bytes of all tensors that are saved for the way back, each storage once."""
-    held: dict[int, torch.UntypedStorage] = {}
+    """Return the bytes of all tensors saved for the backward pass; each storage counts once."""
+    storages: dict[int, torch.UntypedStorage] = {}
 
     def pack(tensor: torch.Tensor) -> torch.Tensor:
         storage = tensor.untyped_storage()
-        held[storage.data_ptr()] = storage
+        storages[storage.data_ptr()] = storage
         return tensor
 
     with torch.autograd.graph.saved_tensors_hooks(pack, lambda tensor: tensor):
         run(steps)
-    return sum(storage.nbytes() for storage in held.values())
+    return sum(storage.nbytes() for storage in storages.values())

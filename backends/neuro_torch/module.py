@@ -1,6 +1,6 @@
-"""A network as a `torch.nn.Module`: weights are parameters, and a batch of spikes makes spikes with gradients.
+"""A network as a `torch.nn.Module`: weights are parameters, and a batch of input spikes gives differentiable spikes.
 
-`network_of` makes the network with what was learnt, for every other backend.
+`network_of` returns the network with the learnt values, for every other backend.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from neuro.program.program import Floats, Program
 from neuro_torch import feeding, memory, trainable as words
 from neuro_torch.cells import graded_messages, graded_payloads
 from neuro_torch.events import Events
-from neuro_torch.outcome import Outcome, Told, active_updates
+from neuro_torch.outcome import LazyMapping, Outcome, active_updates
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan import compiled, layers, operations
 from neuro_torch.scan.layers import Plan, ScanTask, plan_of
@@ -35,35 +35,35 @@ __all__ = ["Module"]
 
 
 class Module(torch.nn.Module):
-    """A network whose weights learn by gradients, and whose spikes are those of every other backend.
+    """A network that learns by gradients and emits the same spikes as every other backend.
 
     Args:
         net: the network; it is not changed.
-        trainable: names of the projections whose weights learn; or what learns by name of a projection or a population:
-            {"in_hidden": ["weight", "delay"], "hidden": ["tau_m", "V_th"]}. Weights that synapses share, such as
-            kernels of a grid or one number for a projection, are one parameter.
-        surrogate: stands in for the derivative of a spike, by name or itself, see `neuro_torch.surrogates`; or a plain
-            function of x and slope, see `neuro_torch.surrogates.Own`.
-        slope: of a surrogate that is given by name or as a function.
-        duration: of a recording in ms; that of each batch if not given.
-        outputs: populations whose spikes and potentials are wanted in time; if not given those from which no
-            projection starts.
-        seed: of everything random.
-        dtype: of all numbers, torch's default if not given. With `torch.float64` spikes are those of `event`.
-        damping: what gradients are multiplied by each time they go along a synapse of a recurrent part, 0 to 1.
-        by: "kernels" (compiled, for CPUs), "torch" (torch's operations, for any device) or "steps"; what is fastest
-            where the parameters are if not given. What no scan fits is stepped anyway. Gradients have gradients by
-            "torch" only.
+        trainable: names of the projections whose weights learn; or the names of what learns, by projection or
+            population: {"in_hidden": ["weight", "delay"], "hidden": ["tau_m", "V_th"]}. Weights that synapses share,
+            such as kernels of a grid or one number for a projection, are one parameter.
+        surrogate: derivative of a spike: a name, a `neuro_torch.surrogates.Surrogate`, or a plain function of x and
+            slope, see `neuro_torch.surrogates.Own`.
+        slope: slope of a surrogate given by name or as a function.
+        duration: length of a recording in ms; by default that of each batch.
+        outputs: populations whose spikes and potentials are returned for every step; by default those that are the
+            source of no projection.
+        seed: seed of all random draws.
+        dtype: dtype of all numbers, by default torch's default. With `torch.float64` spikes are those of `event`.
+        damping: factor of gradients each time they pass a synapse of a recurrent part, 0 to 1.
+        by: "kernels" (compiled, for CPUs), "torch" (torch's operations, for any device) or "steps"; by default the
+            fastest on the parameters' device. A network that no scan supports is stepped in any case. Second-order
+            gradients need "torch".
 
     Attributes:
-        weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
-            kernels of a grid, else one for each synapse.
-        delays: those that learn, by projection, in ms. While training they lie between two steps, and a spike arrives
-            in both in shares; after `module.eval()`, and in `module.network()`, they are the nearest whole steps. One
-            below a step counts as one.
-        neurons: parameters of neurons that learn, by population and word; `hold` keeps them in their bounds.
-        program: the network as backends see it.
-        outputs: names of the populations that are wanted in time.
+        weights: the weights that learn, by projection, in mV or pA as in the network: rows by source of an
+            `all_to_all`, kernels of a grid, else one weight per synapse.
+        delays: the delays that learn, by projection, in ms. In training mode a delay may lie between two steps, and a
+            spike arrives in both in shares. After `module.eval()`, and in `module.network()`, delays are rounded to
+            steps. A delay below one step counts as one step.
+        neurons: the parameters of neurons that learn, by population and name; `hold` keeps them in their bounds.
+        program: the compiled network.
+        outputs: names of the output populations.
 
     Raises:
         ModelError: a name is unknown, nothing is trainable, or the network cannot be differentiated.
@@ -97,82 +97,84 @@ class Module(torch.nn.Module):
         projections, neurons = words.trainable(self.program, trainable)
         self.weights = Named(
             "projection whose weights learn",
-            {name: self._first_weight(name, kind) for name, each in projections.items() if "weight" in each},
+            {name: self._initial_weight(name, kind) for name, each in projections.items() if "weight" in each},
         )
         self.delays = Named(
             "projection whose delays learn",
-            {name: self._first_delay(name, kind) for name, each in projections.items() if "delay" in each},
+            {name: self._initial_delay(name, kind) for name, each in projections.items() if "delay" in each},
         )
         self.neurons = Named(
             "population whose parameters learn",
             {
-                name: Named(f"parameter of '{name}' that learns", {w: self._first(name, w, kind) for w in each})
+                name: Named(
+                    f"parameter of '{name}' that learns", {w: self._initial_parameter(name, w, kind) for w in each}
+                )
                 for name, each in neurons.items()
             },
         )
         self._plan = plan_of(self.program, by, neurons)
-        self._kept: dict[Any, Any] = {}
-        self._listed: dict[int, layers.Synapses] = {}
+        self._cache: dict[Any, Any] = {}
+        self._synapse_lists: dict[int, layers.Synapses] = {}
         self._steppers: dict[torch.device, Stepper] = {}
 
     @property
     def plan(self) -> Plan:
-        """Which part runs by what on the device where the parameters are; `str` shows it."""
+        """The scans or steps that run each part on the parameters' device; `str` shows them."""
         return replace(self._plan, by=self._scans()[1])
 
     def forward(self, batch: Events | Mapping[str, Any]) -> Outcome:
         """Run a batch from step 0.
 
         Args:
-            batch: `Events`, or by population of generators a tensor of spikes or of any numbers by which weights are
-                multiplied, (batch, steps, neurons) or (batch, steps, *shape of the population); it may have a gradient.
-                A spike_generator that is not named emits what the network lists.
+            batch: `Events`, or by population of generators a tensor of spikes or of real-valued factors of the weights,
+                (batch, steps, neurons) or (batch, steps, *shape of the population); it may have a gradient. A
+                spike_generator that is not named emits the spikes that the network lists.
 
         Raises:
-            ModelError: a name or a shape is wrong, something is NaN, delays or parameters of neurons are out of
-                their bounds, or the batch needs more memory than is free.
+            ModelError: a name or a shape is wrong, an input is NaN, delays or parameters of neurons are out of their
+                bounds, or the batch needs more memory than is free.
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
         task = self._task(size, steps)
-        named = batch.trains if isinstance(batch, Events) else batch
-        asked = {
-            k: feeding.checked(part, named.get(part.name))
+        inputs = batch.trains if isinstance(batch, Events) else batch
+        checked = {
+            k: feeding.checked(part, inputs.get(part.name))
             for k, part in enumerate(self.program.populations)
             if part.kind in ("listed", "poisson", "generator")
         }
         if not torch.compiler.is_compiling():
-            memory.refuse_large(self._need(asked, task), task)
-        given = {k: feeding.given_to(self.program.populations[k], each, task) for k, each in asked.items()}
-        emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
+            memory.refuse_large(self._need(checked, task), task)
+        converted = {k: feeding.convert(self.program.populations[k], each, task) for k, each in checked.items()}
+        emitted, potentials = self._scanned(converted, task) if self._plan.parts else self._stepped(converted, task)
         return self._outcome(batch, emitted, potentials, task)
 
-    def _need(self, asked: Mapping[int, Any], task: ScanTask) -> memory.Need:
-        """What a batch takes; how much steps keep is counted once."""
+    def _need(self, checked: Mapping[int, Any], task: ScanTask) -> memory.Need:
+        """Return the memory of a batch; the bytes that steps save are measured once."""
         parts = self.program.populations
 
         def run(steps: int) -> None:
             few = replace(task, batch=1, steps=steps)
-            begun = {k: feeding.beginning(each, steps) for k, each in asked.items()}
-            self._stepped({k: feeding.given_to(parts[k], each, few) for k, each in begun.items()}, few)
+            beginnings = {k: feeding.beginning(each, steps) for k, each in checked.items()}
+            self._stepped({k: feeding.convert(parts[k], each, few) for k, each in beginnings.items()}, few)
 
         def tape() -> float:
-            if "tape" not in self._kept:
-                self._kept["tape"] = memory.kept_by_steps(run, task.steps)
-            kept: float = self._kept["tape"]
-            return kept
+            if "tape" not in self._cache:
+                self._cache["tape"] = memory.saved_per_step(run, task.steps)
+            saved_bytes: float = self._cache["tape"]
+            return saved_bytes
 
-        return memory.need(self.program, self.plan, asked, task, tape)
+        return memory.need(self.program, self.plan, checked, task, tape)
 
-    def _scanned(self, given: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
-        """What populations emit, and potentials at the ends of steps."""
+    def _scanned(self, inputs: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
+        """Return spikes by population, and potentials of the outputs at the ends of steps, by scans."""
         scans = self._scans()[0]
         populations = self.program.populations
-        emitted = {k: feeding.emitted(self.program, populations[k], each, task, scans) for k, each in given.items()}
+        emitted = {k: feeding.emitted(self.program, populations[k], each, task, scans) for k, each in inputs.items()}
         weights = {q: self._weight(q, task) for q, p in enumerate(self.program.projections) if p.carries == "spikes"}
         potentials: dict[int, Tensor] = {}
         for part in self._plan.parts:
             drives: dict[int, Tensor] = {}
-            for each, weight in self._ways(part.outside, weights):
+            for each, weight in self._paths(part.outside, weights):
                 arrived = scans.drive(each, emitted[each.source], weight, task)
                 drives[each.target] = drives[each.target] + arrived if each.target in drives else arrived
             for k in part.cells.keys() - drives.keys():
@@ -183,7 +185,7 @@ class Module(torch.nn.Module):
                 resolution = self.program.resolution
                 emitted |= {k: graded_payloads(populations[k], drive, task, resolution) for k, drive in drives.items()}
                 continue
-            inside = self._ways(part.inside, weights)
+            inside = self._paths(part.inside, weights)
             spikes, before = scans.scan(layers.component(part, inside), drives, [weight for _, weight in inside], task)
             emitted |= spikes
             for k in before.keys() & task.wanted:
@@ -191,96 +193,96 @@ class Module(torch.nn.Module):
                 potentials[k] = torch.where(spikes[k] > 0, reset, before[k])
         return emitted, potentials
 
-    def _ways(self, parts: Iterable[layers.Synapses], weights: Mapping[int, Tensor]) -> list[layers.Way]:
-        """What spikes go along, with its weights: a projection, or two of shares of its weights where delays learn."""
-        found: list[layers.Way] = []
+    def _paths(self, parts: Iterable[layers.Synapses], weights: Mapping[int, Tensor]) -> list[layers.Path]:
+        """Return the paths of spikes with their weights: one per projection, or two if its delays learn."""
+        paths: list[layers.Path] = []
         for part in parts:
             name = self.program.projections[part.projection].name
             if name not in self.delays:
-                found.append((part, weights[part.projection]))
+                paths.append((part, weights[part.projection]))
                 continue
-            listed, weight = self._one_by_one(part.projection), weights[part.projection]
+            each_synapse, weight = self._synapse_list(part.projection), weights[part.projection]
             steps = words.in_steps(self.delays[name], self.program.resolution, name)
-            found += layers.ways(listed, weight, steps, self.training)
-        return found
+            paths += layers.paths(each_synapse, weight, steps, self.training)
+        return paths
 
-    def _one_by_one(self, projection: int) -> layers.Synapses:
-        """The synapses of a projection, listed."""
-        if projection not in self._listed:
-            self._listed[projection] = layers.synapses(self.program, projection, listed=True)
-        return self._listed[projection]
+    def _synapse_list(self, projection: int) -> layers.Synapses:
+        """Return the synapses of a projection as a list."""
+        if projection not in self._synapse_lists:
+            self._synapse_lists[projection] = layers.synapses(self.program, projection, listed=True)
+        return self._synapse_lists[projection]
 
-    def _whole_steps(self, projection: int) -> layers.Synapses:
-        """The synapses of a projection as its network has them."""
+    def _rounded_synapses(self, projection: int) -> layers.Synapses:
+        """Return the synapses of a projection with delays rounded to steps."""
         name = self.program.projections[projection].name
         if name not in self.delays:
             return layers.synapses(self.program, projection)
         steps = words.in_steps(self.delays[name], self.program.resolution, name)
-        return layers.delayed(self._one_by_one(projection), layers.rounded(steps))
+        return layers.delayed(self._synapse_list(projection), layers.rounded(steps))
 
-    def _stepped(self, given: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
-        """The same, step by step."""
+    def _stepped(self, inputs_by_index: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
+        """Return spikes and potentials as `_scanned`, step by step."""
         populations = self.program.populations
         parameters = {name: dict(each.items()) for name, each in self.neurons.items()}
         inputs = {
             populations[k].name: feeding.dense(each, populations[k], task)
-            for k, each in given.items()
+            for k, each in inputs_by_index.items()
             if each is not None
         }
         if task.device not in self._steppers:
             with torch.inference_mode(False):
                 self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
-        delays = {name: delay if self.training else self._whole(name) for name, delay in self.delays.items()}
+        delays = {name: delay if self.training else self._rounded_delays(name) for name, delay in self.delays.items()}
         tensors = Learning(dict(self.weights.items()), delays, parameters)
         return stepped(self._steppers[task.device], task, tensors, inputs)
 
-    def _whole(self, name: str) -> Tensor:
-        """The nearest whole steps of the delays of a projection, in ms."""
+    def _rounded_delays(self, name: str) -> Tensor:
+        """Return the delays of a projection rounded to steps, in ms."""
         steps = words.in_steps(self.delays[name].detach().double(), self.program.resolution, name)
         return steps.round() * self.program.resolution
 
     def hold(self) -> None:
-        """Put what left its bounds back into them: for after each step of an optimiser.
+        """Move values that left their bounds back into them; call this after each step of an optimiser.
 
-        Delays are at least one step, parameters of neurons within the bounds that their model has, and V_th is above
-        V_reset. What may not reach its bound, such as tau_m 0, is put 0.001 of its unit (ms, mV, pF) inside. Nothing
-        else is changed.
+        Delays become at least one step, parameters of neurons stay within the bounds of their model, and V_th stays
+        above V_reset. A bound that is excluded, such as 0 of tau_m, is kept at a distance of 0.001 units (ms, mV, pF).
+        Other values are not changed.
 
         Raises:
-            ModelError: what learns has become NaN or infinite, or a delay is longer than any may be; it says what.
+            ModelError: a learnt value is NaN or infinite, or a delay is too long; the message names it.
         """
         words.hold(self.program, self.weights, self.delays, self.neurons)
 
     def network(self) -> neuro.Network:
-        """The network with what was learnt, which every backend runs; what was drawn at random is listed in it.
+        """Return the network with the learnt values, which every backend runs; random draws are listed in it.
 
         Raises:
-            ModelError: something that was learnt is NaN or out of its bounds.
+            ModelError: a learnt value is NaN or out of its bounds.
         """
         words.check(self.program, self.weights, self.delays, self.neurons)
-        found = {part.name: q for q, part in enumerate(self.program.projections)}
-        taken = {found[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
+        index_of = {part.name: q for q, part in enumerate(self.program.projections)}
+        weights = {index_of[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
         parameters = {
             (self._index[name], word): values.detach().cpu().double().numpy()
             for name, each in self.neurons.items()
             for word, values in each.items()
         }
-        delays = {name: self._whole(name).cpu().numpy() for name in self.delays}
-        return network_of(self._net, self._seed, taken, parameters, delays)
+        delays = {name: self._rounded_delays(name).cpu().numpy() for name in self.delays}
+        return network_of(self._net, self._seed, weights, parameters, delays)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy or a pickle has of it: all but what is made again when a batch asks for it."""
-        return self.__dict__ | {"_kept": {}, "_listed": {}, "_steppers": {}}
+        """Return the state of a copy or pickle, without the caches."""
+        return self.__dict__ | {"_cache": {}, "_synapse_lists": {}, "_steppers": {}}
 
     def on(self, net: neuro.Network) -> Module:
-        """A module of another network that learns the same projections in the same way, with the same outputs.
+        """Return a module of another network that learns the same projections in the same way, with the same outputs.
 
-        Its weights are not quantised.
+        The weights of the new module are not quantised.
         """
         like, learns = self._like(), {name: ["weight"] for name in self.weights}
         for name in self.delays:
             learns[name] = [*learns.get(name, []), "delay"]
-        made = Module(
+        module = Module(
             net,
             learns | {name: list(each) for name, each in self.neurons.items()},
             surrogate=self.surrogate,
@@ -291,38 +293,38 @@ class Module(torch.nn.Module):
             damping=self.damping,
             by=self._by,
         )
-        made.to(like.device)
-        return made
+        module.to(like.device)
+        return module
 
     def extra_repr(self) -> str:
-        """What torch shows of it."""
+        """Return the line that `repr` shows."""
         return f"{self.program.name!r}, outputs={list(self.outputs)}, surrogate={self.surrogate}"
 
     def _refuse(self) -> None:
-        """Refuse a network that cannot be run or differentiated, with all reasons."""
-        found = [*problems(self.program), *without_gradient(self.program)]
-        if found:
+        """Refuse a network that cannot run or be differentiated, with all reasons."""
+        refusals = [*problems(self.program), *without_gradient(self.program)]
+        if refusals:
             reasons = "".join(
                 f"\n{f'{each.origin}: ' if each.origin else ''}{each.what}: {each.why}"
                 f"{f'{chr(10)}  hint: {each.way_out}' if each.way_out else ''}"
-                for each in found
+                for each in refusals
             )
-            count = f"{len(found)} problem{'s' * (len(found) > 1)}"
+            count = f"{len(refusals)} problem{'s' * (len(refusals) > 1)}"
             raise ModelError(f"network '{self.program.name}' cannot be trained by gradients ({count}){reasons}")
 
-    def _outputs(self, named: Sequence[str] | None) -> tuple[str, ...]:
+    def _outputs(self, names: Sequence[str] | None) -> tuple[str, ...]:
         neurons = [part.name for part in self.program.populations if part.kind == "neuron"]
-        named = [named] if isinstance(named, str) else named
-        if named is None:
+        names = [names] if isinstance(names, str) else names
+        if names is None:
             sending = {self.program.populations[p.source].name for p in self.program.projections}
             return tuple(name for name in neurons if name not in sending) or tuple(neurons)
-        for name in named:
+        for name in names:
             if name not in neurons:
                 raise unknown("population of neurons", name, neurons)
-        return tuple(named)
+        return tuple(names)
 
     def _scans(self) -> tuple[Any, str]:
-        """What does the scans where the parameters are, and its name."""
+        """Return the implementation of the scans on the parameters' device, and its name."""
         like = self._like()
         fits = like.device.type == "cpu" and like.dtype in (torch.float32, torch.float64)
         by = self._by or ("kernels" if fits else "torch")
@@ -334,77 +336,77 @@ class Module(torch.nn.Module):
         return compiled if by == "kernels" else operations, by
 
     def _like(self) -> Tensor:
-        """A parameter, whose type and device are those of all."""
+        """Return any parameter; all have the same dtype and device."""
         return next(self.parameters())
 
     def _task(self, batch: int, steps: int) -> ScanTask:
-        like, wanted = self._like(), frozenset(self._index[name] for name in self.outputs)
-        if self._kept.get("steps") != steps:
+        like, outputs = self._like(), frozenset(self._index[name] for name in self.outputs)
+        if self._cache.get("steps") != steps:
             cells = {k: cell for part in self._plan.parts for k, cell in part.cells.items()}
-            self._kept["steps"] = steps
-            self._kept["push"] = {k: layers.push(self.program, cell, steps) for k, cell in cells.items()}
-        push = self._kept["push"]
-        return ScanTask(batch, steps, like.dtype, like.device, self.surrogate, self.damping, push, wanted)
+            self._cache["steps"] = steps
+            self._cache["push"] = {k: layers.push(self.program, cell, steps) for k, cell in cells.items()}
+        push = self._cache["push"]
+        return ScanTask(batch, steps, like.dtype, like.device, self.surrogate, self.damping, push, outputs)
 
     def _weight(self, projection: int, task: ScanTask) -> Tensor:
-        """The weights of a projection; those that do not learn are the network's in the type of the others."""
+        """Return the weights of a projection, with the parameters' dtype and device."""
         name, key = self.program.projections[projection].name, (projection, task.dtype, task.device)
-        if name not in self.weights and key not in self._kept:
-            # What is made in inference mode could never be trained with.
+        if name not in self.weights and key not in self._cache:
+            # A tensor made in inference mode could not be used in a later training.
             with torch.inference_mode(False):
-                self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
-        weight: Tensor = self.weights[name] if name in self.weights else self._kept[key]
+                self._cache[key] = torch.tensor(self._weight_in_shape(projection), dtype=task.dtype, device=task.device)
+        weight: Tensor = self.weights[name] if name in self.weights else self._cache[key]
         part = self.program.projections[projection]
         sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
         if weight.shape != (shape := layers.shape_of(part, sizes)):
             raise ModelError(f"weights of '{name}': found {tuple(weight.shape)}: expected the shape {shape}")
         return weight
 
-    def _first_weight(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
+    def _initial_weight(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
         index = [part.name for part in self.program.projections].index(name)
-        return torch.nn.Parameter(torch.tensor(self._shaped(index), dtype=dtype))
+        return torch.nn.Parameter(torch.tensor(self._weight_in_shape(index), dtype=dtype))
 
-    def _first_delay(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
+    def _initial_delay(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
         part = next(part for part in self.program.projections if part.name == name)
         return torch.nn.Parameter(torch.tensor(part.delay * self.program.resolution, dtype=dtype))
 
-    def _first(self, population: str, word: str, dtype: torch.dtype) -> torch.nn.Parameter:
+    def _initial_parameter(self, population: str, word: str, dtype: torch.dtype) -> torch.nn.Parameter:
         values = self.program.populations[self._index[population]].parameters[word]
         return torch.nn.Parameter(torch.tensor(values, dtype=dtype))
 
-    def _shaped(self, projection: int) -> Floats:
+    def _weight_in_shape(self, projection: int) -> Floats:
         part = self.program.projections[projection]
         sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
         return part.weight.reshape(layers.shape_of(part, sizes))
 
     def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: ScanTask) -> Outcome:
-        outs = {name: self._index[name] for name in self.outputs}
-        sent = {k: self._messages(k, each) for k, each in emitted.items()}
-        counts = {n: partial(self._count, batch, k, sent[k], task) for n, k in self._index.items() if k in sent}
+        outputs = {name: self._index[name] for name in self.outputs}
+        messages = {k: self._messages(k, each) for k, each in emitted.items()}
+        counts = {n: partial(self._count, batch, k, messages[k], task) for n, k in self._index.items() if k in messages}
         active = {
-            part.name: partial(self._active, k, sent, task)
+            part.name: partial(self._active, k, messages, task)
             for k, part in enumerate(self.program.populations)
             if part.kind == "neuron"
         }
         return Outcome(
-            {name: emitted[k] for name, k in outs.items()},
-            {name: potentials[k] for name, k in outs.items() if k in potentials},
-            Told("population", counts),
-            Told("population of neurons", active),
+            {name: emitted[k] for name, k in outputs.items()},
+            {name: potentials[k] for name, k in outputs.items() if k in potentials},
+            LazyMapping("population", counts),
+            LazyMapping("population of neurons", active),
             task.steps,
             self.program.resolution,
             self.program,
         )
 
     def _messages(self, population: int, emitted: Any) -> Any:
-        """What a population emitted as spikes, each of which counts as one where it carries a payload."""
+        """Return the spikes of a population; each graded message counts as one."""
         part = self.program.populations[population]
         if not part.model.graded or not isinstance(emitted, Tensor):
             return emitted
         return graded_messages(part, emitted, self.surrogate)
 
     def _count(self, batch: Any, index: int, emitted: Any, task: ScanTask) -> Tensor:
-        """The spikes of each neuron of a population."""
+        """Return the number of spikes of each neuron of a population."""
         if isinstance(emitted, Tensor):
             summed: Tensor = torch.sum(emitted, 1)
             return summed
@@ -412,10 +414,12 @@ class Module(torch.nn.Module):
         return torch.from_numpy(batch.counts(part.name, part.size)).to(task.device, task.dtype)
 
     def _active(self, population: int, emitted: Mapping[int, Any], task: ScanTask) -> Tensor:
-        """The updates of a population that something arrives at, or a spike ends; delays that learn are whole."""
+        """Return the number of active updates of a population, with learnt delays rounded to steps."""
         parts = enumerate(self.program.projections)
-        wired = [self._whole_steps(q) for q, part in parts if part.target == population and part.carries == "spikes"]
-        return active_updates(population, emitted, wired, task, self._scans()[0])
+        incoming = [
+            self._rounded_synapses(q) for q, part in parts if part.target == population and part.carries == "spikes"
+        ]
+        return active_updates(population, emitted, incoming, task, self._scans()[0])
 
 
 def _steps(duration: Any, resolution: float) -> int:
@@ -437,52 +441,52 @@ def _share(value: Any) -> float:
     return float(value)
 
 
-def _one_of(word: str, value: Any, known: Sequence[Any]) -> Any:
-    if value not in known:
-        raise unknown(word, value, [each for each in known if each])
+def _one_of(word: str, value: Any, choices: Sequence[Any]) -> Any:
+    if value not in choices:
+        raise unknown(word, value, [each for each in choices if each])
     return value
 
 
 Parameters = Mapping[tuple[int, str], Floats]
-"""By population and word."""
+"""Parameter values by index of the population and name."""
 
 
-class Still:
-    """A backend that runs nothing: it holds what was learnt, so that a simulation makes a network of it.
+class LearntValues:
+    """A backend that runs nothing but holds the learnt values, so that `Simulation.network` can list them.
 
     Args:
-        weights: by index of the projection; the others are the program's.
-        parameters: of neurons, likewise.
+        weights: by index of the projection; other projections keep the program's weights.
+        parameters: parameters of neurons, by index of the population and name.
     """
 
     name = "torch"
-    description = "holds what was learnt"
+    description = "holds learnt values"
 
     def __init__(self, weights: Mapping[int, Floats], parameters: Parameters) -> None:
         self._weights, self._parameters = weights, parameters
 
     def problems(self, program: Program, **options: Any) -> list[Any]:
-        """Nothing is run, so nothing is refused."""
+        """Return no problems, since nothing runs."""
         return []
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Any:
-        """What answers for an engine at step 0."""
-        return _Held(program, self._weights, self._parameters)
+        """Return an engine at step 0 that only answers `get` and `get_synapses`."""
+        return _LearntValuesEngine(program, self._weights, self._parameters)
 
 
-class _Held:
+class _LearntValuesEngine:
     step = 0
 
     def __init__(self, program: Program, weights: Mapping[int, Floats], parameters: Parameters) -> None:
         self._program, self._weights, self._parameters = program, weights, parameters
 
     def get(self, population: int, name: str, ids: NDArray[np.int64] | None = None) -> Floats:
-        """A parameter of all neurons."""
+        """Return a parameter of all neurons."""
         part = self._program.populations[population]
         return np.broadcast_to(self._parameters.get((population, name), part.parameters[name]), part.size)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """The weight of every synapse."""
+        """Return the weight of every synapse."""
         part = self._program.projections[projection]
         return np.broadcast_to(self._weights.get(projection, part.weight), part.size)
 
@@ -494,14 +498,14 @@ def network_of(
     parameters: Parameters,
     delays: Mapping[str, Floats],
 ) -> neuro.Network:
-    """A network with other weights, parameters and delays (ms); what was drawn at random is listed in it."""
-    held: Any = Still(weights, parameters)
-    sim = neuro.compile(net, backend=held, seed=seed)
-    made, sizes = sim.network(), {part.name: part.size for part in sim.program.populations}
+    """Return a network with other weights, parameters and delays (ms); random draws are listed in it."""
+    backend: Any = LearntValues(weights, parameters)
+    sim = neuro.compile(net, backend=backend, seed=seed)
+    network, sizes = sim.network(), {part.name: part.size for part in sim.program.populations}
     for name, delay in delays.items():
-        part = made.projections[name]
+        part = network.projections[name]
         shaped: Any = float(delay[0]) if delay.size == 1 else delay
         if isinstance(part.rule, neuro.all_to_all) and delay.size > 1:
             shaped = delay.reshape(sizes[part.source], sizes[part.target])
-        made.projections[name] = replace(part, delay=shaped)
-    return made
+        network.projections[name] = replace(part, delay=shaped)
+    return network

@@ -1,4 +1,4 @@
-"""What a batch made of a network: spikes, potentials and counts, as tensors."""
+"""The result of a batch: spikes, potentials and counts, as tensors."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ __all__ = ["Outcome", "active_updates"]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a batch made of a network.
+    """Result of a batch.
 
     Index 0 of an axis of steps is the first step of the run.
 
     Attributes:
-        spikes: by population of the outputs 0 or 1, of graded ones payloads, (batch, steps, neurons); gradients go
-            through the surrogate.
-        V_m: likewise the potential at the end of each step in mV, after a reset, as NEST records it.
-        counts: by population, of all neurons and inputs, the spikes of each neuron, of graded ones its messages,
-            (batch, neurons). Those of neurons have gradients.
-        active: by population of neurons, how many updates had an arrival or a spike, (batch,).
-        steps: of each recording.
-        step: length of one in ms.
-        program: the network that made it.
+        spikes: by output population 0 or 1, payloads for graded neurons, (batch, steps, neurons); the surrogate gives
+            their gradient.
+        V_m: by output population the potential at the end of each step, after a reset, as NEST records it, mV.
+        counts: by population, inputs included, the number of spikes or messages of each neuron, (batch, neurons).
+            Counts of neurons have gradients.
+        active: by population of neurons the number of updates with an arrival or a spike, (batch,).
+        steps: number of steps of each recording.
+        step: length of a step in ms.
+        program: the network of the outcome.
     """
 
     spikes: Mapping[str, Tensor]
@@ -50,16 +50,16 @@ class Outcome:
 
     @cached_property
     def batch(self) -> int:
-        """Recordings."""
+        """Number of recordings."""
         return len(next(iter(self.spikes.values())))
 
 
-class Told(Mapping[str, Any]):
-    """Values by population that are worked out when they are asked for.
+class LazyMapping(Mapping[str, Any]):
+    """Values by population that are computed on first access.
 
     Args:
-        kind: what they are of, for messages.
-        makers: by name what makes each.
+        kind: kind of the keys, for messages.
+        makers: function by name that computes each value.
     """
 
     def __init__(self, kind: str, makers: Mapping[str, Any]) -> None:
@@ -88,33 +88,35 @@ class Told(Mapping[str, Any]):
 def active_updates(
     population: int, emitted: Mapping[int, Any], incoming: Iterable[Synapses], task: ScanTask, scans: Any
 ) -> Tensor:
-    """How many of a population in each recording, shape (batch,), as `neuro.Simulation.counts` has them.
+    """Return the number of active updates of a population in each recording, shape (batch,).
+
+    An update is active if a spike arrives or the neuron fires, as in `neuro.Simulation.counts`.
 
     Args:
-        population: the index.
-        emitted: spikes of populations, dense or packed.
-        incoming: the projections onto it.
-        task: of the pass.
-        scans: `neuro_torch.scan.compiled` or `neuro_torch.scan.operations`, which took the spikes.
+        population: index of the population.
+        emitted: spikes by population, dense or packed.
+        incoming: the projections onto the population.
+        task: sizes, dtype and device of the pass.
+        scans: `neuro_torch.scan.compiled` or `neuro_torch.scan.operations`, whose format `emitted` has.
     """
     with torch.no_grad():
-        heard = emitted[population] > 0
+        is_active = emitted[population] > 0
         for part in incoming:
-            heard = heard | _arrived(part, emitted[part.source], task, scans)
-        updates: Tensor = heard.sum((1, 2))
+            is_active = is_active | _arrived(part, emitted[part.source], task, scans)
+        updates: Tensor = is_active.sum((1, 2))
         return updates
 
 
 def _arrived(part: Synapses, spikes: Any, task: ScanTask, scans: Any) -> Tensor:
-    """Where spikes arrive, (batch, steps, targets), or (batch, steps, 1) where every target hears every source."""
+    """Return where spikes arrive, (batch, steps, targets), or (batch, steps, 1) if all targets receive every source."""
     if not part.dense or not isinstance(spikes, (Tensor, Packed)):
         ones = torch.ones(part.shape, dtype=task.dtype, device=task.device)
         arrived: Tensor = scans.drive(part, spikes, ones, task) > 0
         return arrived
     if isinstance(spikes, Tensor):
-        some = (spikes > 0).any(2)
+        has_spike = (spikes > 0).any(2)
     else:
-        some = torch.from_numpy(spikes.ends[1:] > spikes.ends[:-1]).reshape(task.batch, task.steps)
-    heard = torch.zeros_like(some)
-    heard[:, part.least :] = some[:, : task.steps - part.least]
-    return heard[:, :, None]
+        has_spike = torch.from_numpy(spikes.ends[1:] > spikes.ends[:-1]).reshape(task.batch, task.steps)
+    steps_with_arrival = torch.zeros_like(has_spike)
+    steps_with_arrival[:, part.least :] = has_spike[:, : task.steps - part.least]
+    return steps_with_arrival[:, :, None]

@@ -1,4 +1,4 @@
-"""What torch cannot run as described, what has no gradient, and the way out of each."""
+"""Features that torch cannot run, populations without a gradient, and the way out of each problem."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from neuro_torch.translate import Untranslatable, translated
 ELSEWHERE = "backend 'event' runs it"
 LEARNT_THERE = f"backend 'event' runs it: {SAVE_FROZEN}"
 RESET = {"izhikevich": "c"}
-"""The parameter that is the potential after a spike, of models that do not call it V_reset."""
+"""Reset potential by model: the parameter's name where it differs from V_reset."""
 
 
 def problems(program: Program) -> list[Problem]:
-    """All that is refused."""
+    """Return every feature of a program that the backend refuses."""
     chips = floats_only(program)
     if chips:
         return chips
-    found = [_refused(f"group '{g.name}'", f"there is no {g.choice.noun} here", ELSEWHERE, g) for g in program.groups]
+    refusals = [_refused(f"group '{g.name}'", f"torch has no {g.choice.noun}", ELSEWHERE, g) for g in program.groups]
     if program.trials is not None:
         way_out = f"{ELSEWHERE}; neuro_torch.Module trains by gradients instead"
-        found.append(_refused("trials", "there are none here", way_out, program.trials))
+        refusals.append(_refused("trials", "torch runs none", way_out, program.trials))
     for projection in program.projections:
         if projection.synapse.learns:
             what = f"projection '{projection.name}': {projection.synapse.name}"
-            found.append(_refused(what, "only static synapses are here", LEARNT_THERE, projection))
+            refusals.append(_refused(what, "torch has static synapses only", LEARNT_THERE, projection))
     for part in program.populations:
-        found += _of_population(part)
-    return found
+        refusals += _population_problems(part)
+    return refusals
 
 
-def _of_population(part: Population) -> Iterator[Problem]:
+def _population_problems(part: Population) -> Iterator[Problem]:
     if isinstance(part.model, Neuron) and part.model.most:
         message = f"population '{part.name}': {part.model_name}"
         yield _refused(message, "its neurons are stepped together, one after the other", ELSEWHERE, part)
@@ -50,15 +50,15 @@ def _of_population(part: Population) -> Iterator[Problem]:
 
 
 def without_gradient(program: Program) -> list[Problem]:
-    """Populations through whose spikes no gradient goes."""
-    found = []
+    """Return the populations whose spikes pass on no gradient."""
+    refusals = []
     for part in program.populations:
         if isinstance(part.model, Neuron) and (why := _no_gradient(part)):
             message = f"population '{part.name}': {part.model_name}"
-            found.append(
+            refusals.append(
                 _refused(message, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
             )
-    return found
+    return refusals
 
 
 def _no_gradient(part: Population) -> str:
@@ -80,7 +80,7 @@ def _no_gradient(part: Population) -> str:
 
 
 def reset_of(part: Population) -> str:
-    """The parameter that is the potential after a spike."""
+    """Return the name of the parameter that holds the potential after a spike."""
     return RESET.get(part.model.name, "V_reset")
 
 

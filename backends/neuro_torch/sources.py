@@ -1,4 +1,4 @@
-"""Generators on the host: spikes by the keyed numbers that all backends share, and currents along one projection."""
+"""Generators on the host: spikes from the keyed random numbers that all backends share, and currents by projection."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from neuro_torch.cells import TensorCells, constants_of
 
 
 class TensorSource:
-    """A population that emits spikes of its own: listed, Poisson, or by the `emit` of its model.
+    """A population that emits spikes of its own: listed, Poisson, or from the `emit` of its model.
 
     Attributes:
-        parameters: by word, as they are now.
-        states: of a generator that has some, shape (states, size).
+        parameters: current values by name.
+        states: states of a generator, shape (states, size).
         steps, ids, numbers: listed spikes, each with its payload, or 1.
 
     Args:
         part: the population.
         resolution: length of a step in ms.
-        seed: of the draws.
+        seed: seed of the draws.
     """
 
     def __init__(self, part: Population, resolution: float, seed: int) -> None:
@@ -34,7 +34,7 @@ class TensorSource:
         self.start_anew()
 
     def start_anew(self) -> None:
-        """As at step 0; parameters stay."""
+        """Return to step 0; parameters stay."""
         self.states: Floats = np.zeros((len(self.names), self.part.size))
         for row, name in enumerate(self.names):
             self.states[row] = self.part.initial[name]
@@ -47,43 +47,43 @@ class TensorSource:
         self.states[self.names.index(name)] = values
 
     def refresh(self) -> None:
-        """Work out the constants after a change of parameters."""
+        """Compute the constants after a change of parameters."""
         if self.part.kind == "generator":
             self._constants = constants_of(self.part, self.parameters, self._h)
-            alike = bool((self._constants == self._constants[0]).all())
-            self._runs = [(0, self.part.size)] if alike else [(i, i + 1) for i in range(self.part.size)]
+            is_uniform = bool((self._constants == self._constants[0]).all())
+            self._runs = [(0, self.part.size)] if is_uniform else [(i, i + 1) for i in range(self.part.size)]
 
     def emit(self, step: int) -> Ints:
-        """How many spikes each neuron emits in a step, or its payload."""
+        """Return the number of spikes of each neuron in a step, or its payload."""
         if self.part.kind == "listed":
-            found: Ints = np.zeros(self.part.size, dtype=np.int64)
-            due = self.steps == step
-            np.add.at(found, self.ids[due], self.numbers[due])
-            return found
+            emitted: Ints = np.zeros(self.part.size, dtype=np.int64)
+            is_due = self.steps == step
+            np.add.at(emitted, self.ids[is_due], self.numbers[is_due])
+            return emitted
         if not self.part.start < step <= self.part.stop:
             return np.zeros(self.part.size, dtype=np.int64)
-        return self._drawn(step) if self.part.kind == "poisson" else self._emitted(step)
+        return self._poisson(step) if self.part.kind == "poisson" else self._by_model(step)
 
     def inject(self, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> None:
-        """Add listed spikes; those up to step `now` are forgotten."""
-        ahead, numbers = self.steps > now, np.ones_like(ids) if payloads is None else payloads
+        """Add listed spikes; those up to step `now` are dropped."""
+        is_later, numbers = self.steps > now, np.ones_like(ids) if payloads is None else payloads
         self.steps, self.ids, self.numbers = (
-            np.concatenate((old[ahead], new))
+            np.concatenate((old[is_later], new))
             for old, new in ((self.steps, steps), (self.ids, ids), (self.numbers, numbers))
         )
 
-    def _drawn(self, step: int) -> Ints:
-        numbers: Ints = np.zeros(self.part.size, dtype=np.int64)
+    def _poisson(self, step: int) -> Ints:
+        counts: Ints = np.zeros(self.part.size, dtype=np.int64)
         rate = self.parameters["rate"] if self.part.schedule is None else self.part.schedule.at(step)
         if rate.any():
             u = keyed_random.uniform(self._key, step, np.arange(self.part.size))
             means = np.broadcast_to(rate * self._h / 1000.0, self.part.size)
             for mean in np.unique(means):
-                here = means == mean
-                numbers[here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[here], side="right")
-        return numbers
+                same_mean = means == mean
+                counts[same_mean] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[same_mean], side="right")
+        return counts
 
-    def _emitted(self, step: int) -> Ints:
+    def _by_model(self, step: int) -> Ints:
         model = self.part.model
         assert isinstance(model, Generator)
         u, out = keyed_random.uniform(self._key, step, np.arange(self.part.size)), np.zeros(self.part.size)
@@ -96,14 +96,14 @@ class Flow:
     """A projection that carries a current.
 
     Attributes:
-        weights: of every synapse.
-        due: what is to act, (steps modulo the longest delay + 2, neuron).
-        held: what was sent last.
+        weights: weight of every synapse.
+        due: current that acts in later steps, (step modulo the longest delay + 2, neuron).
+        held: the last emitted currents, which stay until the next change.
 
     Args:
         program: the network.
-        index: which projection.
-        parameters: of its generator, as they are now; shared by all its projections.
+        index: index of the projection.
+        parameters: current parameters of its generator, shared by all its projections.
     """
 
     def __init__(self, program: Program, index: int, parameters: dict[str, Floats]) -> None:
@@ -117,34 +117,34 @@ class Flow:
         self.start_anew()
 
     def start_anew(self) -> None:
-        """Nothing is under way."""
+        """Drop all currents that have not acted."""
         slots = int(self._delay.max(initial=1)) + 2
         self.due: Floats = np.zeros((slots, self._program.populations[self.part.target].size))
         self.held: Floats = np.zeros(self._emission.columns)
 
     def send(self, step: int) -> None:
-        """Send the current emitted in a step, if any; it acts in the step after its arrival."""
+        """Send the current emitted in a step, if any; a current acts in the step after its arrival."""
         now = np.array([step])
         if not self._emission.on(now).size:
             return
         if self._emission.moments(now)[0] == step:
-            self.held = self._emission.at(now, self._in_force(step))[0]
+            self.held = self._emission.at(now, self._parameters_at(step))[0]
         amount = self.held[self._emission.column] * self.weights[self._slot]
         np.add.at(self.due, ((step + self._delay + 1) % len(self.due), self._target), amount)
 
-    def _in_force(self, step: int) -> dict[str, Floats]:
+    def _parameters_at(self, step: int) -> dict[str, Floats]:
         schedule = self._source.schedule
         return self.parameters if schedule is None else {"amplitude": schedule.at(step)}
 
     def arrive(self, step: int) -> Floats:
-        """Take what acts in a step, pA for each neuron."""
+        """Remove and return the current that acts in a step, pA for each neuron."""
         place = step % len(self.due)
-        found: Floats = self.due[place].copy()
+        current: Floats = self.due[place].copy()
         self.due[place] = 0.0
-        return found
+        return current
 
     def charge(self, cells: TensorCells, step: int) -> None:
-        """A current to a receptor adds to the state in which the receptor keeps its own."""
+        """Add a current to a receptor to the state that holds the receptor's current."""
         if self.part.receptor is not None:
             state, share = filtered_current(self._program, self.part, cells.parameters)
             cells.states[state] = cells.states[state] + torch.from_numpy(share * self.arrive(step)).to(cells.device)

@@ -1,6 +1,6 @@
-"""The step of a program for a batch of recordings, differentiable; `neuro_torch.Module` uses it where no scan fits.
+"""A differentiable step of a program for a batch of recordings; `neuro_torch.Module` uses it where no scan fits.
 
-Tensors may stand for numbers of the program: they are checked to fit it, and delays may lie between two steps.
+Tensors may replace numbers of the program. Their shapes and bounds are checked, and delays may lie between two steps.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from neuro_torch.scan.gradients import joined
 from neuro_torch.scan.layers import ScanTask
 from neuro_torch.sources import Flow, TensorSource
 from neuro_torch.trainable import check_parameters, in_steps
-from neuro_torch.wires import Arrivals, Emitted, Learnt, TorchProjection
+from neuro_torch.wires import Arrivals, Emitted, TorchProjection, WeightAccumulator
 
 if TYPE_CHECKING:
     from neuro_torch.surrogates import Surrogate
 
 
 Tensors = Mapping[str, Tensor]
+_RELAY = "parrot_neuron"
 
 
 def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mapping[str, Tensors]) -> None:
-    """Refuse tensors for what is not there, of another shape, or parameters out of their bounds.
+    """Refuse tensors of unknown names or wrong shapes, and parameters out of their bounds.
 
     Raises:
-        ModelError: it says which.
+        ModelError: it names the tensor.
     """
     projections = {part.name: part for part in program.projections if part.carries == "spikes"}
     for word, tensors in (("weights", weights), ("delays", delays)):
@@ -58,9 +59,6 @@ def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mappi
         check_parameters(neurons[name], words)
 
 
-_RELAY = "parrot_neuron"
-
-
 def _check_shape(what: str, values: Tensor, size: int) -> None:
     if values.shape not in ((1,), (size,)) or values.dtype is not torch.float64:
         found = f"{tuple(values.shape)} of {values.dtype}"
@@ -70,30 +68,31 @@ def _check_shape(what: str, values: Tensor, size: int) -> None:
 def between_steps(
     program: Program, index: int, device: torch.device, delays: Tensor, weights: Tensor
 ) -> list[tuple[TorchProjection, Tensor]]:
-    """A projection whose delays lie between two steps: wires for the later and for the earlier, with their weights.
+    """Return the projection twice, with delays rounded up and down, and the share of the weights for each.
 
-    A spike arrives in both, in shares that say how near the delay is to each, so that a gradient moves it.
+    A spike arrives in both steps, in shares by the distance of the delay to each, so that a gradient moves the delay.
+    For example, a delay of 2.25 steps delivers 0.75 of the weight after 2 steps and 0.25 after 3 steps.
 
     Args:
         program: the network.
-        index: which projection.
-        device: where its arrays are.
-        delays: in ms, of all synapses or of each.
-        weights: likewise.
+        index: index of the projection.
+        device: device of its arrays.
+        delays: delays in ms, one for all synapses or one each.
+        weights: weights, one for all synapses or one each.
 
     Raises:
-        ModelError: a delay is NaN, or longer than any may be.
+        ModelError: a delay is NaN or too long.
     """
     steps = in_steps(delays, program.resolution, program.projections[index].name)
     whole = steps.detach().floor()
-    late = steps - whole
+    share_later = steps - whole
     earlier = whole.cpu().numpy().astype(np.int64)
-    shares = ((earlier + 1, weights * late), (earlier, weights * (1.0 - late)))
+    shares = ((earlier + 1, weights * share_later), (earlier, weights * (1.0 - share_later)))
     return [(TorchProjection(program, index, device, delay), share) for delay, share in shares]
 
 
 class Stepper:
-    """A program in execution for a batch, from step 0; without a gradient each recording is what it would be alone.
+    """A program in execution for a batch, from step 0; without gradients each recording runs as it would alone.
 
     ```python
     stepper = Stepper(program, surrogate=FastSigmoid())
@@ -103,27 +102,27 @@ class Stepper:
         v = stepper.state("hidden", "V_m")                 # (batch, neurons), mV, after the step and its resets
     ```
 
-    Gradients go to `weights`, `parameters`, inputs that ask for them, and, through time, to all spikes. Of a spike that
-    is derivative(x) / (V_th - V_reset) per mV, at x = (V_m - V_th) / (V_th - V_reset) before the reset, where V_m and
-    V_th are what the model compares, also where a threshold adapts; it is 0 while the neuron is refractory. A reset
-    has no gradient: what a neuron was before its spike is gone. A Poisson generator and a neuron that draws are keyed
-    by step, so all recordings of a batch see one draw.
+    Gradients flow to `weights`, `parameters`, inputs that require them, and, through time, to all spikes. The gradient
+    of a spike is derivative(x) / (V_th - V_reset) per mV, at x = (V_m - V_th) / (V_th - V_reset) before the reset. V_m
+    and V_th are the values that the model compares, also if a threshold adapts. The gradient is 0 while the neuron is
+    refractory. A reset has no gradient, since V_m before the spike no longer matters. Poisson generators and neurons
+    that draw are keyed by step, so all recordings of a batch share one draw.
 
     Attributes:
         now: the last finished step.
-        spikes: what each population emitted in it, by index; None before the first.
-        heard: which neurons an input or a spike of their own concerned in it, by index, if `hears`.
+        spikes: spikes of each population in the last step, by index; None before the first step.
+        heard: masks of the neurons with an arrival or a spike in the last step, by index of the population, if `hears`.
 
     Args:
-        program: the network; `neuro_torch.backend.problems` says what of one cannot run here.
-        batch: recordings.
+        program: the network; `neuro_torch.backend.problems` lists what cannot run here.
+        batch: number of recordings.
         device: "cpu", "cuda" or a torch.device.
-        surrogate: with `derivative(x)`; None leaves spikes without a gradient.
-        weights: tensors of doubles in the unit of the network in place of the program's, by projection: shape (1,)
-            where all share one, else (synapses,) in the order of the program's weights.
-        parameters: likewise of neurons, by population and word, shape (1,) or (neurons,).
-        delays: likewise of projections, in ms; between two steps a spike arrives in shares in both.
-        hears: whether `heard` is kept.
+        surrogate: derivative of a spike; None leaves spikes without a gradient.
+        weights: tensors of doubles that replace the program's weights, by projection, in its unit: shape (1,) for one
+            shared weight, else (synapses,) in the order of the program's weights.
+        parameters: tensors that replace parameters of neurons, by population and name, shape (1,) or (neurons,).
+        delays: tensors that replace delays, by projection, in ms; a spike between two steps arrives in both in shares.
+        hears: whether to record `heard`.
 
     Raises:
         ModelError: a name is unknown, a tensor has another shape, or spikes of a model have no gradient.
@@ -171,7 +170,7 @@ class Stepper:
         parameters: Mapping[str, Tensors] | None = None,
         delays: Tensors | None = None,
     ) -> None:
-        """Begin at step 0 with other tensors, which stand for the program's numbers as above; much faster than anew."""
+        """Begin a batch at step 0 with other tensors in place of the program's numbers, faster than a new stepper."""
         program, named, late = self.program, dict(weights or {}), dict(delays or {})
         check(program, named, late, parameters or {})
         self.batch = batch
@@ -195,9 +194,9 @@ class Stepper:
         self.start_anew()
 
     def start_anew(self) -> None:
-        """Back to step 0; weights and parameters stay."""
+        """Return to step 0; weights and parameters stay."""
         self.now = 0
-        self._learnt: dict[TorchProjection, Learnt] = {}
+        self._accumulators: dict[TorchProjection, WeightAccumulator] = {}
         parts: list[TensorCells | TensorSource | Flow] = [
             *self.cells.values(),
             *self.sources.values(),
@@ -211,57 +210,57 @@ class Stepper:
         self.heard: dict[int, Tensor] = {}
 
     def state(self, population: str, name: str) -> Tensor:
-        """A state of all neurons, shape (batch, neurons)."""
+        """Return a state of all neurons, shape (batch, neurons)."""
         cells = self.cells[self._numbers[population]]
         return cells.states[cells.names.index(name)]
 
     def emitted(self, population: int) -> Emitted | None:
-        """What a population emitted in the last step; None of one that emits no spikes, or before the first step."""
-        sent = self.sent[population]
-        return sent[-1][1] if sent and sent[-1][0] == self.now else None
+        """Return the spikes of a population in the last step; None if it emits no spikes, or before the first step."""
+        emissions = self.sent[population]
+        return emissions[-1][1] if emissions and emissions[-1][0] == self.now else None
 
     def parameters(self, population: int) -> dict[str, Floats]:
-        """The parameters of a population, as they are now, by word."""
+        """Return the current parameters of a population, by name."""
         part = self.cells.get(population) or self.sources.get(population)
         return self.emitters[population] if part is None else part.parameters
 
     def memory(self) -> dict[str, int]:
-        """Bytes of states and synapses."""
+        """Return bytes of states and synapses."""
         cells = sum(8 * len(each.states) * each.shape[0] * each.shape[1] for each in self.cells.values())
         weights = sum(8 * w.numel() for versions in self.versions.values() for _, w in versions)
         return {"neurons": cells, "synapses": weights + sum(wires.nbytes for wires in self.wires.values())}
 
     def weights(self, projection: int) -> Tensor:
-        """The weights with which spikes are sent now."""
+        """Return the weights of spikes that are sent from now on."""
         return self.versions[projection][-1][1]
 
     def set_weights(self, projection: int, weights: Tensor) -> None:
-        """Replace the weights of spikes that were not sent: of neurons, those of the last step are among them."""
+        """Replace the weights of spikes not yet sent; neurons send the spikes of the last step with the new weights."""
         part = self.program.projections[projection]
         since = self.now + 1 if self.now and self.program.sends_at_once(part) else self.now
-        kept = [version for version in self.versions[projection] if version[0] < since]
-        while len(kept) > 1 and kept[1][0] + self._longest < self.now:
-            del kept[0]
-        self.versions[projection] = [*kept, (since, weights)]
+        versions = [version for version in self.versions[projection] if version[0] < since]
+        while len(versions) > 1 and versions[1][0] + self._longest < self.now:
+            del versions[0]
+        self.versions[projection] = [*versions, (since, weights)]
 
     def step(self, inputs: Mapping[str, Tensor] | None = None) -> dict[str, Tensor]:
-        """One step.
+        """Run one step.
 
         Args:
-            inputs: spikes that populations of a `spike_generator` emit beside those listed, shape (batch, neurons).
+            inputs: spikes of `spike_generator` populations besides those listed, shape (batch, neurons).
 
         Returns:
-            What each population that emits spikes emitted, shape (batch, neurons).
+            spikes of each population that emits spikes, shape (batch, neurons).
 
         Raises:
-            ModelError: an input is of no population of a `spike_generator`, or has another shape.
+            ModelError: an input names no population of a `spike_generator`, or has another shape.
         """
-        step, given = self.now + 1, self._given(inputs or {})
+        step, by_index = self.now + 1, self._given(inputs or {})
         arrived = {k: self._arrived(k, step) for k in self.cells}
         for k, cells in self.cells.items():
             self.spikes[k] = cells.step(*arrived[k], step, self._surrogate)
         for k in self.sources:
-            self.spikes[k] = self._emitted(k, step, given.get(k))
+            self.spikes[k] = self._emitted(k, step, by_index.get(k))
         for flow in self.flows.values():
             flow.charge(self.cells[flow.part.target], step)
             flow.send(step)
@@ -270,41 +269,41 @@ class Stepper:
         return {part.name: s for part, s in zip(self.program.populations, self.spikes, strict=True) if s is not None}
 
     def _given(self, inputs: Tensors) -> dict[int, Tensor]:
-        """Inputs by the index of their population."""
-        listed = {name: k for name, k in self._numbers.items() if self.program.populations[k].kind == "listed"}
+        """Return the inputs by the index of their population."""
+        index_of = {name: k for name, k in self._numbers.items() if self.program.populations[k].kind == "listed"}
         for name, spikes in inputs.items():
-            if name not in listed:
-                raise unknown("population of a spike_generator", name, listed)
-            expected = (self.batch, self.program.populations[listed[name]].size)
+            if name not in index_of:
+                raise unknown("population of a spike_generator", name, index_of)
+            expected = (self.batch, self.program.populations[index_of[name]].size)
             if tuple(spikes.shape) != expected or spikes.dtype is not torch.float64:
-                found = f"{tuple(spikes.shape)} of {spikes.dtype}"
-                raise ModelError(f"input '{name}': found {found}: expected {expected} of torch.float64")
-        return {listed[name]: spikes for name, spikes in inputs.items()}
+                actual = f"{tuple(spikes.shape)} of {spikes.dtype}"
+                raise ModelError(f"input '{name}': found {actual}: expected {expected} of torch.float64")
+        return {index_of[name]: spikes for name, spikes in inputs.items()}
 
-    def _emitted(self, k: int, step: int, given: Tensor | None) -> Tensor:
+    def _emitted(self, k: int, step: int, added_spikes: Tensor | None) -> Tensor:
         numbers = self.sources[k].emit(step)
-        if given is not None and not numbers.any():
-            return given
+        if added_spikes is not None and not numbers.any():
+            return added_spikes
         own = torch.from_numpy(numbers.astype("float64")).to(self.device).expand(self.batch, -1)
-        return own if given is None else given + own
+        return own if added_spikes is None else added_spikes + own
 
     def _send(self, step: int) -> None:
         for k, spikes in enumerate(self.spikes):
             if spikes is not None:
-                kept = [(since, each) for since, each in self.sent[k] if since + self._longest > step]
-                self.sent[k] = [*kept, (step, Emitted(spikes))]
+                in_flight = [(since, each) for since, each in self.sent[k] if since + self._longest > step]
+                self.sent[k] = [*in_flight, (step, Emitted(spikes))]
 
     def _arrived(self, k: int, step: int) -> tuple[Tensor, Any]:
-        """Input by receptor, shape (receptors, batch, neurons), and current in pA of a population."""
+        """Return the input of a population, shape (receptors, batch, neurons), and its current in pA."""
         cells = self.cells[k]
         x = torch.zeros(cells.receptors, *cells.shape, dtype=torch.float64, device=self.device)
-        heard = torch.zeros(cells.shape, dtype=torch.bool, device=self.device) if self._hears else None
+        receives = torch.zeros(cells.shape, dtype=torch.bool, device=self.device) if self._hears else None
         for q, wires in self.wires.items():
             if wires.part.target == k:
                 for each, versions in self._ways(q):
-                    x = self._added(x, heard, each, versions, step)
-        if heard is not None:
-            self.heard[k] = heard
+                    x = self._added(x, receives, each, versions, step)
+        if receives is not None:
+            self.heard[k] = receives
         current: Any = 0.0
         for flow in self.flows.values():
             if flow.part.target == k and flow.part.receptor is None:
@@ -312,41 +311,44 @@ class Stepper:
         return x, current
 
     def _ways(self, q: int) -> list[tuple[TorchProjection, Versions]]:
-        """The wires of a projection with their weights: one, or two where delays are learnt."""
+        """Return the wires of a projection with their weights: one pair, or two if its delays learn."""
         if q in self._between:
             return [(wires, [(0, weights)]) for wires, weights in self._between[q]]
         return [(self.wires[q], self.versions[q])]
 
-    def _added(self, x: Tensor, heard: Tensor | None, wires: TorchProjection, versions: Versions, step: int) -> Tensor:
-        """Input with what arrives along wires, by weights of one time after the other."""
+    def _added(
+        self, x: Tensor, receives: Tensor | None, wires: TorchProjection, versions: Versions, step: int
+    ) -> Tensor:
+        """Return the input plus the arrivals along some wires, each spike with the weights of its emission."""
         emitted = dict(self.sent[wires.part.source])
-        sent = [(d, emitted[step - delay]) for d, delay in enumerate(wires.delays) if step - delay in emitted]
-        sent = [(d, each) for d, each in sent if len(each.neuron) or each.spikes is not None]
-        if not sent:
+        arriving = [(d, emitted[step - delay]) for d, delay in enumerate(wires.delays) if step - delay in emitted]
+        arriving = [(d, each) for d, each in arriving if len(each.neuron) or each.spikes is not None]
+        if not arriving:
             return x
-        learnt = versions[-1][1].requires_grad or any(each.spikes is not None for _, each in sent)
-        if learnt and torch.is_grad_enabled():
-            if heard is not None:
-                wires.hear(heard, sent)
+        has_gradient = versions[-1][1].requires_grad or any(each.spikes is not None for _, each in arriving)
+        if has_gradient and torch.is_grad_enabled():
+            if receives is not None:
+                wires.mark_arrivals(receives, arriving)
             arrivals: Any = Arrivals.apply
-            if wires not in self._learnt:
-                self._learnt[wires] = Learnt(versions[-1][1])
-            known = self._learnt[wires]
-            found: Tensor = arrivals(wires, known, known.token, self.batch, sent, *(each.spikes for _, each in sent))
-            return x + found
-        own = torch.zeros_like(x)
+            if wires not in self._accumulators:
+                self._accumulators[wires] = WeightAccumulator(versions[-1][1])
+            accumulator = self._accumulators[wires]
+            spikes = [each.spikes for _, each in arriving]
+            delivered: Tensor = arrivals(wires, accumulator, accumulator.token, self.batch, arriving, *spikes)
+            return x + delivered
+        by_version = torch.zeros_like(x)
         for since, until, weights in _times(versions):
-            some = [(d, each) for d, each in sent if since <= step - wires.delays[d] < until]
-            wires.add(own, heard, weights, some)
-        return x + own
+            sent_then = [(d, each) for d, each in arriving if since <= step - wires.delays[d] < until]
+            wires.add(by_version, receives, weights, sent_then)
+        return x + by_version
 
 
 Versions = list[tuple[int, Tensor]]
-"""Weights with the first step whose spikes are sent with them."""
+"""Pairs of the first step whose spikes are sent with some weights, and the weights."""
 
 
 def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
-    """Weights with the first step whose spikes are sent with them, and the first whose do not."""
+    """Yield the first step whose spikes are sent with some weights, the first that are not, and the weights."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
 
@@ -355,7 +357,7 @@ Named = Mapping[str, Tensor]
 
 
 class Learning(NamedTuple):
-    """What learns: weights and delays (ms) by projection, parameters by population and word."""
+    """Tensors that learn: weights and delays (ms) by projection, parameters by population and name."""
 
     weights: Named
     delays: Named
@@ -365,13 +367,13 @@ class Learning(NamedTuple):
 def stepped(
     stepper: Stepper, task: ScanTask, learning: Learning, given: Named
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
-    """Spikes of all populations that emit some, and potentials of those that are wanted, (batch, steps, neurons).
+    """Return spikes of all populations that emit some, and potentials of the outputs, (batch, steps, neurons).
 
     Args:
-        stepper: of the network.
-        task: what the pass is about.
-        learning: what learns.
-        given: the spikes that inputs are given, (batch, steps, neurons).
+        stepper: stepper of the network.
+        task: sizes, dtype and device of the pass.
+        learning: the tensors that learn.
+        given: input spikes by population, (batch, steps, neurons).
     """
     program = stepper.program
     stepper.begin(
@@ -395,5 +397,5 @@ def stepped(
     return _stacked(spikes, task, learns), _stacked(potentials, task, learns)
 
 
-def _stacked(found: Mapping[int, list[Any]], task: ScanTask, learns: list[Tensor]) -> dict[int, Tensor]:
-    return {k: joined(torch.stack(each, 1).to(task.dtype), learns) for k, each in found.items()}
+def _stacked(by_step: Mapping[int, list[Any]], task: ScanTask, learns: list[Tensor]) -> dict[int, Tensor]:
+    return {k: joined(torch.stack(each, 1).to(task.dtype), learns) for k, each in by_step.items()}

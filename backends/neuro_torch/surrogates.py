@@ -1,8 +1,8 @@
-"""What stands in for the derivative of a spike: a spike is a step of the potential, whose derivative teaches nothing.
+"""Surrogate derivatives of a spike. The true derivative of a threshold is 0 almost everywhere and gives no gradient.
 
-All are functions of x = (V_m - V_th) / (V_th - V_reset), so a slope means the same whatever the potentials of a model
-are; and all are 1 at the threshold, so that a slope only says how far from it a neuron still learns. Of graded neurons
-x = (change - vth) / vth, of what is compared with the threshold of sending.
+All are functions of x = (V_m - V_th) / (V_th - V_reset), so a slope means the same for models of any scale. All are 1
+at the threshold; the slope sets how far from the threshold a neuron still learns. For graded neurons x = (change - vth)
+/ vth, where the change is what the model compares with the threshold of sending.
 
 | name | derivative | source |
 | --- | --- | --- |
@@ -11,7 +11,8 @@ x = (change - vth) / vth, of what is compared with the threshold of sending.
 | `slayer` | exp(-slope abs(x)) | Shrestha and Orchard, NeurIPS 2018 |
 | `triangle` | max(0, 1 - slope abs(x)) | Esser et al., PNAS 113(41):11441, 2016; Bellec et al., NeurIPS 2018 |
 
-One's own is a plain function of x and slope: kernels compile it, and tensors run it as they run models.
+Your own surrogate is a plain function of x and slope (`Own`). Kernels compile it; on tensors it is rewritten as models
+are.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["SURROGATES", "ArcTan", "FastSigmoid", "Own", "Slayer", "Surrogate", "Triangle", "surrogate_of"]
 
 Plain = Callable[[float, float], float]
-"""The derivative of one neuron from x and slope, in plain arithmetic: kernels compile it."""
+"""Derivative of one neuron as a plain function of x and slope, which kernels compile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +40,8 @@ class Surrogate:
     """A surrogate derivative.
 
     Attributes:
-        slope: how fast it falls with the distance from the threshold, per V_th - V_reset; > 0.
-        name: as given to `neuro_torch.Module`.
+        slope: how fast the derivative falls with the distance from the threshold, per V_th - V_reset; > 0.
+        name: name of the surrogate in `neuro_torch.Module`.
 
     Raises:
         ModelError: the slope is not a number > 0.
@@ -56,11 +57,11 @@ class Surrogate:
 
     @property
     def at(self) -> Plain:
-        """The same for one number and its slope, in plain arithmetic: kernels compile it."""
+        """The derivative as a plain function of x and slope, which kernels compile."""
         raise NotImplementedError
 
     def derivative(self, x: Tensor) -> Tensor:
-        """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
+        """Return the derivative at x = (V_m - V_th) / (V_th - V_reset), element by element."""
         raise NotImplementedError
 
 
@@ -73,11 +74,11 @@ class FastSigmoid(Surrogate):
 
     @property
     def at(self) -> Plain:
-        """The same for one number and its slope."""
+        """The derivative as a plain function of x and slope."""
         return _fast_sigmoid
 
     def derivative(self, x: Tensor) -> Tensor:
-        """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
+        """Return the derivative at x = (V_m - V_th) / (V_th - V_reset), element by element."""
         return (1.0 + self.slope * x.abs()).square().reciprocal()
 
 
@@ -90,11 +91,11 @@ class ArcTan(Surrogate):
 
     @property
     def at(self) -> Plain:
-        """The same for one number and its slope."""
+        """The derivative as a plain function of x and slope."""
         return _arctan
 
     def derivative(self, x: Tensor) -> Tensor:
-        """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
+        """Return the derivative at x = (V_m - V_th) / (V_th - V_reset), element by element."""
         return (1.0 + (0.5 * math.pi * self.slope * x).square()).reciprocal()
 
 
@@ -107,11 +108,11 @@ class Slayer(Surrogate):
 
     @property
     def at(self) -> Plain:
-        """The same for one number and its slope."""
+        """The derivative as a plain function of x and slope."""
         return _slayer
 
     def derivative(self, x: Tensor) -> Tensor:
-        """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
+        """Return the derivative at x = (V_m - V_th) / (V_th - V_reset), element by element."""
         return (-self.slope * x.abs()).exp()
 
 
@@ -124,19 +125,19 @@ class Triangle(Surrogate):
 
     @property
     def at(self) -> Plain:
-        """The same for one number and its slope."""
+        """The derivative as a plain function of x and slope."""
         return _triangle
 
     def derivative(self, x: Tensor) -> Tensor:
-        """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
+        """Return the derivative at x = (V_m - V_th) / (V_th - V_reset), element by element."""
         return (1.0 - self.slope * x.abs()).clamp(min=0.0)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Own(Surrogate):
-    """A function of one's own, in a file or a notebook: of x and slope, in plain arithmetic of numbers.
+    """Your own surrogate: a plain function of x and slope on single numbers, defined in a file or a notebook.
 
-    Numbers of its module that it reads count as they are when it is first compiled.
+    Global numbers that the function reads are fixed when it is first compiled.
 
     ```python
     def gauss(x, slope):
@@ -147,7 +148,7 @@ class Own(Surrogate):
     ```
 
     Raises:
-        ModelError: it takes something else, cannot run for all neurons at once, or gives NaN.
+        ModelError: the function has other arguments, cannot run for all neurons at once, or returns NaN.
     """
 
     function: Plain
@@ -167,13 +168,13 @@ class Own(Surrogate):
         return self.function
 
     def derivative(self, x: Tensor) -> Tensor:
-        """At x = (V_m - V_th) / (V_th - V_reset), element by element."""
+        """Return the derivative at x = (V_m - V_th) / (V_th - V_reset), element by element."""
         import torch
 
         from neuro_torch.lanes import Lanes
 
-        found = Lanes(x.device).run(self.function, x, self.slope)
-        return torch.as_tensor(found, device=x.device).to(x.dtype).expand_as(x)
+        values = Lanes(x.device).run(self.function, x, self.slope)
+        return torch.as_tensor(values, device=x.device).to(x.dtype).expand_as(x)
 
 
 SURROGATES: Mapping[str, type[Surrogate]] = {each.name: each for each in (FastSigmoid, ArcTan, Slayer, Triangle)}
@@ -181,14 +182,14 @@ SURROGATES: Mapping[str, type[Surrogate]] = {each.name: each for each in (FastSi
 
 
 def surrogate_of(what: str | Surrogate | Plain, slope: float | None = None) -> Surrogate:
-    """The surrogate that a user asked for.
+    """Return the surrogate that a user chose.
 
     Args:
-        what: its name, itself, or a function as `Own` takes it.
-        slope: of a name or a function; None takes the surrogate's own.
+        what: a name, a surrogate, or a function as for `Own`.
+        slope: slope for a name or a function; None is the surrogate's default.
 
     Raises:
-        ModelError: there is none of that name, the slope cannot be, or it is given twice.
+        ModelError: the name is unknown, the slope is out of range, or a surrogate already has a slope.
     """
     if isinstance(what, Surrogate):
         if slope is not None:
@@ -214,7 +215,7 @@ _LIKE = "def gauss(x, slope): return math.exp(-((slope * x) ** 2))"
 
 
 def _check(own: Own) -> None:
-    """Refuse a function that cannot run as compiled and for all neurons at once."""
+    """Refuse a function that cannot be compiled or cannot run for all neurons at once."""
     import torch
 
     from neuro_torch.translate import Untranslatable
@@ -223,12 +224,14 @@ def _check(own: Own) -> None:
     name = getattr(function, "__name__", repr(function))
     if not isinstance(function, FunctionType) or name == "<lambda>":
         raise ModelError(f"surrogate '{name}': found no function made by def: {_EXPECTED}", hint=_LIKE)
-    taken = list(inspect.signature(function).parameters)
-    if len(taken) != 2:
-        raise ModelError(f"surrogate '{name}': it takes ({', '.join(taken)}): expected (x, slope)", hint=_LIKE)
+    arguments = list(inspect.signature(function).parameters)
+    if len(arguments) != 2:
+        raise ModelError(f"surrogate '{name}': it takes ({', '.join(arguments)}): expected (x, slope)", hint=_LIKE)
     if function.__closure__:
-        around = ", ".join(function.__code__.co_freevars)
-        raise ModelError(f"surrogate '{name}': it reads {around} of the function around it: expected x and slope alone")
+        variables = ", ".join(function.__code__.co_freevars)
+        raise ModelError(
+            f"surrogate '{name}': it reads {variables} of the function around it: expected x and slope alone"
+        )
     try:
         inspect.getsource(function)
     except OSError:

@@ -1,4 +1,4 @@
-"""Parameters that learn: names as a user gives them, the tensors under these names, and their bounds."""
+"""Parameters that learn: the names that a user gives, the tensors by name, and their bounds."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from neuro.program.program import Population, Program
 from neuro_torch.problems import reset_of
 
 Words = Mapping[str, tuple[str, ...]]
-"""By projection or population what of it learns."""
+"""Names of what learns, by projection or population, e.g. {"in_hidden": ("weight", "delay")}."""
 
 FIXED = ("t_ref", "refractory_input", "reset_by_subtraction", "max_spikes", "threshold_rises", "tau_minus")
-"""Parameters that count steps or choose, and so have no gradient, and one that only rules of pairs read."""
+"""Parameters without a gradient: counts of steps, switches, and `tau_minus`, which only rules of pairs read."""
 
 
 def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str] | str]) -> tuple[Words, Words]:
-    """The words of projections, "weight" and "delay", and those of populations, their parameters.
+    """Return what learns of projections ("weight", "delay") and the parameters that learn of populations.
 
     Args:
         program: the network.
-        given: names of projections, whose weights learn; or by name of a projection or a population what of it learns.
+        given: names of projections whose weights learn; or the names of what learns, by projection or population.
 
     Raises:
-        ModelError: nothing is named, or something that cannot learn.
+        ModelError: nothing is named, or a named quantity cannot learn.
     """
-    asked = {given: "weight"} if isinstance(given, str) else given
-    if not isinstance(asked, Iterable) or not all(isinstance(name, str) for name in asked):
+    by_name = {given: "weight"} if isinstance(given, str) else given
+    if not isinstance(by_name, Iterable) or not all(isinstance(name, str) for name in by_name):
         raise ModelError(f"trainable = {given!r}: expected names of projections")
-    words = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(asked, "weight")
+    words = dict(by_name) if isinstance(by_name, Mapping) else dict.fromkeys(by_name, "weight")
     projections = [part.name for part in program.projections if part.carries == "spikes"]
     neurons = {part.name: part for part in program.populations if isinstance(part.model, Neuron)}
     if not projections and not words:
@@ -48,27 +48,27 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
     if not words:
         hint = f"known: {', '.join(projections)}"
         raise ModelError("trainable: found no projection: expected at least one", hint=hint)
-    found: tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]] = ({}, {})
+    selection: tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]] = ({}, {})
     for name, word in words.items():
         each = (word,) if isinstance(word, str) else tuple(word) if isinstance(word, Iterable) else ()
         if not each:
             raise ModelError(f"trainable: '{name}': found {word!r}: expected what of it learns, such as 'weight'")
         if name in projections:
-            for one in each:
-                if one not in ("weight", "delay"):
-                    raise unknown(f"word of projection '{name}' that learns", one, ["weight", "delay"])
+            for quantity in each:
+                if quantity not in ("weight", "delay"):
+                    raise unknown(f"word of projection '{name}' that learns", quantity, ["weight", "delay"])
             _check_delay(program, name, each)
-            found[0][name] = each
-        elif name in neurons and isinstance(asked, Mapping):
+            selection[0][name] = each
+        elif name in neurons and isinstance(by_name, Mapping):
             if "weight" in each:
                 message = f"'{name}' is a population, whose neurons have no weight: expected the name of a projection"
                 raise ModelError(f"trainable: {message}", hint=f"known: {', '.join(projections)}")
             _check_parameters(name, each, neurons[name].parameters)
-            found[1][name] = each
+            selection[1][name] = each
         else:
-            known = [*projections, *neurons] if isinstance(asked, Mapping) else projections
-            raise unknown("projection", name, known)
-    return found
+            names = [*projections, *neurons] if isinstance(by_name, Mapping) else projections
+            raise unknown("projection", name, names)
+    return selection
 
 
 def _check_delay(program: Program, name: str, words: tuple[str, ...]) -> None:
@@ -78,23 +78,25 @@ def _check_delay(program: Program, name: str, words: tuple[str, ...]) -> None:
         raise ModelError(f"{message}: expected its weight alone")
 
 
-def _check_parameters(population: str, words: tuple[str, ...], known: Mapping[str, Any]) -> None:
+def _check_parameters(population: str, words: tuple[str, ...], parameters: Mapping[str, Any]) -> None:
     for word in words:
         if word in FIXED:
             raise ModelError(f"trainable: '{population}': {word} has no gradient: expected another parameter")
-        if word not in known:
-            raise unknown(f"parameter of '{population}'", word, [each for each in known if each not in FIXED])
+        if word not in parameters:
+            raise unknown(f"parameter of '{population}'", word, [each for each in parameters if each not in FIXED])
 
 
 __all__ = ["Named"]
 
 
 class Named(torch.nn.Module):
-    """Parameters, or modules of them, by name; in a state dict "a.b" is "a:b", and "keys", which torch has, "keys:".
+    """Parameters, or modules of parameters, by name.
+
+    In a state dict the name "a.b" is "a:b"; a name that torch uses, such as "keys", ends in ":".
 
     Args:
-        kind: what they are of, for messages.
-        parts: by name; they are kept in the order of their names, as torch does.
+        kind: kind of the entries, for messages.
+        parts: entries by name; they are sorted by name, as torch does.
     """
 
     def __init__(self, kind: str, parts: Mapping[str, torch.nn.Parameter | torch.nn.Module]) -> None:
@@ -103,15 +105,15 @@ class Named(torch.nn.Module):
         self._at: dict[str, str] = {}
         for name, part in sorted(parts.items()):
             plain = name.replace(".", ":")
-            taken = hasattr(self, plain) or hasattr(torch.nn.ModuleDict, plain) or plain == "parametrizations"
-            self._at[name] = f"{plain}:" if taken else plain
+            is_reserved = hasattr(self, plain) or hasattr(torch.nn.ModuleDict, plain) or plain == "parametrizations"
+            self._at[name] = f"{plain}:" if is_reserved else plain
             setattr(self, self._at[name], part)
 
     def attribute(self, name: str) -> str:
-        """Under which name torch holds it.
+        """Return the attribute in which torch holds an entry.
 
         Raises:
-            ModelError: there is none of that name.
+            ModelError: the name is unknown.
         """
         if name not in self._at:
             raise unknown(self._kind, name, self._at)
@@ -129,14 +131,14 @@ class Named(torch.nn.Module):
             setattr(self, at, value if isinstance(value, torch.nn.Parameter) else torch.nn.Parameter(value.detach()))
 
     def _check(self, name: str, value: Any) -> None:
-        """Refuse what cannot stand in the place of a tensor."""
+        """Refuse a value that cannot replace a tensor."""
         old = self[name]
         if not isinstance(old, torch.Tensor):
             raise ModelError(f"{self._kind} '{name}': expected a tensor for one of {', '.join(old)}, not for all")
-        found = f"{tuple(value.shape)} of {value.dtype}" if isinstance(value, torch.Tensor) else type(value).__name__
+        actual = f"{tuple(value.shape)} of {value.dtype}" if isinstance(value, torch.Tensor) else type(value).__name__
         expected = f"{tuple(old.shape)} of {old.dtype}"
-        if found != expected:
-            raise ModelError(f"{self._kind} '{name}': found {found}: expected a tensor of the shape {expected}")
+        if actual != expected:
+            raise ModelError(f"{self._kind} '{name}': found {actual}: expected a tensor of the shape {expected}")
 
     def __contains__(self, name: object) -> bool:
         return name in self._at
@@ -148,27 +150,27 @@ class Named(torch.nn.Module):
         return len(self._at)
 
     def keys(self) -> KeysView[str]:
-        """Their names."""
+        """Return the names."""
         return self._at.keys()
 
     def values(self) -> ValuesView[Any]:
-        """They themselves, as they are now."""
+        """Return the current entries."""
         return dict(self.items()).values()
 
     def items(self) -> ItemsView[str, Any]:
-        """Names and they themselves."""
+        """Return names and current entries."""
         return {name: self[name] for name in self._at}.items()
 
     def learnt(self) -> dict[str, Any]:
-        """What optimisers change by name: beneath a parametrisation of one tensor, that."""
-        held: Any = getattr(self, "parametrizations", {})
+        """Return the tensors that an optimiser changes by name, e.g. the original of a parametrised tensor."""
+        parametrised: Any = getattr(self, "parametrizations", {})
         return {
-            name: getattr(held[at], "original", self[name]) if at in held else self[name]
+            name: getattr(parametrised[at], "original", self[name]) if at in parametrised else self[name]
             for name, at in self._at.items()
         }
 
     def extra_repr(self) -> str:
-        """What torch shows of it."""
+        """Return the lines that `repr` shows."""
         tensors = ((name, part) for name, part in self.items() if isinstance(part, torch.Tensor))
         return "\n".join(f"{name}: {tuple(part.shape)} of {part.dtype}" for name, part in tensors)
 
@@ -176,24 +178,25 @@ class Named(torch.nn.Module):
 Tensors = Mapping[str, Tensor]
 
 INSIDE = 1e-3
-"""How far from a bound that it may not reach a value is put which has left it, in its unit."""
+"""Distance from an excluded bound at which `hold` puts a value that left the bounds, in the value's unit."""
 
 SLOWER = "a smaller learning rate"
 HELD = "Module.hold() after each step of the optimiser keeps it in its bounds"
 
 
 def in_steps(delay: Tensor, resolution: float, projection: str) -> Tensor:
-    """Delays in steps; one that is below a step counts as one, and its gradient is that of one.
+    """Return delays in steps, at least 1.
 
-    Where descent would make it shorter still it has none, so that an optimiser takes it no further.
+    A delay below one step has the gradient of a delay of one step, except where descent would shorten it further: there
+    the gradient is 0, so that an optimiser stops.
 
     Args:
-        delay: in ms.
+        delay: delays in ms.
         resolution: length of a step in ms.
-        projection: whose they are.
+        projection: name of the projection, for messages.
 
     Raises:
-        ModelError: they are NaN, or longer than any may be.
+        ModelError: a delay is NaN or too long.
     """
     check_delays(delay, resolution, projection)
     steps: Tensor = _AtLeast.apply(delay / resolution, 1.0)  # type: ignore[no-untyped-call]
@@ -201,7 +204,7 @@ def in_steps(delay: Tensor, resolution: float, projection: str) -> Tensor:
 
 
 def check_delays(delay: Tensor, resolution: float, projection: str) -> None:
-    """Refuse delays in ms that are NaN, or longer than any may be.
+    """Refuse delays in ms that are NaN or too long.
 
     Raises:
         ModelError: it names the projection.
@@ -210,29 +213,29 @@ def check_delays(delay: Tensor, resolution: float, projection: str) -> None:
         return
     least, most = (float(each) for each in delay.detach().aminmax())
     if not (math.isfinite(least) and math.isfinite(most)):
-        found = f"{most if math.isfinite(least) else least:g}: expected numbers of ms"
-    elif most / resolution > LONGEST_DELAY + 0.5:  # half a step: a float may be a little more than the longest
-        found = f"{most:g} ms: expected at most {LONGEST_DELAY * resolution:g} ms, 2^16 steps"
+        problem = f"{most if math.isfinite(least) else least:g}: expected numbers of ms"
+    elif most / resolution > LONGEST_DELAY + 0.5:  # half a step of tolerance for rounding
+        problem = f"{most:g} ms: expected at most {LONGEST_DELAY * resolution:g} ms, 2^16 steps"
     else:
         return
-    raise ModelError(f"delays of '{projection}': found {found}", hint=SLOWER)
+    raise ModelError(f"delays of '{projection}': found {problem}", hint=SLOWER)
 
 
-def check_parameters(part: Population, learnt: Tensors) -> None:
-    """Refuse parameters of neurons out of the bounds that their model has, and a threshold that is not above the reset.
+def check_parameters(part: Population, tensors: Tensors) -> None:
+    """Refuse parameters of neurons out of the bounds of their model, and a threshold that is not above the reset.
 
     Raises:
-        ModelError: it says which.
+        ModelError: it names the parameter.
     """
-    held = {word: values.detach().cpu().double().numpy() for word, values in learnt.items()}
+    arrays = {word: values.detach().cpu().double().numpy() for word, values in tensors.items()}
     try:
-        for word, values in held.items():
+        for word, values in arrays.items():
             value: Any = values.item() if values.size == 1 else values
             checks.check(part.model.quantities()[word], value, f"{word} of '{part.name}'")
         reset = reset_of(part)
-        if {"V_th", reset} & held.keys() and {"V_th", reset} <= part.parameters.keys():
-            both = (held.get(word, part.parameters[word]) for word in ("V_th", reset))
-            top, bottom = np.broadcast_arrays(*both)
+        if {"V_th", reset} & arrays.keys() and {"V_th", reset} <= part.parameters.keys():
+            pair = (arrays.get(word, part.parameters[word]) for word in ("V_th", reset))
+            top, bottom = np.broadcast_arrays(*pair)
             for k in np.flatnonzero(~(top > bottom))[:1]:
                 label = f"V_th of '{part.name}'{f'[{k}]' * (top.size > 1)} = {top[k]:g}"
                 raise ModelError(f"{label}: expected more than {reset}, {bottom[k]:g} mV")
@@ -241,10 +244,10 @@ def check_parameters(part: Population, learnt: Tensors) -> None:
 
 
 def check(program: Program, weights: Named, delays: Named, neurons: Named) -> None:
-    """Refuse what is NaN or out of its bounds, of all that learns.
+    """Refuse learnt values that are NaN or out of their bounds.
 
     Raises:
-        ModelError: it says what.
+        ModelError: it names the value.
     """
     _check_numbers(program, weights, delays, neurons)
     for name, delay in delays.items():
@@ -256,10 +259,10 @@ def check(program: Program, weights: Named, delays: Named, neurons: Named) -> No
 
 @torch.no_grad()
 def hold(program: Program, weights: Named, delays: Named, neurons: Named) -> None:
-    """Put what left its bounds back into them; what a user has parametrised is the user's to hold.
+    """Move values that left their bounds back into them; parametrised tensors are left to the user.
 
     Raises:
-        ModelError: something is NaN, or a delay longer than any may be; it says what.
+        ModelError: a value is NaN, or a delay is too long; the message names it.
     """
     _check_numbers(program, weights, delays, neurons)
     for name, delay in delays.items():
@@ -268,13 +271,13 @@ def hold(program: Program, weights: Named, delays: Named, neurons: Named) -> Non
             delay.clamp_(min=program.resolution)
     for part in program.populations:
         if part.name in neurons:
-            own = {word: v for word, v in neurons[part.name].items() if isinstance(v, torch.nn.Parameter)}
-            _hold_parameters(part, own)
+            unparametrised = {word: v for word, v in neurons[part.name].items() if isinstance(v, torch.nn.Parameter)}
+            _hold_parameters(part, unparametrised)
 
 
 def _check_numbers(program: Program, weights: Named, delays: Named, neurons: Named) -> None:
-    for word, named in (("weights", weights), ("delays", delays)):
-        for name, values in named.learnt().items():
+    for word, entries in (("weights", weights), ("delays", delays)):
+        for name, values in entries.learnt().items():
             _check_finite(f"{word} of '{name}'", values)
     for part in program.populations:
         if part.name in neurons:
@@ -284,7 +287,7 @@ def _check_numbers(program: Program, weights: Named, delays: Named, neurons: Nam
 
 
 def _check_finite(label: str, values: Tensor, infinite: bool = False) -> None:
-    """Refuse what is NaN; the sum of many is looked at first, which costs little."""
+    """Refuse NaN; the sum is checked first because it is cheap."""
     values = values.detach()
     if not math.isfinite(float(values.sum())):
         wrong = values.isnan() if infinite else ~values.isfinite()
@@ -292,18 +295,18 @@ def _check_finite(label: str, values: Tensor, infinite: bool = False) -> None:
             raise ModelError(f"{label}: found {float(values[wrong][0]):g}: expected numbers", hint=SLOWER)
 
 
-def _hold_parameters(part: Population, learnt: Tensors) -> None:
-    """The threshold moves above its reset; where it does not learn, the reset moves below it."""
-    for word, values in learnt.items():
+def _hold_parameters(part: Population, tensors: Tensors) -> None:
+    """Hold parameters in their bounds, V_th above the reset; the reset moves only if V_th does not learn."""
+    for word, values in tensors.items():
         _hold(values, part.model.quantities()[word])
     reset = reset_of(part)
     if {"V_th", reset} <= part.parameters.keys():
-        if "V_th" in learnt:
-            bottom = _beside(learnt["V_th"], learnt, part, reset, torch.max)
-            _put(learnt["V_th"], learnt["V_th"] <= bottom, bottom + INSIDE)
-        elif reset in learnt:
-            top = _beside(learnt[reset], learnt, part, "V_th", torch.min)
-            _put(learnt[reset], learnt[reset] >= top, top - INSIDE)
+        if "V_th" in tensors:
+            bottom = _comparable(tensors["V_th"], tensors, part, reset, torch.max)
+            _put(tensors["V_th"], tensors["V_th"] <= bottom, bottom + INSIDE)
+        elif reset in tensors:
+            top = _comparable(tensors[reset], tensors, part, "V_th", torch.min)
+            _put(tensors[reset], tensors[reset] >= top, top - INSIDE)
 
 
 def _hold(values: Tensor, q: Quantity) -> None:
@@ -315,11 +318,11 @@ def _hold(values: Tensor, q: Quantity) -> None:
         values.clamp_(q.at_least, q.at_most)
 
 
-def _beside(
-    values: Tensor, learnt: Tensors, part: Population, word: str, strictest: Callable[[Tensor], Tensor]
+def _comparable(
+    values: Tensor, tensors: Tensors, part: Population, word: str, strictest: Callable[[Tensor], Tensor]
 ) -> Tensor:
-    """Another parameter as one value, or one value of each neuron, that `values` can be compared with."""
-    other = learnt[word] if word in learnt else torch.as_tensor(part.parameters[word]).to(values)
+    """Return another parameter in a shape that compares with `values`: its strictest value, or one value per neuron."""
+    other = tensors[word] if word in tensors else torch.as_tensor(part.parameters[word]).to(values)
     return strictest(other) if values.numel() == 1 else other
 
 
@@ -328,7 +331,7 @@ def _put(values: Tensor, where: Tensor, there: Tensor) -> None:
 
 
 class _AtLeast(torch.autograd.Function):
-    """A lower bound whose gradient is that of none, but where descent would lead further below."""
+    """A lower bound with the gradient of the identity, or 0 where descent would lead further below."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, least: float) -> Tensor:

@@ -1,11 +1,10 @@
-"""Plain functions over one neuron after the other, rewritten so that they run for all neurons at once on tensors.
+"""Rewrite plain functions that loop over neurons so that they run for all neurons at once on tensors.
 
-A model's `step` is a loop over neurons with branches. Each neuron is a lane here: what was `for i in range(lo, hi)` is
-done once for all of them, and where lanes go different ways, both ways are gone and each lane keeps what its own way
-left (`neuro_torch.lanes` says how). So third-party models and models made of equations
-need nothing beyond what the reference backend runs.
+A model's `step` is a loop over neurons with branches. Here each neuron is a lane: `for i in range(lo, hi)` runs once
+for all lanes. Where lanes branch differently, both branches run, and each lane keeps the results of its own branch (see
+`neuro_torch.lanes`). So third-party models and models made of equations need only what the reference backend needs.
 
-What cannot be rewritten is refused with the line that stops it: comprehensions, `try`, `with`, functions in functions.
+Comprehensions, `try`, `with` and nested functions cannot be rewritten; the error names the line.
 """
 
 from __future__ import annotations
@@ -18,21 +17,21 @@ from types import FunctionType
 from typing import Any
 
 LANES = "_lanes"
-"""What the object that runs the lanes is called in a rewritten function."""
+"""Name of the `Lanes` argument in a rewritten function."""
 
 _COMPARED = {ast.GtE: "at_least", ast.Gt: "above", ast.LtE: "at_most", ast.Lt: "below"}
 
 
 class Untranslatable(Exception):
-    """A function has a part that cannot run for all neurons at once; it says which and where."""
+    """A function has a statement that cannot run for all neurons at once; the message quotes it with its line."""
 
 
 @cache
 def translated(function: FunctionType) -> Any:
-    """The rewritten function; its first argument is the `Lanes` that run it.
+    """Return the rewritten function; its first argument is the `Lanes` that run it.
 
     Raises:
-        Untranslatable: it cannot be rewritten.
+        Untranslatable: the function cannot be rewritten.
     """
     try:
         text = textwrap.dedent(inspect.getsource(function))
@@ -41,10 +40,10 @@ def translated(function: FunctionType) -> Any:
     tree = ast.parse(text).body[0]
     if not isinstance(tree, ast.FunctionDef):
         raise Untranslatable(f"'{function.__qualname__}' is no plain function")
-    made = _Rewriter(function).function(tree)
-    module = ast.fix_missing_locations(ast.Module([made], []))
-    closed = inspect.getclosurevars(function).nonlocals
-    scope = {**function.__globals__, **closed}
+    rewritten = _Rewriter(function).function(tree)
+    module = ast.fix_missing_locations(ast.Module([rewritten], []))
+    nonlocals = inspect.getclosurevars(function).nonlocals
+    scope = {**function.__globals__, **nonlocals}
     exec(compile(module, f"<lanes of {function.__module__}.{function.__qualname__}>", "exec"), scope)
     result = scope[tree.name]
     result.__defaults__ = function.__defaults__
@@ -60,7 +59,7 @@ def _call(method: str, *arguments: ast.expr) -> ast.Call:
 
 
 def _later(value: ast.expr) -> ast.expr:
-    """An expression that is worked out when it is asked for."""
+    """Return a lambda that evaluates an expression on demand."""
     empty = ast.arguments([], [], None, [], [], None, [])
     return ast.Lambda(empty, value)
 
@@ -70,19 +69,19 @@ def _assign(word: str, value: ast.expr) -> ast.stmt:
 
 
 class _Rewriter:
-    """Rewrites one function."""
+    """Rewrites the syntax tree of one function."""
 
     def __init__(self, function: FunctionType) -> None:
-        self._function, self._made, self._loops = function, 0, list[str]()
+        self._function, self._n_names, self._loops = function, 0, list[str]()
 
     def function(self, tree: ast.FunctionDef) -> ast.FunctionDef:
         if tree.args.vararg or tree.args.kwarg or tree.args.kwonlyargs:
             raise self._stopped(tree, "arguments with * or after it")
-        given = [ast.arg(LANES), *(ast.arg(argument.arg) for argument in tree.args.args)]
-        arguments = ast.arguments([], given, None, [], [], None, tree.args.defaults)
-        own = {argument.arg for argument in tree.args.args}
+        parameters = [ast.arg(LANES), *(ast.arg(argument.arg) for argument in tree.args.args)]
+        arguments = ast.arguments([], parameters, None, [], [], None, tree.args.defaults)
+        argument_names = {argument.arg for argument in tree.args.args}
         stored = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
-        body: list[ast.stmt] = [_assign(word, ast.Constant(None)) for word in sorted(stored - own)]
+        body: list[ast.stmt] = [_assign(word, ast.Constant(None)) for word in sorted(stored - argument_names)]
         body.append(_assign("_frame", _call("enter")))
         body += self._block(tree.body)
         body.append(ast.Return(_call("leave", _name("_frame"))))
@@ -94,8 +93,8 @@ class _Rewriter:
         return Untranslatable(f"{self._function.__module__}.{self._function.__qualname__}, line {line}: {what}")
 
     def _new(self, word: str) -> str:
-        self._made += 1
-        return f"_{word}{self._made}"
+        self._n_names += 1
+        return f"_{word}{self._n_names}"
 
     def _block(self, statements: list[ast.stmt]) -> list[ast.stmt]:
         return [made for statement in statements for made in self._statement(statement)] or [ast.Pass()]
@@ -104,8 +103,8 @@ class _Rewriter:
         method = getattr(self, f"_on_{type(node).__name__.lower()}", None)
         if method is None:
             raise self._stopped(node, f"'{ast.unparse(node).splitlines()[0]}'")
-        found: list[ast.stmt] = method(node)
-        return found
+        statements: list[ast.stmt] = method(node)
+        return statements
 
     def _on_pass(self, node: ast.Pass) -> list[ast.stmt]:
         return []
@@ -124,8 +123,11 @@ class _Rewriter:
         value = self._value(node.value)
         if len(node.targets) == 1 and not isinstance(node.targets[0], ast.Tuple):
             return self._store(node.targets[0], value)
-        kept = self._new("value")
-        return [_assign(kept, value), *(made for target in node.targets for made in self._store(target, _name(kept)))]
+        variable = self._new("value")
+        return [
+            _assign(variable, value),
+            *(made for target in node.targets for made in self._store(target, _name(variable))),
+        ]
 
     def _store(self, target: ast.expr, value: ast.expr) -> list[ast.stmt]:
         if isinstance(target, ast.Name):
@@ -133,45 +135,45 @@ class _Rewriter:
         if isinstance(target, ast.Subscript):
             return [ast.Expr(_call("store", self._value(target.value), self._value(target.slice), value))]
         if isinstance(target, ast.Tuple):
-            kept, made = self._new("parts"), list[ast.stmt]()
+            variable, statements = self._new("parts"), list[ast.stmt]()
             for place, each in enumerate(target.elts):
-                made += self._store(each, ast.Subscript(_name(kept), ast.Constant(place), ast.Load()))
-            return [_assign(kept, value), *made]
+                statements += self._store(each, ast.Subscript(_name(variable), ast.Constant(place), ast.Load()))
+            return [_assign(variable, value), *statements]
         raise self._stopped(target, f"'{ast.unparse(target)} = ...'")
 
     def _on_if(self, node: ast.If) -> list[ast.stmt]:
-        way = self._new("way")
-        made: list[ast.stmt] = [_assign(way, _call("fork", self._value(node.test)))]
-        made.append(ast.If(_call("first", _name(way)), self._block(node.body), []))
-        made.append(ast.If(_call("second", _name(way)), self._block(node.orelse), []))
-        return [*made, ast.Expr(_call("join", _name(way)))]
+        branch = self._new("branch")
+        statements: list[ast.stmt] = [_assign(branch, _call("fork", self._value(node.test)))]
+        statements.append(ast.If(_call("first", _name(branch)), self._block(node.body), []))
+        statements.append(ast.If(_call("second", _name(branch)), self._block(node.orelse), []))
+        return [*statements, ast.Expr(_call("join", _name(branch)))]
 
     def _on_while(self, node: ast.While) -> list[ast.stmt]:
         if node.orelse:
             raise self._stopped(node, "'else' of a loop")
         loop = self._new("loop")
         on = _call("goes_on", _name(loop), self._value(node.test))
-        return self._looped(loop, ast.While(on, self._inside(loop, node.body), []))
+        return self._wrap_loop(loop, ast.While(on, self._inside(loop, node.body), []))
 
     def _on_for(self, node: ast.For) -> list[ast.stmt]:
         if node.orelse or not isinstance(node.target, ast.Name):
             raise self._stopped(node, f"'{ast.unparse(node).splitlines()[0]}'")
-        loop, over = self._new("loop"), node.iter
-        if isinstance(over, ast.Call) and isinstance(over.func, ast.Name) and over.func.id == "range":
-            each = _call("numbers", _name(loop), *map(self._value, over.args))
+        loop, iterable = self._new("loop"), node.iter
+        if isinstance(iterable, ast.Call) and isinstance(iterable.func, ast.Name) and iterable.func.id == "range":
+            each = _call("numbers", _name(loop), *map(self._value, iterable.args))
         else:
-            each = _call("each", _name(loop), self._value(over))
+            each = _call("each", _name(loop), self._value(iterable))
         target = ast.Name(node.target.id, ast.Store())
-        return self._looped(loop, ast.For(target, each, self._inside(loop, node.body), []))
+        return self._wrap_loop(loop, ast.For(target, each, self._inside(loop, node.body), []))
 
-    def _looped(self, loop: str, statement: ast.stmt) -> list[ast.stmt]:
-        return [_assign(loop, _call("loop", _name("_frame"))), statement, ast.Expr(_call("looped", _name(loop)))]
+    def _wrap_loop(self, loop: str, statement: ast.stmt) -> list[ast.stmt]:
+        return [_assign(loop, _call("loop", _name("_frame"))), statement, ast.Expr(_call("end_loop", _name(loop)))]
 
     def _inside(self, loop: str, body: list[ast.stmt]) -> list[ast.stmt]:
         self._loops.append(loop)
-        made = self._block(body)
+        statements = self._block(body)
         self._loops.pop()
-        return made
+        return statements
 
     def _on_break(self, node: ast.Break) -> list[ast.stmt]:
         return [ast.If(_call("breaks", _name(self._loops[-1])), [ast.Break()], [])]
@@ -181,11 +183,11 @@ class _Rewriter:
 
     def _on_return(self, node: ast.Return) -> list[ast.stmt]:
         value = ast.Constant(None) if node.value is None else self._value(node.value)
-        out: list[ast.stmt] = [ast.Return(_call("leave", _name("_frame")))]
-        return [ast.If(_call("returns", _name("_frame"), value), out, [])]
+        leave: list[ast.stmt] = [ast.Return(_call("leave", _name("_frame")))]
+        return [ast.If(_call("returns", _name("_frame"), value), leave, [])]
 
     def _value(self, node: ast.expr) -> ast.expr:
-        """An expression, rewritten."""
+        """Rewrite an expression."""
         match node:
             case ast.Name() | ast.Constant() | ast.Attribute():
                 return node

@@ -141,7 +141,7 @@ def test_too_large_a_batch_is_refused(by, monkeypatch):
     told = r"a batch of 4000 recordings of 100 steps needs about \S+ GB: expected at most what is free, 0.01 GB"
     with pytest.raises(ModelError, match=told) as caught:
         module(many)
-    assert "takes half of that" in caught.value.hint
+    assert "needs half of that" in caught.value.hint
 
 
 def test_on_a_gpu_its_own_memory_counts(monkeypatch):
@@ -154,4 +154,4 @@ def test_on_a_gpu_its_own_memory_counts(monkeypatch):
     memory.refuse_large(memory.Need(64, 80_000.0, 400_000), task)
     with pytest.raises(ModelError, match=r"expected at most what is free on 'cuda:1', 0.0056 GB") as caught:
         memory.refuse_large(memory.Need(64, 100_000.0, 400_000), task)
-    assert caught.value.hint == "a batch of 26 takes half of that"
+    assert caught.value.hint == "a batch of 26 needs half of that"

@@ -1,1 +1,1 @@
-"""The fast path: all steps of a layer in one pass, spikes kept sparse, adjoints written by hand."""
+"""The fast path: all steps of a layer in one pass, with sparse spikes and hand-written adjoints."""

@@ -1,4 +1,4 @@
-"""Scans as torch's functions, on kernels compiled for the CPU."""
+"""Scans as torch functions, on kernels compiled for the CPU."""
 
 from __future__ import annotations
 
@@ -20,42 +20,42 @@ Array = NDArray[Any]
 
 
 class Packed(NamedTuple):
-    """Spikes of all steps or of a stretch, as `neuro_torch.scan.kernels` takes them."""
+    """Spikes of all steps or of a stretch, in the format of `neuro_torch.scan.kernels`."""
 
     ends: NDArray[np.int64]
     ids: NDArray[np.int32]
     values: Array
 
 
-def listed(train: Train, task: ScanTask) -> Packed:
-    """The spikes of a population of inputs."""
+def pack_train(train: Train, task: ScanTask) -> Packed:
+    """Return the spikes of a population of inputs in packed form."""
     ones = np.ones(len(train.neuron), dtype=np.float32 if task.dtype == torch.float32 else np.float64)
     return Packed(train.rows(task.steps), train.neuron, ones)
 
 
 def packed(spikes: Tensor) -> Packed:
-    """The spikes of a dense tensor, (batch, steps, neurons)."""
+    """Return the spikes of a dense tensor, (batch, steps, neurons), in packed form."""
     array = spikes.detach().contiguous().numpy()
     return _pack(array, 0, array.shape[1], kernels.number(array))
 
 
-def _pack(array: Array, first: int, width: int, room: int) -> Packed:
+def _pack(array: Array, first: int, width: int, capacity: int) -> Packed:
     ends = np.empty(array.shape[0] * width + 1, dtype=np.int64)
-    found = Packed(ends, np.empty(room, dtype=np.int32), np.empty(room, dtype=array.dtype))
-    kernels.pack(array, first, width, *found)
-    return found
+    spikes = Packed(ends, np.empty(capacity, dtype=np.int32), np.empty(capacity, dtype=array.dtype))
+    kernels.pack(array, first, width, *spikes)
+    return spikes
 
 
 def drive(part: Synapses, spikes: Tensor | Packed, weight: Tensor, task: ScanTask) -> Tensor:
-    """The input that spikes bring along a projection, (batch, steps, targets)."""
+    """Return the input that spikes deliver through a projection, (batch, steps, targets)."""
     dense = spikes if isinstance(spikes, Tensor) else None
-    listed = packed(spikes) if isinstance(spikes, Tensor) else spikes
-    driven: Tensor = _Drive.apply(dense, weight, part, listed, task)  # type: ignore[no-untyped-call]
+    packed_spikes = packed(spikes) if isinstance(spikes, Tensor) else spikes
+    driven: Tensor = _Drive.apply(dense, weight, part, packed_spikes, task)  # type: ignore[no-untyped-call]
     return driven
 
 
 class _Drive(torch.autograd.Function):
-    """Along one projection, over all steps."""
+    """The input through one projection, over all steps."""
 
     @staticmethod
     def forward(
@@ -71,17 +71,17 @@ class _Drive(torch.autograd.Function):
     @once
     def backward(ctx: Any, *grads: Tensor) -> Any:
         part, task, (weight,), grad = ctx.part, ctx.task, ctx.saved_tensors, grads[0].contiguous()
-        to_weight = to_spikes = None
+        weight_gradient = spike_gradient = None
         if ctx.needs_input_grad[1]:
-            to_weight = teach(part, ctx.spikes, weight, grad)
+            weight_gradient = weight_gradient_of(part, ctx.spikes, weight, grad)
         if ctx.needs_input_grad[0]:
-            to_spikes = torch.zeros(task.batch, task.steps, part.sizes[0], dtype=task.dtype)
-            _pull(part, 0, task.steps, weight, grad, 1.0, to_spikes)
-        return to_spikes, to_weight, None, None, None
+            spike_gradient = torch.zeros(task.batch, task.steps, part.sizes[0], dtype=task.dtype)
+            _pull(part, 0, task.steps, weight, grad, 1.0, spike_gradient)
+        return spike_gradient, weight_gradient, None, None, None
 
 
 def rows_of(part: Synapses, weight: Tensor) -> Array:
-    """The weights as kernels take them: rows by source where dense, else in a row."""
+    """Return the weights in the layout of the kernels: rows by source if dense, else a flat array."""
     weight = weight.detach()
     rows: Array = (weight.expand(part.sizes) if part.dense else weight.reshape(-1)).contiguous().numpy()
     return rows
@@ -97,7 +97,7 @@ def _push(part: Synapses, spikes: Packed, first: int, width: int, weight: Array,
 def _pull(
     part: Synapses, first: int, width: int, weight: Tensor, grad: Tensor, damping: float, to_spikes: Tensor
 ) -> None:
-    """Add the gradient of the input to that of the spikes of a stretch that made it."""
+    """Add to the gradient of the spikes of a stretch the share that comes from the input they delivered."""
     longest = part.least if part.dense else int(part.delay.max(initial=0))
     begin, end = first + part.least, min(first + width + longest, grad.shape[1])
     if end <= begin:
@@ -118,8 +118,8 @@ def _pull_listed(part: Synapses, width: int, weight: Tensor, grad: Tensor) -> Te
     return back.view(-1, width, batch).permute(2, 1, 0)
 
 
-def teach(part: Synapses, spikes: Packed, weight: Tensor, grad: Tensor) -> Tensor:
-    """The gradient of the weights from that of the input that they brought in all steps."""
+def weight_gradient_of(part: Synapses, spikes: Packed, weight: Tensor, grad: Tensor) -> Tensor:
+    """Return the gradient of the weights from the gradient of the input in all steps."""
     steps, array = grad.shape[1], grad.numpy()
     if not part.dense:
         out = torch.zeros(weight.numel(), dtype=weight.dtype)
@@ -134,98 +134,100 @@ def teach(part: Synapses, spikes: Packed, weight: Tensor, grad: Tensor) -> Tenso
 def scan(
     part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: ScanTask
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
-    """Spikes and potentials before the reset of the populations of a component, from their input.
+    """Return spikes and potentials before the reset of the populations of a component, from their input.
 
     Args:
         part: the component.
-        drives: input from outside by population.
-        weights: of the synapses inside, in their order.
-        task: what it is about; potentials that are not wanted have an undefined number of steps.
+        drives: input from outside the component, by population.
+        weights: weights of the synapses inside, in their order.
+        task: sizes, dtype and surrogate of the pass; potentials that are not wanted have an undefined number of steps.
     """
     learns = torch.is_grad_enabled() and any(t.requires_grad for t in (*drives.values(), *weights))
     ins = [drives[k] for k in part.cells]
-    found: tuple[Tensor, ...] = _Scan.apply(part, task, learns, *ins, *weights)  # type: ignore[no-untyped-call]
+    results: tuple[Tensor, ...] = _Scan.apply(part, task, learns, *ins, *weights)  # type: ignore[no-untyped-call]
     n = len(part.cells)
-    return dict(zip(part.cells, found[:n], strict=True)), dict(zip(part.cells, found[n:], strict=True))
+    return dict(zip(part.cells, results[:n], strict=True)), dict(zip(part.cells, results[n:], strict=True))
 
 
 class _Population:
-    """A population on its way through the steps."""
+    """States and results of a population during the forward pass."""
 
     def __init__(self, part: Cells, drive: Array, task: ScanTask, keep: bool) -> None:
-        kind, batch = drive.dtype, task.batch
+        dtype, batch = drive.dtype, task.batch
         self.part, self.drive = part, drive
-        self.c, self.push = part.constants.astype(kind), task.push[part.population].astype(kind)
-        self.v, self.current = (np.repeat(x[None].astype(kind), batch, axis=0) for x in (part.v, part.current))
-        self.held = np.zeros_like(self.v)
+        self.c, self.push = part.constants.astype(dtype), task.push[part.population].astype(dtype)
+        self.v, self.current = (np.repeat(x[None].astype(dtype), batch, axis=0) for x in (part.v, part.current))
+        self.refractory = np.zeros_like(self.v)
         self.keep = int(keep or part.population in task.wanted)
-        kept = task.steps if self.keep else 1
-        self.potential = torch.empty(batch, kept, part.size, dtype=task.dtype)
-        self.fate = np.empty((batch, kept, part.size), dtype=np.uint8)
+        n_saved = task.steps if self.keep else 1
+        self.potential = torch.empty(batch, n_saved, part.size, dtype=task.dtype)
+        self.fate = np.empty((batch, n_saved, part.size), dtype=np.uint8)
         self.spikes = torch.empty(batch, task.steps, part.size, dtype=task.dtype)
 
     def go(self, first: int, last: int) -> None:
-        """Through a stretch."""
+        """Run steps first <= t < last."""
         out = (self.potential.numpy(), self.spikes.numpy(), self.fate)
         if self.part.model == "iaf_psc_delta":
-            kernels.delta(self.drive, self.push, first, last, self.c, self.v, self.held, self.keep, *out)
+            kernels.delta(self.drive, self.push, first, last, self.c, self.v, self.refractory, self.keep, *out)
         else:
-            states = (self.v, self.current, self.held)
+            states = (self.v, self.current, self.refractory)
             kernels.exp(self.drive, self.push, first, last, self.c, *states, self.keep, *out)
 
 
 class _Adjoint:
-    """A population on its way back."""
+    """Gradients of a population during the backward pass."""
 
     def __init__(self, part: Cells, spikes: Tensor, potential: Tensor, fate: Array, grads: tuple[Any, Any]) -> None:
-        kind = spikes.numpy().dtype
-        self.part, self.c = part, part.constants.astype(kind)
+        dtype = spikes.numpy().dtype
+        self.part, self.c = part, part.constants.astype(dtype)
         self.saved = potential.numpy(), spikes.numpy(), fate
         self.to_spikes = torch.zeros_like(spikes) if grads[0] is None else grads[0].contiguous().clone()
         shape = (spikes.shape[0], 1, part.size)
-        self.to_potential = np.zeros(shape, kind) if grads[1] is None else grads[1].contiguous().numpy()
-        self.carry, self.carry_current = (np.zeros(self.saved[1].shape[::2], kind) for _ in range(2))
+        self.to_potential = np.zeros(shape, dtype) if grads[1] is None else grads[1].contiguous().numpy()
+        self.carry, self.carry_current = (np.zeros(self.saved[1].shape[::2], dtype) for _ in range(2))
         self.grad = torch.empty_like(spikes)
 
     def go(self, first: int, last: int, surrogate: Surrogate) -> None:
-        """Through a stretch, from its last step to its first."""
+        """Run a stretch backward, from its last step to its first."""
         potential, spikes, fate = self.saved
         grad, slope = self.grad.numpy(), self.c.dtype.type(surrogate.slope)
         kernels.through_spikes(surrogate.at)(first, last, self.c, potential, slope, self.to_spikes.numpy(), grad)
-        known = (first, last, self.c, spikes, fate, self.to_potential, self.carry)
+        arguments = (first, last, self.c, spikes, fate, self.to_potential, self.carry)
         if self.part.model == "iaf_psc_delta":
-            kernels.delta_adjoint(*known, grad)
+            kernels.delta_adjoint(*arguments, grad)
         else:
-            kernels.exp_adjoint(*known, self.carry_current, grad)
+            kernels.exp_adjoint(*arguments, self.carry_current, grad)
 
 
 class _Scan(torch.autograd.Function):
-    """The populations of a component, stretch by stretch."""
+    """The populations of a component, scanned stretch by stretch."""
 
     @staticmethod
     def forward(ctx: Any, part: Component, task: ScanTask, learns: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         n = len(part.cells)
         ctx.set_materialize_grads(False)
         ctx.part, ctx.task = part, task
-        # What spikes of inside bring is added to the input in place: it was made for this scan.
+        # Synapses inside the component add to the input in place, so the input is copied first.
         drives = [each.detach().clone() if part.inside else each.detach().contiguous() for each in tensors[:n]]
-        all_ = {
+        populations = {
             k: _Population(cell, each.numpy(), task, learns)
             for (k, cell), each in zip(part.cells.items(), drives, strict=True)
         }
         weights = [rows_of(s, w) for s, w in zip(part.inside, tensors[n:], strict=True)]
         for first, last in stretches(part.stretch, task.steps):
-            for each in all_.values():
+            for each in populations.values():
                 each.go(first, last)
-            sent = {}
+            packed_by_source = {}
             for source in {each.source for each in part.inside}:
-                spikes_of, width = all_[source].spikes.numpy(), last - first
-                sent[source] = _pack(spikes_of, first, width, spikes_of.shape[0] * width * spikes_of.shape[2])
+                spikes_of, width = populations[source].spikes.numpy(), last - first
+                packed_by_source[source] = _pack(
+                    spikes_of, first, width, spikes_of.shape[0] * width * spikes_of.shape[2]
+                )
             for synapses, weight in zip(part.inside, weights, strict=True):
-                goal = all_[synapses.target].drive
-                _push(synapses, sent[synapses.source], first, last - first, weight, goal)
-        spikes, potentials = [p.spikes for p in all_.values()], [p.potential for p in all_.values()]
-        ctx.fates = [p.fate for p in all_.values()]
+                target_drive = populations[synapses.target].drive
+                _push(synapses, packed_by_source[synapses.source], first, last - first, weight, target_drive)
+        spikes, potentials = [p.spikes for p in populations.values()], [p.potential for p in populations.values()]
+        ctx.fates = [p.fate for p in populations.values()]
         ctx.save_for_backward(*spikes, *potentials, *tensors[n:])
         return (*spikes, *potentials)
 
@@ -235,27 +237,29 @@ class _Scan(torch.autograd.Function):
         part, task, n = ctx.part, ctx.task, len(ctx.part.cells)
         saved = ctx.saved_tensors
         spikes, potentials, weights = saved[:n], saved[n : 2 * n], saved[2 * n :]
-        all_ = {
+        adjoints = {
             k: _Adjoint(cell, spikes[i], potentials[i], ctx.fates[i], (grads[i], grads[n + i]))
             for i, (k, cell) in enumerate(part.cells.items())
         }
         for first, last in reversed(list(stretches(part.stretch, task.steps))):
             for synapses, weight in zip(part.inside, weights, strict=True):
-                goal = all_[synapses.source].to_spikes
-                _pull(synapses, first, last - first, weight, all_[synapses.target].grad, task.damping, goal)
-            for each in all_.values():
+                spike_gradient = adjoints[synapses.source].to_spikes
+                _pull(
+                    synapses, first, last - first, weight, adjoints[synapses.target].grad, task.damping, spike_gradient
+                )
+            for each in adjoints.values():
                 each.go(first, last, task.surrogate)
         places = {k: i for i, k in enumerate(part.cells)}
-        taught = [
-            teach(s, packed(spikes[places[s.source]]), w, all_[s.target].grad)
+        weight_gradients = [
+            weight_gradient_of(s, packed(spikes[places[s.source]]), w, adjoints[s.target].grad)
             if ctx.needs_input_grad[3 + n + i]
             else None
             for i, (s, w) in enumerate(zip(part.inside, weights, strict=True))
         ]
-        return (None, None, None, *(each.grad for each in all_.values()), *taught)
+        return (None, None, None, *(each.grad for each in adjoints.values()), *weight_gradients)
 
 
 def stretches(length: int, steps: int) -> list[tuple[int, int]]:
-    """The first step of each stretch, and that after its last."""
+    """Return the first step of each stretch and the step after its last."""
     length = length or steps
     return [(first, min(first + length, steps)) for first in range(0, steps, length)]

@@ -1,7 +1,8 @@
-"""Gradients as scans and steps need them: of what has none itself, and of silence.
+"""Gradients for scans and steps: an error for second-order gradients, and gradients of 0 for silent networks.
 
-`once` is for gradients that have none themselves: asked for one, they say so, where torch would be silent. `joined`
-keeps tensors in the graph of what learns, also where nothing has arrived: silence has a gradient, 0.
+`once` is for backward passes without a derivative of their own: asking for a second-order gradient raises an error,
+where torch would return none. `joined` keeps tensors connected to the parameters where no spike has arrived, so that a
+silent network has a gradient of 0.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ Backward = Callable[..., Any]
 
 
 def once(backward: Backward) -> Backward:
-    """A `backward` whose gradients are numbers; asking for a gradient of them is an error.
+    """Decorate a `backward`: its gradients are constants, and asking for a gradient of them is an error.
 
-    torch's `once_differentiable` is silent where what comes in has no gradient, as that of a sum.
+    torch's `once_differentiable` raises no error if the incoming gradient has none, as that of a sum.
     """
 
     @wraps(backward)
@@ -29,16 +30,16 @@ def once(backward: Backward) -> Backward:
         if not torch.is_grad_enabled():
             return backward(ctx, *grads)
         with torch.no_grad():
-            found = backward(ctx, *grads)
-        of: Any = _Last.apply
-        each = found if isinstance(found, tuple) else (found,)
-        return tuple(of(g.detach().requires_grad_()) if isinstance(g, Tensor) else g for g in each)
+            gradients = backward(ctx, *grads)
+        last: Any = _Last.apply
+        as_tuple = gradients if isinstance(gradients, tuple) else (gradients,)
+        return tuple(last(g.detach().requires_grad_()) if isinstance(g, Tensor) else g for g in as_tuple)
 
     return numbers
 
 
 class _Last(torch.autograd.Function):
-    """A gradient as it is, without one."""
+    """The identity; its gradient is an error."""
 
     @staticmethod
     def forward(ctx: Any, gradient: Tensor) -> Tensor:
@@ -53,16 +54,16 @@ class _Last(torch.autograd.Function):
 
 
 def joined(tensor: Tensor, learns: Iterable[Tensor]) -> Tensor:
-    """A tensor as it is, that depends on what learns."""
+    """Return a tensor unchanged but connected in the graph to the parameters that learn."""
     apply: Any = _Joined.apply
-    found: Tensor = apply(tensor, *learns)
-    return found
+    connected: Tensor = apply(tensor, *learns)
+    return connected
 
 
 class _Joined(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, tensor: Tensor, *learns: Tensor) -> Tensor:
-        # Not their values are needed, so a change of them is no mistake here.
+        # Only shapes are saved, so an in-place change of the parameters is no error here.
         ctx.like = [(each.shape, each.dtype, each.device) for each in learns]
         return tensor.view_as(tensor)
 

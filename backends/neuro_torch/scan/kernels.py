@@ -1,14 +1,17 @@
-"""Kernels of a scan: neurons through a stretch of steps, spikes to the input that they become, and their adjoints.
+"""Kernels of a scan: neurons through a stretch of steps, delivery of spikes to the input, and the adjoints of both.
 
-**Neurons.** `c` has a row for each constant (see the names below) and a column for each neuron, `push` what a constant
-current adds to V in each step (one row where it is the same in all). `drive` is the input, (batch, steps, neurons).
-`v`, `current` and `held` are the states between two stretches, (batch, neurons). What the adjoint needs is kept where
-`keep` is 1: V before the reset and what became of it; else they have one step, which is written over. A spike resets V,
-and through a reset flows no gradient: what V was before no longer matters.
+**Neurons.** `c` has a row for each constant (see the names below) and a column for each neuron. `push` is the potential
+that external currents add in each step, with one row if it is constant. `drive` is the input, (batch, steps, neurons).
+`v`, `current` and `refractory` (remaining steps) are the states between two stretches, (batch, neurons). If `keep` is
+1, the arrays for the adjoint, V before the reset and `fate`, have all steps; else they have one step that is
+overwritten. No gradient flows through a reset: the V before it no longer matters.
 
-**Spikes** of a batch are packed: `ends[row] : ends[row + 1]` are those of a row, with `ids` and `values`; a row is one
-step of one recording, of a stretch of `width` steps from step `first` on. Input and its gradient have the shape
-(batch, steps, neurons). Rows are gone through by step, then neuron, so sums have the order of the reference.
+**Spikes** of a batch are packed: the spikes of a row are `ends[row] : ends[row + 1]` in `ids` and `values`. A row is
+one step of one recording, of a stretch of `width` steps from step `first` on. Input and its gradient have the shape
+(batch, steps, neurons). Rows are read by step, then neuron, so that sums have the order of the reference.
+
+Example: for 1 recording of 2 steps, neuron 4 fires in the first one and neurons 0 and 2 in the second one:
+`ends` = [0, 1, 3], `ids` = [4, 0, 2], `values` = [1, 1, 1].
 """
 
 # mypy: ignore-errors
@@ -17,15 +20,15 @@ from functools import cache
 from neuro.kernels.jit import compiled, inlined, kernel
 
 E_L, P33, V_TH, V_RESET, REFRACTORY, V_MIN, P32, P11 = range(8)
-"""Rows of `c`; `V_MIN` is of `iaf_psc_delta`, `P32` and `P11` of `iaf_psc_exp`."""
+"""Rows of `c`. Only `iaf_psc_delta` has `V_MIN`; only `iaf_psc_exp` has `P32` and `P11`."""
 CONSTANTS = 8
 FREE, LOW, HELD = range(3)
-"""What became of V in a step: it moved, was held from below by V_min, or was refractory."""
+"""Values of `fate`, for V in a step: integrated, clipped at V_min, or constant in the refractory period."""
 
 
 @cache
 def through_spikes(at):
-    """The kernel of a surrogate, `Surrogate.at`: what the gradients of the spikes of a stretch are for V."""
+    """Return the kernel that multiplies the gradients of the spikes of a stretch with a surrogate, `Surrogate.at`."""
     derivative = compiled(at, inlined)
 
     @kernel
@@ -43,35 +46,35 @@ def through_spikes(at):
 
 
 @kernel
-def delta(drive, push, first, last, c, v, held, keep, potential, spikes, fate):
-    """`iaf_psc_delta` in steps first <= t < last."""
+def delta(drive, push, first, last, c, v, refractory, keep, potential, spikes, fate):
+    """Run `iaf_psc_delta` in steps first <= t < last."""
     for b in range(drive.shape[0]):
         for t in range(first, last):
             at, row = t * keep, min(t, push.shape[0] - 1)
             for i in range(drive.shape[2]):
-                left, old = held[b, i], v[b, i]
+                remaining, old = refractory[b, i], v[b, i]
                 new = c[E_L, i] + c[P33, i] * (old - c[E_L, i]) + push[row, i] + drive[b, t, i]
                 low = new < c[V_MIN, i]
                 new = c[V_MIN, i] if low else new
                 # Selections, not branches: the loop over neurons is vectorised.
-                new = old if left > 0 else new
+                new = old if remaining > 0 else new
                 fires = new >= c[V_TH, i]
                 potential[b, at, i] = new
-                fate[b, at, i] = HELD if left > 0 else (LOW if low else FREE)
+                fate[b, at, i] = HELD if remaining > 0 else (LOW if low else FREE)
                 spikes[b, t, i] = fires
                 v[b, i] = c[V_RESET, i] if fires else new
                 # V before the reset is what the adjoint and a probe of potentials need; V itself is kept after it.
-                held[b, i] = c[REFRACTORY, i] if fires else left - (left > 0)
+                refractory[b, i] = c[REFRACTORY, i] if fires else remaining - (remaining > 0)
 
 
 @kernel
 def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
-    """The adjoint of `delta`: from the gradient of V before the reset to that of the input.
+    """The adjoint of `delta`: from the gradient of V before the reset to the gradient of the input.
 
-    `grad` holds at first what `through_spikes` left there, `grad_potential` what else there is.
-    `carry` is the gradient of V after the last step of the stretch, and then of V before its first.
+    On entry `grad` holds the gradient through the spikes, from `through_spikes`; `grad_potential` is added to it.
+    `carry` is the gradient of V after the last step of the stretch, and on return that of V before its first step.
     """
-    # Of the array's type: a literal has 64 bits, and would widen a pass in 32.
+    # A literal 0.0 has 64 bits and would widen a pass in 32 bits.
     zero = c.dtype.type(0)
     for b in range(spikes.shape[0]):
         for t in range(last - 1, first - 1, -1):
@@ -86,27 +89,27 @@ def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
 
 
 @kernel
-def exp(drive, push, first, last, c, v, current, held, keep, potential, spikes, fate):
-    """`iaf_psc_exp` with one time constant of its currents: V with the current before, then the input."""
+def exp(drive, push, first, last, c, v, current, refractory, keep, potential, spikes, fate):
+    """Run `iaf_psc_exp` with one synaptic time constant: V integrates the old current, then the input is added."""
     for b in range(drive.shape[0]):
         for t in range(first, last):
             at, row = t * keep, min(t, push.shape[0] - 1)
             for i in range(drive.shape[2]):
-                left, old = held[b, i], v[b, i]
+                remaining, old = refractory[b, i], v[b, i]
                 new = c[E_L, i] + c[P33, i] * (old - c[E_L, i]) + c[P32, i] * current[b, i] + push[row, i]
-                new = old if left > 0 else new
+                new = old if remaining > 0 else new
                 current[b, i] = current[b, i] * c[P11, i] + drive[b, t, i]
                 fires = new >= c[V_TH, i]
                 potential[b, at, i] = new
-                fate[b, at, i] = HELD if left > 0 else FREE
+                fate[b, at, i] = HELD if remaining > 0 else FREE
                 spikes[b, t, i] = fires
                 v[b, i] = c[V_RESET, i] if fires else new
-                held[b, i] = c[REFRACTORY, i] if fires else left - (left > 0)
+                refractory[b, i] = c[REFRACTORY, i] if fires else remaining - (remaining > 0)
 
 
 @kernel
 def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_current, grad):
-    """The adjoint of `exp`; `carry_current` is that of the current, as `carry` is that of V."""
+    """The adjoint of `exp`; `carry_current` is the gradient of the current, as `carry` is that of V."""
     zero = c.dtype.type(0)
     for b in range(spikes.shape[0]):
         for t in range(last - 1, first - 1, -1):
@@ -124,38 +127,38 @@ def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_curre
 
 @kernel
 def pack(spikes, first, width, ends, ids, values):
-    """List the spikes of a stretch that are not 0; return how many there are."""
-    found = 0
+    """List the nonzero spikes of a stretch; return their number."""
+    count = 0
     for b in range(spikes.shape[0]):
         for t in range(width):
-            ends[b * width + t] = found
+            ends[b * width + t] = count
             # By step, then neuron, as the reference adds: sums of doubles then agree to the last bit.
             for j in range(spikes.shape[2]):
                 if spikes[b, first + t, j] != 0:
-                    ids[found] = j
-                    values[found] = spikes[b, first + t, j]
-                    found += 1
-    ends[spikes.shape[0] * width] = found
-    return found
+                    ids[count] = j
+                    values[count] = spikes[b, first + t, j]
+                    count += 1
+    ends[spikes.shape[0] * width] = count
+    return count
 
 
 @kernel
 def number(spikes):
-    """How many are not 0; NumPy takes four times as long."""
-    found = 0
+    """Return the number of nonzero elements; NumPy needs four times as long."""
+    count = 0
     for b in range(spikes.shape[0]):
         for t in range(spikes.shape[1]):
             for j in range(spikes.shape[2]):
-                found += spikes[b, t, j] != 0
-    return found
+                count += spikes[b, t, j] != 0
+    return count
 
 
 @kernel
 def push_dense(ends, ids, values, first, width, weight, delay, drive):
-    """Add the row of weights of each spike to the input of the step in which it arrives."""
+    """Add the row of weights of each spike to the input of the step in which the spike arrives."""
     for b in range(drive.shape[0]):
         for t in range(width):
-            # What would arrive after the end of the recording acts on nothing.
+            # Spikes that arrive after the end of the recording have no effect.
             to = first + t + delay
             if to >= drive.shape[1]:
                 continue
@@ -176,13 +179,13 @@ def teach_dense(ends, ids, values, first, width, grad, delay, grad_weight):
             for place in range(ends[b * width + t], ends[b * width + t + 1]):
                 source, value = ids[place], values[place]
                 for i in range(grad.shape[2]):
-                    # Only spikes that happened move a weight, so the cost is that of the forward pass.
+                    # Only spikes contribute to the gradient of a weight, so the cost equals the forward pass.
                     grad_weight[source, i] += value * grad[b, to, i]
 
 
 @kernel
 def push_listed(ends, ids, values, first, width, row_ends, target, slot, delay, weight, drive):
-    """The same for synapses that are listed by source, each with its delay and the place of its weight."""
+    """Add the weight of each synapse that a spike reaches to the input; each listed synapse has its own delay."""
     for b in range(drive.shape[0]):
         for t in range(width):
             for place in range(ends[b * width + t], ends[b * width + t + 1]):
@@ -206,15 +209,14 @@ def teach_listed(ends, ids, values, first, width, row_ends, target, slot, delay,
 
 @kernel
 def pull_listed(recordings, least, row_ends, target, slot, delay, weight, grad, grad_spikes):
-    """The adjoint of `push_listed` for the spikes, all of them: those that did not happen could have.
+    """The adjoint of `push_listed` for the spikes, also at steps without a spike, where one would change the loss.
 
-    Here neurons have rows, of steps x recordings: a delay is a shift, and a loop along a row does several at once.
-    `grad` begins where the first spike arrives after the delay `least`.
+    Arrays have a row per neuron, of steps x recordings, so a delay is a shift along the row and the loop vectorises.
+    `grad` begins at the first step that a spike with the delay `least` reaches.
     """
     for j in range(grad_spikes.shape[0]):
         for e in range(row_ends[j], row_ends[j + 1]):
-            w, i, late = weight[slot[e]], target[e], (delay[e] - least) * recordings
-            # Steps are the outer part of a row and recordings the inner one, so a delay is one shift for the whole
-            # batch.
-            for place in range(min(grad_spikes.shape[1], grad.shape[1] - late)):
-                grad_spikes[j, place] += w * grad[i, late + place]
+            w, i, shift = weight[slot[e]], target[e], (delay[e] - least) * recordings
+            # In a row steps are outer and recordings inner, so a delay is one shift for the whole batch.
+            for place in range(min(grad_spikes.shape[1], grad.shape[1] - shift)):
+                grad_spikes[j, place] += w * grad[i, shift + place]

@@ -1,6 +1,6 @@
-"""What a scan needs: of a program cells with their constants, synapses in one of two layouts, and their order; a task.
+"""Inputs of a scan: neurons with their constants, synapses in one of two layouts, the order of scans, and a task.
 
-A `Plan` says which part of a network runs by what: scans where they fit, else step by step.
+A `Plan` lists which parts of a network are scanned and which are stepped.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from neuro_torch.scan import kernels as rows
 from neuro_torch.surrogates import Surrogate
 
 CELLS = ("iaf_psc_delta", "iaf_psc_exp")
-"""Models that are scanned, beside graded ones without circles (`neuro_torch.cells`)."""
+"""Models that scans support, besides graded models outside of cycles (`neuro_torch.cells`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,13 +32,13 @@ class Cells:
     """The neurons of a population.
 
     Attributes:
-        population: its index.
-        size: neurons.
-        model: a name of `CELLS`.
-        constants: see `neuro_torch.scan.kernels`, (constants, size).
-        per_pa: mV that a current of 1 pA adds in a step, (size,).
-        constant: pA that always flow, (size,).
-        v, current: at step 0, (size,).
+        population: index of the population.
+        size: number of neurons.
+        model: a name of `CELLS`, or of a graded model.
+        constants: constants of the model, see `neuro_torch.scan.kernels`, (constants, size).
+        per_pa: potential that a current of 1 pA adds in a step, mV, (size,).
+        constant: constant current, pA, (size,).
+        v, current: potential (mV) and synaptic current (pA) at step 0, (size,).
     """
 
     population: int
@@ -56,12 +56,13 @@ class Synapses:
     """The synapses of a projection.
 
     Attributes:
-        projection, source, target: indices.
-        sizes: neurons of source and target.
-        shape: of the weights as a user sees them.
-        dense: whether they are rows of weights with one delay; `row_ends`, `targets`, `slot` are empty then.
-        row_ends, targets, slot, delay: synapses by source: the target of each, the place of its weight, its steps.
-        least: the smallest delay.
+        projection, source, target: indices of the projection and its populations.
+        sizes: number of neurons of source and target.
+        shape: shape of the weights in `neuro_torch.Module.weights`.
+        dense: whether the synapses are a matrix with one delay; then `row_ends`, `targets` and `slot` are empty.
+        row_ends, targets, slot, delay: synapses by source: target, index of the weight, delay in steps. The synapses of
+            source j are `row_ends[j] : row_ends[j + 1]`.
+        least: the smallest delay in steps.
     """
 
     projection: int
@@ -79,13 +80,13 @@ class Synapses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Component:
-    """Populations that are simulated together: one, or those of a cycle of connections.
+    """Populations that are simulated together: a single one, or those of a cycle of connections.
 
     Attributes:
-        cells: by population.
-        outside: synapses from populations that are complete before, in the order of the program.
-        inside: synapses among its own populations.
-        stretch: steps a pass, at most the smallest delay inside the component; 0: all steps.
+        cells: neurons by index of the population.
+        outside: synapses from populations that are scanned before, in the order of the program.
+        inside: synapses among the component's own populations.
+        stretch: steps per pass, at most the smallest delay inside the component; 0 for all steps.
     """
 
     cells: dict[int, Cells]
@@ -95,15 +96,15 @@ class Component:
 
 
 def unfit(program: Program) -> list[str]:
-    """Why a program cannot be scanned, one sentence for each reason."""
-    found = []
+    """Return the reasons why a program cannot be scanned, one sentence each."""
+    reasons = []
     for part in program.populations:
         if part.kind == "neuron":
-            found += [f"population '{part.name}': {why}" for why in _unfit_cells(part)]
+            reasons += [f"population '{part.name}': {why}" for why in _unfit_cells(part)]
     if driven(program):
         names = ", ".join(f"'{program.populations[k].name}'" for k in driven(program))
-        found.append(f"the current into {names} changes in every step")
-    return found
+        reasons.append(f"the current into {names} changes in every step")
+    return reasons
 
 
 def _unfit_cells(part: Population) -> list[str]:
@@ -123,19 +124,22 @@ def _unfit_cells(part: Population) -> list[str]:
 
 
 def components(program: Program) -> list[Component]:
-    """The neurons of a program in parts, in an order in which all input of one is complete when it is scanned."""
-    wired = [synapses(program, q) for q, part in enumerate(program.projections) if part.carries == "spikes"]
+    """Return the components of a program, sorted so that the input of each is known before its scan."""
+    projections = [synapses(program, q) for q, part in enumerate(program.projections) if part.carries == "spikes"]
     neurons = [k for k, part in enumerate(program.populations) if part.kind == "neuron"]
-    label = _circles(len(program.populations), wired)
+    label = _cycle_labels(len(program.populations), projections)
     order = TopologicalSorter({int(label[k]): set[int]() for k in neurons})
-    for each in wired:
+    for each in projections:
         if label[each.source] != label[each.target] and each.source in neurons:
             order.add(int(label[each.target]), int(label[each.source]))
-    return [_component(program, [k for k in neurons if label[k] == one], wired) for one in order.static_order()]
+    return [
+        _component(program, [k for k in neurons if label[k] == component_label], projections)
+        for component_label in order.static_order()
+    ]
 
 
-def _circles(n: int, wired: list[Synapses]) -> NDArray[np.int32]:
-    """A number for each population, the same for those that reach each other."""
+def _cycle_labels(n: int, wired: list[Synapses]) -> NDArray[np.int32]:
+    """Return a label for each population; populations that reach each other have the same label."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -155,35 +159,37 @@ def _component(program: Program, members: list[int], wired: list[Synapses]) -> C
 
 
 def cells(program: Program, index: int) -> Cells:
-    """The neurons of a population with the constants of their model."""
+    """Return the neurons of a population with the constants of their model."""
     part = program.populations[index]
     model: Any = part.model
-    if model.graded:  # these are stepped by their model
+    if model.graded:  # graded neurons are stepped by their model and need no constants here
         none = np.zeros(part.size)
         return Cells(index, part.size, model.name, np.zeros((rows.CONSTANTS, part.size)), none, none, none, none)
     parameters = [np.broadcast_to(values, part.size) for values in part.parameters.values()]
     each = np.zeros((part.size, model.width))
-    alike = all(values.size == 1 for values in part.parameters.values())
-    for i in range(1 if alike else part.size):
+    is_uniform = all(values.size == 1 for values in part.parameters.values())
+    for i in range(1 if is_uniform else part.size):
         model.arithmetic.constants([float(values[i]) for values in parameters], program.resolution, each[i])
-    if alike:
+    if is_uniform:
         each[:] = each[0]
-    at = model.arithmetic.constants.__globals__  # the rows of the constants by name
+    row_of = model.arithmetic.constants.__globals__  # row of each constant by name
     table = np.zeros((rows.CONSTANTS, part.size))
     for row, name in ((rows.E_L, "E_L"), (rows.P33, "P33"), (rows.V_TH, "V_TH"), (rows.V_RESET, "V_RESET")):
-        table[row] = each[:, at[name]]
-    table[rows.REFRACTORY] = each[:, at["R"]]
+        table[row] = each[:, row_of[name]]
+    table[rows.REFRACTORY] = each[:, row_of["R"]]
     if model.name == "iaf_psc_delta":
-        table[rows.V_MIN] = each[:, at["V_MIN"]]
+        table[rows.V_MIN] = each[:, row_of["V_MIN"]]
     else:
-        table[rows.P32], table[rows.P11] = each[:, at["P32_EX"]], each[:, at["P11_EX"]]
+        table[rows.P32], table[rows.P11] = each[:, row_of["P32_EX"]], each[:, row_of["P11_EX"]]
     start = {name: np.broadcast_to(values, part.size).astype(np.float64) for name, values in part.initial.items()}
     current = start.get("I_syn_ex", 0.0) + start.get("I_syn_in", 0.0) + np.zeros(part.size)
-    return Cells(index, part.size, model.name, table, each[:, at["P30"]], each[:, at["I_E"]], start["V_m"], current)
+    return Cells(
+        index, part.size, model.name, table, each[:, row_of["P30"]], each[:, row_of["I_E"]], start["V_m"], current
+    )
 
 
 def push(program: Program, part: Cells, steps: int) -> Floats:
-    """What currents add to V in each of the first steps, mV, (1 or steps, size)."""
+    """Return the potential that currents add in each of the first steps, mV, (1 or steps, size)."""
     currents = Currents(program)
     if part.population not in currents.targets:
         return (part.per_pa * part.constant)[None]
@@ -193,13 +199,19 @@ def push(program: Program, part: Cells, steps: int) -> Floats:
 
 
 def synapses(program: Program, index: int, listed: bool = False) -> Synapses:
-    """The synapses of a projection, where asked one by one also if they are rows."""
+    """Return the synapses of a projection.
+
+    Args:
+        program: the network.
+        index: index of the projection.
+        listed: whether to list the synapses one by one even if they are a matrix.
+    """
     part = program.projections[index]
     sizes = program.populations[part.source].size, program.populations[part.target].size
-    first, nothing = int(part.delay.min()) if part.delay.size else 1, np.zeros(0, dtype=np.int64)
+    first, empty = int(part.delay.min()) if part.delay.size else 1, np.zeros(0, dtype=np.int64)
     ends = index, part.source, part.target, sizes, shape_of(part, sizes)
     if not listed and part.layout == "dense" and np.all(part.delay == first):
-        return Synapses(*ends, True, nothing, nothing.astype(np.int32), nothing, np.array([first]), first)
+        return Synapses(*ends, True, empty, empty.astype(np.int32), empty, np.array([first]), first)
     source, target, slot = program.synapses(index)
     slot = np.zeros(len(source), dtype=np.int64) if part.weight.size == 1 else np.asarray(slot, dtype=np.int64)
     row_ends = np.searchsorted(source, np.arange(sizes[0] + 1)).astype(np.int64)
@@ -208,13 +220,13 @@ def synapses(program: Program, index: int, listed: bool = False) -> Synapses:
 
 
 def delayed(part: Synapses, delay: NDArray[np.int64]) -> Synapses:
-    """Listed synapses with other delays in steps, one or one of each."""
+    """Return listed synapses with other delays in steps, one for all or one each."""
     each = np.broadcast_to(delay, len(part.targets)).astype(np.int64)
     return replace(part, delay=each, least=int(each.min(initial=NEVER)))
 
 
 def shape_of(part: Projection, sizes: tuple[int, int]) -> tuple[int, ...]:
-    """How weights are laid out for users: as one number, rows by source, kernels by map, or one for each synapse."""
+    """Return the shape of the weights in `Module.weights`: (1,), rows by source, kernels by map, or one per synapse."""
     if part.weight.size == 1:
         return (1,)
     if part.grid is not None:
@@ -222,53 +234,54 @@ def shape_of(part: Projection, sizes: tuple[int, int]) -> tuple[int, ...]:
     return sizes if part.layout == "dense" else (part.size,)
 
 
-Way = tuple[Synapses, Tensor]
-"""Synapses that a spike goes along, and their weights."""
+Path = tuple[Synapses, Tensor]
+"""Synapses that deliver spikes, and their weights."""
 
 
-def ways(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Way]:
-    """The ways of spikes along a projection.
+def paths(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Path]:
+    """Return the synapses with delays in steps that deliver the spikes of a projection whose delays learn.
 
     Args:
-        part: its synapses, listed.
-        weight: as a user sees it.
-        steps: the delay, of all or of each, of `neuro_torch.trainable.in_steps`.
-        exact: whether a spike arrives in the two steps between which the delay lies, in shares that say how near it is
-            to each, so that a gradient moves it; else it arrives in the nearest step.
+        part: the synapses, listed.
+        weight: the weights in `Module.weights`.
+        steps: delays in steps from `neuro_torch.trainable.in_steps`, one for all or one each.
+        exact: whether a spike between two steps arrives in both, in shares by the distance to each, so that a gradient
+            moves the delay; else it arrives in the nearest step. For example, 2.25 steps deliver 0.75 of the weight
+            after 2 steps and 0.25 after 3 steps.
     """
     if not exact:
         return [(delayed(part, rounded(steps)), weight)]
     whole = steps.detach().floor()
-    late = steps - whole
-    # One weight of all synapses becomes one of each, since their delays differ.
+    share_later = steps - whole
+    # A shared weight is expanded to one per synapse, because each has its own share.
     each = replace(part, slot=torch.arange(len(part.targets)).numpy())
     flat = weight.reshape(-1).expand(len(part.targets))
     earlier = whole.long().cpu().numpy()
-    return [(delayed(each, earlier), flat * (1.0 - late)), (delayed(each, earlier + 1), flat * late)]
+    return [(delayed(each, earlier), flat * (1.0 - share_later)), (delayed(each, earlier + 1), flat * share_later)]
 
 
 def rounded(steps: Tensor):  # type: ignore[no-untyped-def]
-    """The nearest whole steps, as an array."""
+    """Return delays rounded to steps, as an array."""
     return steps.detach().round().long().cpu().numpy()
 
 
-def component(part: Component, inside: list[Way]) -> Component:
-    """A component with these synapses among its own populations."""
+def component(part: Component, inside: list[Path]) -> Component:
+    """Return a component with other synapses inside."""
     least = min((synapses.least for synapses, _ in inside), default=0)
     return replace(part, inside=tuple(synapses for synapses, _ in inside), stretch=least)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanTask:
-    """What one forward pass is about.
+    """Sizes, dtype and settings of one forward pass.
 
     Attributes:
-        batch, steps: of it.
-        dtype, device: of all numbers.
-        surrogate: stands in for the derivative of a spike.
-        damping: of gradients each time they go along a synapse of a circle.
-        push: what currents add, by population, see `neuro_torch.scan.kernels`.
-        wanted: populations whose potentials are asked for.
+        batch, steps: number of recordings, and of steps each.
+        dtype, device: dtype and device of all numbers.
+        surrogate: derivative of a spike.
+        damping: factor of gradients each time they pass a synapse of a cycle.
+        push: potential that currents add, by population, see `neuro_torch.scan.kernels`.
+        wanted: populations whose potentials are returned.
     """
 
     batch: int
@@ -283,12 +296,12 @@ class ScanTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """How a network runs; `str` shows it.
+    """How each part of a network runs; `str` shows it.
 
     Attributes:
-        parts: what is scanned, in order; none where everything is stepped.
+        parts: the components to scan, in order; empty if everything is stepped.
         by: "kernels" (compiled, on the CPU), "torch" (torch's operations, on any device) or "steps".
-        why: the reasons for steps.
+        why: the reasons for stepping.
     """
 
     program: Program
@@ -313,19 +326,19 @@ class Plan:
 
 
 def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
-    """How a program runs.
+    """Return the plan of a program.
 
     Args:
         program: the network.
-        by: what is asked for, None for what is fastest on a CPU.
+        by: the user's choice, None for the fastest on a CPU.
         learning: populations with parameters that learn.
     """
     why = [*unfit(program), *(f"population '{name}': its parameters learn" for name in learning)]
     if by == "steps":
-        why.append("it is asked for")
+        why.append("by = 'steps'")
     parts = () if why else tuple(components(program))
-    circles = [k for each in parts if each.inside for k in each.cells if program.populations[k].model.graded]
-    why += [f"population '{program.populations[k].name}': graded neurons in a circle" for k in circles]
+    graded_in_cycles = [k for each in parts if each.inside for k in each.cells if program.populations[k].model.graded]
+    why += [f"population '{program.populations[k].name}': graded neurons in a cycle" for k in graded_in_cycles]
     if why:
         return Plan(program, (), "steps", tuple(why))
     return Plan(program, parts, by or "kernels", ())

@@ -1,4 +1,4 @@
-"""The scans by torch's own operations, for devices on which no kernel of ours runs; gradients are autograd's.
+"""Scans by torch's own operations, for devices without compiled kernels; gradients are autograd's.
 
 The interface is that of `neuro_torch.scan.compiled`. Synapses are matrices, one for each delay.
 """
@@ -17,28 +17,28 @@ from neuro_torch.scan.gradients import joined
 from neuro_torch.scan.layers import Cells, Component, ScanTask, Synapses
 
 Fire = Callable[[Tensor, ScanTask], Tensor]
-"""Spikes from x = (V_m - V_th) / (V_th - V_reset)."""
+"""Function that returns spikes from x = (V_m - V_th) / (V_th - V_reset)."""
 
 
 class SpikeLists(NamedTuple):
-    """Spikes of a batch: the recording, the step and the neuron of each."""
+    """Spikes of a batch: recording, step and neuron of each."""
 
     recording: Tensor
     step: Tensor
     neuron: Tensor
 
 
-def listed(train: Train, task: ScanTask) -> SpikeLists:
-    """The spikes of a population of inputs, where they are to be used."""
+def pack_train(train: Train, task: ScanTask) -> SpikeLists:
+    """Return the spikes of a population of inputs as lists on the device of the pass."""
     recording = torch.repeat_interleave(torch.arange(task.batch), torch.from_numpy(train.ends).diff())
     parts = (recording, torch.from_numpy(train.step).long(), torch.from_numpy(train.neuron).long())
     return SpikeLists(*(part.to(task.device) for part in parts))
 
 
 def drive(part: Synapses, spikes: Tensor | SpikeLists, weight: Tensor, task: ScanTask) -> Tensor:
-    """The input that spikes bring along a projection, (batch, steps, targets)."""
-    nothing = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype, device=task.device)
-    out = joined(nothing, [weight])
+    """Return the input that spikes deliver through a projection, (batch, steps, targets)."""
+    zeros = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype, device=task.device)
+    out = joined(zeros, [weight])
     for delay, matrix in matrices(part, weight).items():
         if delay >= task.steps:
             continue
@@ -53,22 +53,24 @@ def drive(part: Synapses, spikes: Tensor | SpikeLists, weight: Tensor, task: Sca
 
 
 def matrices(part: Synapses, weight: Tensor) -> dict[int, Tensor]:
-    """By delay in steps the weights from each source, a row, to each target."""
+    """Return the weights by delay in steps, as matrices (sources, targets)."""
     if part.dense:
         return {part.least: weight.expand(part.sizes)}
     target, slot, delay = (torch.from_numpy(x).long().to(weight.device) for x in (part.targets, part.slot, part.delay))
     ends = torch.from_numpy(part.row_ends).to(weight.device)
     source = torch.repeat_interleave(torch.arange(part.sizes[0], device=weight.device), ends.diff())
-    flat, made = weight.reshape(-1)[slot], {}
+    flat, by_delay = weight.reshape(-1)[slot], {}
     for steps in torch.unique(delay).tolist():
-        some = delay == steps
+        has_delay = delay == steps
         empty = torch.zeros(part.sizes[0] * part.sizes[1], dtype=weight.dtype, device=weight.device)
-        made[steps] = empty.index_add(0, (source * part.sizes[1] + target)[some], flat[some]).view(part.sizes)
-    return made
+        by_delay[steps] = empty.index_add(0, (source * part.sizes[1] + target)[has_delay], flat[has_delay]).view(
+            part.sizes
+        )
+    return by_delay
 
 
 class _Spike(torch.autograd.Function):
-    """A step whose derivative is the surrogate's."""
+    """A threshold at 0 whose derivative is the surrogate's."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, task: ScanTask) -> Tensor:
@@ -82,7 +84,7 @@ class _Spike(torch.autograd.Function):
 
 
 class _Damped(torch.autograd.Function):
-    """The same, with a smaller gradient."""
+    """The identity with its gradient multiplied by `damping`."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, damping: float) -> Tensor:
@@ -95,13 +97,13 @@ class _Damped(torch.autograd.Function):
 
 
 def spike(x: Tensor, task: ScanTask) -> Tensor:
-    """1 at the threshold and above."""
+    """Return 1 at the threshold and above, else 0."""
     fired: Tensor = _Spike.apply(x, task)  # type: ignore[no-untyped-call]
     return fired
 
 
 class _Population:
-    """A population on its way through the steps."""
+    """States and results of a population during the forward pass."""
 
     def __init__(self, part: Cells, drive: Tensor, task: ScanTask, fire: Fire) -> None:
         self.part, self.drive, self.task, self.fire = part, list(drive.unbind(1)), task, fire
@@ -111,13 +113,13 @@ class _Population:
         )
         self.push = push.expand(task.steps, part.size)
         self.v, self.current = (x.expand(task.batch, part.size) for x in (v, current))
-        self.held = torch.zeros_like(self.v)
+        self.refractory = torch.zeros_like(self.v)
         self.spikes: list[Tensor] = []
         self.potential: list[Tensor] = []
 
     def go(self, t: int) -> None:
-        """Through one step."""
-        c, held = self.c, self.held > 0
+        """Run one step."""
+        c, held = self.c, self.refractory > 0
         new = c[rows.E_L] + c[rows.P33] * (self.v - c[rows.E_L])
         if self.part.model == "iaf_psc_delta":
             new = new + self.push[t] + self.drive[t]
@@ -131,33 +133,33 @@ class _Population:
         self.spikes.append(self.fire((new - c[rows.V_TH]) / (c[rows.V_TH] - c[rows.V_RESET]), self.task))
         self.potential.append(new)
         self.v = torch.where(fired, c[rows.V_RESET], new)
-        self.held = torch.where(fired, c[rows.REFRACTORY], (self.held - 1).clamp(min=0))
+        self.refractory = torch.where(fired, c[rows.REFRACTORY], (self.refractory - 1).clamp(min=0))
 
 
 def scan(
     part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: ScanTask, fire: Fire = spike
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
-    """Spikes and potentials before the reset of the populations of a component, from their input.
+    """Return spikes and potentials before the reset of the populations of a component, from their input.
 
     Args:
         part: the component.
-        drives: input from outside by population.
-        weights: of the synapses inside, in their order.
-        task: what it is about.
-        fire: what a potential makes; tests put something smooth there.
+        drives: input from outside the component, by population.
+        weights: weights of the synapses inside, in their order.
+        task: sizes, dtype and surrogate of the pass.
+        fire: function from the distance above threshold to spikes; tests use a smooth one.
     """
-    all_ = {k: _Population(cell, joined(drives[k], weights), task, fire) for k, cell in part.cells.items()}
+    populations = {k: _Population(cell, joined(drives[k], weights), task, fire) for k, cell in part.cells.items()}
     inside = [(s, matrices(s, w)) for s, w in zip(part.inside, weights, strict=True)]
     for t in range(task.steps):
-        for each in all_.values():
+        for each in populations.values():
             each.go(t)
         for synapses, by_delay in inside:
-            sent = _Damped.apply(all_[synapses.source].spikes[t], task.damping)  # type: ignore[no-untyped-call]
-            goal = all_[synapses.target].drive
+            spikes_sent = _Damped.apply(populations[synapses.source].spikes[t], task.damping)  # type: ignore[no-untyped-call]
+            target_drive = populations[synapses.target].drive
             for delay, matrix in by_delay.items():
                 if t + delay < task.steps:
-                    goal[t + delay] = goal[t + delay] + sent @ matrix
+                    target_drive[t + delay] = target_drive[t + delay] + spikes_sent @ matrix
     spikes, potentials = (
-        {k: torch.stack(getattr(each, word), 1) for k, each in all_.items()} for word in ("spikes", "potential")
+        {k: torch.stack(getattr(each, word), 1) for k, each in populations.items()} for word in ("spikes", "potential")
     )
     return spikes, potentials
