@@ -1,4 +1,4 @@
-"""An agent of spiking neurons that learns by reward, with an actor, a critic, and one error for both."""
+"""A spiking agent that learns by reward: an actor, a critic, and one temporal-difference error that teaches both."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ActorCritic(Learner):
     _acting: Frozen | Deployed | None = None
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Have learnt what `arrays` gave."""
+        """Restore what the agent has learnt from `arrays`."""
         self._acting = None
         super().put(arrays)
 
@@ -40,41 +40,41 @@ class ActorCritic(Learner):
         progress: bool = False,
         out: str | PathLike[str] | None = None,
     ) -> Log:
-        """Learn in an environment, or in a vector of environments at a time; a second call goes on.
+        """Train in an environment, or in a vector of environments side by side; a second call continues.
 
         Args:
-            env: a gymnasium.Env, or a VectorEnv, each of whose environments has a copy of the network; the copies add
-                up what they learn.
-            until: stop when the mean return of the last `window` episodes reaches this.
-            steps: stop after so many control steps.
-            episodes: stop after so many episodes.
-            window: episodes of that mean.
+            env: a gymnasium.Env, or a VectorEnv. In a VectorEnv each environment has a copy of the network, and the
+                weight changes of the copies are summed.
+            until: mean return of the last `window` episodes at which training stops.
+            steps: number of control steps after which training stops.
+            episodes: number of episodes after which training stops.
+            window: number of episodes of the mean return.
             patience: seconds within which the environment must answer.
-            progress: whether to show how far it is on stderr.
-            out: a file to which the agent is saved at the end. Beside it lies FILE.training meanwhile, from which the
-                same call goes on after a kill, to the same bits.
+            progress: whether to show the progress on stderr.
+            out: file to which the agent is saved at the end. During training FILE.training beside it holds a
+                checkpoint; after a kill the same call resumes there, with bit-identical results.
 
         Returns:
             the episodes of this call.
 
         Raises:
-            ModelError: the environment has other spaces, gives NaN, raises or does not answer; what was learnt before
-                stays.
+            ModelError: the environment has other spaces, returns NaN, raises an error or does not answer. What was
+                learnt before is kept.
         """
         loop = training.loop_of(self, training.fitting(self, env, patience))
         path = None if out is None else Path(out)
-        words: dict[str, Any] = {"until": until, "steps": steps, "episodes": episodes, "window": window}
+        options: dict[str, Any] = {"until": until, "steps": steps, "episodes": episodes, "window": window}
         if path is not None:
             check_output(path, hdf5.kind(files.FORMAT))
-            words |= {"out": path, "belongs_to": files.plain_of(self)}
-        self.log = self._learn(loop, progress=progress, **words)
+            options |= {"out": path, "belongs_to": files.plain_of(self)}
+        self.log = self._learn(loop, progress=progress, **options)
         if path is not None:
             self.save(path)
             loop.checkpoint(path, {}).remove()
         return self.log
 
     def _learn(self, loop: neuro.ClosedLoop, **words: Any) -> Log:
-        """Run a loop and keep what was learnt there, also before an error."""
+        """Run a loop and keep what was learnt, even if it raises an error."""
         try:
             return loop.run(**words)
         finally:
@@ -91,55 +91,55 @@ class ActorCritic(Learner):
         patience: float = 60.0,
         most: int = training.MOST,
     ) -> Test:
-        """Episodes without learning, of seeds that no training has.
+        """Test without learning, in episodes whose seeds no training uses.
 
         Args:
             env: one environment.
-            episodes: how many.
-            seed: of the environment and of the network's draws.
-            backend: that runs the network; a chip runs it as `deployed` says.
+            episodes: number of episodes.
+            seed: seed of the environment and of the network's draws.
+            backend: backend that runs the network; `deployed` describes the network for chips.
             patience: seconds within which the environment must answer.
-            most: control steps after which an episode that does not end is cut off.
+            most: control steps after which an episode is cut off.
 
         Raises:
-            ModelError: as of `train`; or the backend refuses the network.
+            ModelError: as `train`; or the backend refuses the network.
         """
         return training.test(self, env, lambda: self.frozen(seed, backend), episodes, seed, patience, most)
 
     def controls(
         self, env: Any, *, steps: int, episodes: int = 100, names: tuple[str, ...] = training.CONTROLS
     ) -> dict[str, Test]:
-        """What must fail: agents like this one, not trained yet, that are kept from learning; tested after `steps`.
+        """Train and test untrained copies of the agent that cannot learn, which should fail.
 
-        shuffled: errors of other times teach. frozen: nothing does. random: actions are drawn, whatever the circuit
-        chooses. scrambled: each place spikes in place of another, drawn anew at each step.
+        The controls are: shuffled, taught by errors of other times; frozen, taught by nothing; random, whose actions
+        are drawn at random; scrambled, whose places are permuted at random at each step.
 
         Raises:
-            ModelError: a name is unknown; or as of `train` and `test`.
+            ModelError: a name is unknown; or as `train` and `test`.
         """
-        found = {}
+        tests = {}
         for name in names:
             if name not in training.CONTROLS:
                 raise unknown("control", name, training.CONTROLS)
         for name in names:
             twin = type(self)(self.observations, self.actions.space, seed=self.seed, **self.settings.plain())
             twin._learn(training.loop_of(twin, training.fitting(twin, env, 60.0), name), steps=steps)
-            found[name] = twin.test(env, episodes)
-        return found
+            tests[name] = twin.test(env, episodes)
+        return tests
 
     def frozen(self, seed: int = 0, backend: str = "event") -> Frozen | Deployed:
-        """The agent as it is, which learns no more: on `event` and `reference` its circuits, elsewhere `Deployed`."""
+        """Return the agent with frozen weights: its own circuits on `event` and `reference`, else a `Deployed`."""
         return Frozen(self, seed, backend) if backend in DRAWING else Deployed(self, backend, seed)
 
     def energy(self, target: str, steps: int = 200) -> Energy:
-        """What control steps of the frozen agent take on a chip, with observations of its last training.
+        """Return the energy of control steps of the frozen agent on a chip, with observations from its last training.
 
         Args:
-            target: as of `Simulation.energy`.
-            steps: how many are shown; `per(steps, "decision")` of the bill gives joules a decision.
+            target: as for `Simulation.energy`.
+            steps: number of observations to decide on; `per(steps, "decision")` of the bill is joules per decision.
 
         Raises:
-            ModelError: the agent has not been trained, there is no such target, or `steps` is below 1.
+            ModelError: the agent has not been trained, the target is unknown, or `steps` is below 1.
         """
         steps = check(Quantity(kind="integer", at_least=1), steps, "energy: steps")
         actor = Deployed(self, "event")
@@ -149,22 +149,22 @@ class ActorCritic(Learner):
         return bill
 
     def act(self, observation: Any) -> Any:
-        """The action for one observation, by the frozen agent.
+        """Return the action of the frozen agent for one observation.
 
         Raises:
-            ModelError: the observation is none of the space for which the agent was made.
+            ModelError: the observation is not in the space for which the agent was made.
         """
         if self._acting is None:
             self._acting = self.frozen(self.seed)
-        seen = self.states.check(flat(self.observations, observation))
-        return self.actions.of(self._acting.decide(seen))[0]
+        vector = self.states.check(flat(self.observations, observation))
+        return self.actions.of(self._acting.decide(vector))[0]
 
     def watch(self, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
-        """Play an episode and write it as a page, see `neuro_agent.watch.watch`."""
+        """Play an episode and write it as an HTML page, see `neuro_agent.watch.watch`."""
         return watch(self, env, path, seed, learning=learning)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the agent to one HDF5 file: settings, spaces, what was learnt, the log.
+        """Write the agent to an HDF5 file: settings, spaces, what was learnt, and the log.
 
         Raises:
             ModelError: the file cannot be written.
@@ -176,6 +176,6 @@ class ActorCritic(Learner):
         """Read an agent that `save` wrote.
 
         Raises:
-            ModelError: there is no such file, it is something else, as an agent of another kind is, or damaged.
+            ModelError: the file does not exist, is damaged, or holds something else, such as an agent of another kind.
         """
         return files.load(Path(path), cls)

@@ -1,4 +1,4 @@
-"""Teach an agent of spiking neurons by reward, in any Gymnasium environment."""
+"""Train a spiking agent by reward, in any Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -16,44 +16,48 @@ app = typer.Typer(
 
 Environment = Annotated[
     str,
-    typer.Argument(metavar="ENV", help="An id of gymnasium, module:Id-v0, or module:Class of a file of yours."),
+    typer.Argument(metavar="ENV", help="Environment: a gymnasium id, module:Id-v0, or module:Class."),
 ]
 MaybeEnvironment = Annotated[
     str | None,
-    typer.Argument(metavar="ENV", help="Another environment than that of the training.", show_default=False),
+    typer.Argument(metavar="ENV", help="Environment.", show_default="that of the training"),
 ]
-AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="An agent, as 'train' writes it.")]
-Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Episodes of each test.")]
-Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps of each training.")]
+AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="Agent file from 'neuro agent train'.")]
+Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Episodes per test.")]
+Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps per training.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 
 
 @app.command()
 def train(
     environment: Environment,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The agent to write.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Agent file to write.")],
     until: Annotated[
         float | None,
-        typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.", show_default="what ENV asks for"),
+        typer.Option(
+            metavar="R", help="Mean return of 100 episodes at which to stop.", show_default="ENV's reward threshold"
+        ),
     ] = None,
     steps: Annotated[
-        int | None, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps at most.")
+        int | None, typer.Option("--steps", metavar="N", parser=at_least(1), help="Maximum number of control steps.")
     ] = None,
     episodes: Annotated[
-        int | None, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Episodes at most.")
+        int | None, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Maximum number of episodes.")
     ] = None,
     seed: Seed = 0,
     envs: Annotated[
         int,
-        typer.Option("--envs", metavar="N", parser=at_least(1), help="Environments side by side, each with a network."),
+        typer.Option(
+            "--envs", metavar="N", parser=at_least(1), help="Environments side by side, each with its network."
+        ),
     ] = 1,
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="NET", help="Also write the untrained network with its world."),
+        typer.Option("--save", metavar="NET", help="File for the untrained network with its world."),
     ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train an agent and write it to a file; after a kill the same command goes on from the last checkpoint.
+    """Train an agent and write it to a file. The same command resumes from the last checkpoint after a kill.
 
     --set changes a setting: --set fields=8 --set decay=0.8.
     """
@@ -63,13 +67,13 @@ def train(
     settings = assignments(set)
     bar = environments.bar_of(environment) if until is None else until
     if bar is None and steps is None and episodes is None:
-        message = f"'{environment}' names no return to reach: expected --until, --steps or --episodes"
+        message = f"'{environment}' has no reward threshold: expected --until, --steps or --episodes"
         raise typer.BadParameter(message, param_hint="'--until'")
     env = environments.make_many(environment, envs)
-    one: Any = env if envs == 1 else environments.make(environment)
-    agent = ActorCritic(one.observation_space, one.action_space, seed=seed, **settings)
+    first: Any = env if envs == 1 else environments.make(environment)
+    agent = ActorCritic(first.observation_space, first.action_space, seed=seed, **settings)
     if save is not None:
-        agent.network(one).save(save)
+        agent.network(first).save(save)
     try:
         log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
@@ -92,17 +96,17 @@ def try_agent(
     backend: Backend = "event",
     json: Json = False,
 ) -> None:
-    """Test an agent with frozen weights in episodes that it has not seen."""
+    """Test an agent with frozen weights in new episodes."""
     from neuro_agent import ActorCritic, environments, report
 
     agent = ActorCritic.load(file)
     name = _environment(file, environment)
-    tried = agent.test(environments.make(name), episodes, seed=seed, backend=backend)
+    result = agent.test(environments.make(name), episodes, seed=seed, backend=backend)
     bar = environments.bar_of(name)
     if json:
-        typer.echo(report.as_json(tried, {"environment": name, "seed": seed, "backend": backend, "bar": bar}))
+        typer.echo(report.as_json(result, {"environment": name, "seed": seed, "backend": backend, "bar": bar}))
     else:
-        typer.echo(f"{name}: {report.told(tried)}" + ("" if bar is None else f"; it counts as solved at {bar:g}"))
+        typer.echo(f"{name}: {report.summary(result)}" + ("" if bar is None else f"; it counts as solved at {bar:g}"))
 
 
 @app.command()
@@ -113,25 +117,25 @@ def controls(
     seed: Seed = 0,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train the agent, and agents that are kept from learning, which must fail; print the table."""
+    """Train the agent and control agents that cannot learn, which should fail; print a table."""
     from neuro_agent import ActorCritic, environments, report
 
     env = environments.make(environment)
     agent = ActorCritic(env.observation_space, env.action_space, seed=seed, **assignments(set))
     agent.train(env, steps=steps, progress=True)
-    found = {"agent": agent.test(env, episodes)} | agent.controls(env, steps=steps, episodes=episodes)
-    report.show_controls(found, f"{environment}, {steps:,} steps each, seed {seed}")
+    results = {"agent": agent.test(env, episodes)} | agent.controls(env, steps=steps, episodes=episodes)
+    report.show_controls(results, f"{environment}, {steps:,} steps each, seed {seed}")
 
 
 @app.command()
 def watch(
     file: AgentFile,
     environment: MaybeEnvironment = None,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("episode.html"),
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="HTML page to write.")] = Path("episode.html"),
     seed: Seed = 0,
-    learning: Annotated[bool, typer.Option("--learning", help="Go on learning in this episode.")] = False,
+    learning: Annotated[bool, typer.Option("--learning", help="Continue learning in this episode.")] = False,
 ) -> None:
-    """Write an episode as one page for a browser: frames, spikes, value, error, return and weights."""
+    """Write an episode as an HTML page: frames, spikes, value, error, return and weights."""
     from neuro_agent import ActorCritic, environments
     from neuro_agent.watch import watch as write
 
@@ -145,19 +149,19 @@ def compare(
     environment: Environment,
     steps: Steps,
     seeds: Annotated[
-        Any, typer.Option("--seeds", metavar="A,B,...", parser=seeds, help="Seeds; each is a training of each.")
+        Any, typer.Option("--seeds", metavar="A,B,...", parser=seeds, help="Seeds; each method is trained with each.")
     ] = "1,2,3",
     episodes: Episodes = 100,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="JSON file for all results.")] = None,
     method: Annotated[
         list[str],
-        typer.Option("--method", metavar="NAME", help="Only this: agent, twin, ppo, dqn or random; repeatable."),
+        typer.Option("--method", metavar="NAME", help="Method: agent, twin, ppo, dqn or random; repeatable."),
     ] = [],  # noqa: B006
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train the agent, its linear twin, PPO and DQN for the same steps, test them frozen, and print who wins.
+    """Compare the agent, its linear twin, PPO and DQN, trained for the same number of steps and tested frozen.
 
-    --set changes the agent's settings; PPO and DQN, of stable-baselines3, have their defaults.
+    --set changes the agent's settings. PPO and DQN have the defaults of stable-baselines3.
     """
     from neuro.apps import Bar
     from neuro_agent import compare as comparing, report
@@ -166,16 +170,16 @@ def compare(
     if out is not None:
         report.check_table(out)
     with Bar() as bar:
-        done: list[str] = []
+        finished: list[str] = []
 
-        def tell(text: str) -> None:
-            done.append(text)
-            bar.show(len(done), len(plan.trials), text)
+        def show_trial(text: str) -> None:
+            finished.append(text)
+            bar.show(len(finished), len(plan.trials), text)
 
-        found = comparing.run(plan, tell)
+        comparison = comparing.run(plan, show_trial)
     if out is not None:
-        report.write_table(found, out)
-    report.show_comparison(found)
+        report.write_table(comparison, out)
+    report.show_comparison(comparison)
 
 
 @app.command()
@@ -184,17 +188,20 @@ def energy(
     until: Annotated[
         float | None,
         typer.Option(
-            "--until", metavar="R", help="Mean return of 100 episodes to stop at.", show_default="as ENV asks"
+            "--until",
+            metavar="R",
+            help="Mean return of 100 episodes at which to stop.",
+            show_default="ENV's reward threshold",
         ),
     ] = None,
     steps: Steps = 150_000,
-    method: Annotated[str, typer.Option("--method", metavar="NAME", help="The deep agent: ppo or dqn.")] = "ppo",
+    method: Annotated[str, typer.Option("--method", metavar="NAME", help="Deep agent: ppo or dqn.")] = "ppo",
     chips: Chips = "cpu,gpu,arm",
     seed: Seed = 0,
     sources: Sources = False,
     json: Json = False,
 ) -> None:
-    """Train PPO or DQN and print the joules of its training on processors, beside 'neuro energy NET --until R'."""
+    """Train PPO or DQN and print the energy of the training on processors, as 'neuro energy NET --until R' does."""
     from json import dumps
 
     from neuro.apps import argument, print_bills, unknown
@@ -205,25 +212,25 @@ def energy(
         argument("--until", until)
     if method not in deep.NAMES:
         raise unknown("deep agent", method, deep.NAMES)
-    compare.Plan(environment, steps, (seed,), only=(method,))  # refuses what cannot be trained
+    compare.Plan(environment, steps, (seed,), only=(method,))  # refuses untrainable environments before the training
     for each in chips:
-        dense({}, each)  # what cannot be priced is reported before the training
+        dense({}, each)  # refuses chips without prices before the training
     env, bar = environments.make(environment), environments.bar_of(environment) if until is None else until
     model, log, macs = deep.trained(method, deep.from_zero(env), steps=steps, seed=seed, until=bar)
-    taken = model.num_timesteps
-    bills = [dense(macs, each, steps=taken, of="training", notes=deep.NOTES) for each in chips]
+    n_steps = model.num_timesteps
+    bills = [dense(macs, each, steps=n_steps, of="training", notes=deep.NOTES) for each in chips]
     if json:
-        about = {"method": method, "seed": seed, "episodes": len(log), "steps": taken, "solved": log.solved}
+        about = {"method": method, "seed": seed, "episodes": len(log), "steps": n_steps, "solved": log.solved}
         typer.echo(dumps({**about, "bills": [bill.as_dict() for bill in bills]}, indent=1))
     else:
         if bar is not None and not log.solved:
-            typer.echo(f"the goal is not reached: joules of {taken:,} steps")
+            typer.echo(f"Goal not reached: energy of {n_steps:,} steps")
         print_bills(bills, sources)
         typer.echo(f"{method}: {str(log).removeprefix('Log(').removesuffix(')')}")
 
 
 def _environment(file: Path, chosen: str | None) -> str:
-    """The environment that the user names, or that in which an agent was trained."""
+    """Return the environment that the user names, or else that of the agent's training."""
     from neuro import ModelError
     from neuro_agent import environments
 
@@ -231,5 +238,5 @@ def _environment(file: Path, chosen: str | None) -> str:
     if chosen is None:
         environments.check_remembered(file, name)
     if not name:
-        raise ModelError(f"{file}: does not say in which environment it was trained: expected ENV behind the file")
+        raise ModelError(f"{file}: names no environment: expected ENV after the file")
     return name

@@ -1,4 +1,4 @@
-"""Deep agents of stable-baselines3: their training, and how often it multiplies."""
+"""Deep agents of stable-baselines3: their training, and the count of their multiply-accumulates."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ NAMES = {"ppo": "PPO of stable-baselines3, defaults", "dqn": "DQN of stable-base
 ROLLOUT, BATCH = 2048, 64
 """Defaults of PPO in stable-baselines3: control steps of a rollout, and of a batch."""
 WINDOW = 100
-"""Episodes of the mean return at which a training may end."""
+"""Number of episodes of the mean return that ends a training."""
 OPTIMISER = 5
-"""Multiply-accumulates of Adam for each parameter: the norm of the gradient, two moments, their quotient, the step."""
+"""Multiply-accumulates of Adam per parameter: the gradient's norm, two moments, their quotient, the step."""
 NOTES = (
     "counted in the training: each weight once for each input forward, twice backward; biases and activations are not",
     f"Adam counts {OPTIMISER} for each parameter and update; the environment and the stored steps are not priced",
@@ -29,11 +29,11 @@ NOTES = (
 
 
 class BaselineError(ModelError):
-    """stable-baselines3 cannot be trained in the environment."""
+    """stable-baselines3 cannot train in the environment."""
 
 
 def from_zero(env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
-    """Return the environment with actions from 0 on, as stable-baselines3 acts."""
+    """Return the environment with actions numbered from 0, as stable-baselines3 requires."""
     space: Any = env.action_space
     if not starts(space).any():
         return env
@@ -42,7 +42,7 @@ def from_zero(env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
 
 
 def starts(space: gymnasium.Space[Any]) -> npt.NDArray[np.int64]:
-    """Return the smallest value of each number of a Discrete or MultiDiscrete space; 0 of others."""
+    """Return the smallest value of each number of a Discrete or MultiDiscrete space; 0 for other spaces."""
     return np.ravel(getattr(space, "start", 0))
 
 
@@ -53,17 +53,17 @@ def trained(
 
     Args:
         name: one of `NAMES`.
-        env: the environment, whose actions begin at 0.
-        steps: control steps at most, rounded up to whole rollouts of PPO.
-        seed: of everything random.
-        until: stop when the mean return of `WINDOW` episodes reaches this, in the step in which it does.
-        settings: of stable-baselines3, in place of its defaults.
+        env: the environment, with actions from 0.
+        steps: maximum number of control steps; PPO rounds up to whole rollouts.
+        seed: seed of all random draws.
+        until: mean return of `WINDOW` episodes at which training stops at once.
+        settings: settings of stable-baselines3, in place of its defaults.
 
     Returns:
-        the model, its episodes, and its multiply-accumulates by what they are for.
+        the model, its episodes, and its multiply-accumulates by purpose.
 
     Raises:
-        BaselineError: stable-baselines3 refuses the environment, or the environment raises.
+        BaselineError: stable-baselines3 refuses the environment, or the environment raises an error.
     """
     import stable_baselines3
     import torch
@@ -72,7 +72,7 @@ def trained(
     log = Log()
 
     class Until(BaseCallback):
-        """Keeps the episodes, and ends the training at its goal."""
+        """Records the episodes and stops the training at its goal."""
 
         def _on_step(self) -> bool:
             for info in self.locals["infos"]:
@@ -84,12 +84,12 @@ def trained(
 
     torch.set_num_threads(1)
     policy = "MultiInputPolicy" if isinstance(env.observation_space, spaces.Dict) else "MlpPolicy"
-    if name == "ppo" and steps < ROLLOUT:  # a training ends behind a whole rollout, of whole batches
+    if name == "ppo" and steps < ROLLOUT:  # PPO trains for whole rollouts, each of whole batches
         steps = steps // BATCH * BATCH or steps
         settings = {"n_steps": steps, "batch_size": min(BATCH, steps), **settings}
     try:
         model = getattr(stable_baselines3, name.upper())(policy, env, seed=seed, device="cpu", **settings)
-        with counted(model.policy) as macs:
+        with counting_macs(model.policy) as macs:
             model.learn(steps, callback=Until())
     except Exception as error:
         raise BaselineError(f"{NAMES[name]}: {why(error)}") from error
@@ -97,10 +97,11 @@ def trained(
 
 
 @contextmanager
-def counted(policy: Any) -> Iterator[Counter[str]]:
-    """Count the multiply-accumulates of a policy's layers, and of its optimiser.
+def counting_macs(policy: Any) -> Iterator[Counter[str]]:
+    """Count the multiply-accumulates of a policy's layers and of its optimiser.
 
-    A layer multiplies each weight once for each input, and backward twice: for the weights and for what is before.
+    A layer multiplies each weight once per input forward, and twice backward: for the gradients of its weights and of
+    its input.
     """
     import torch
 

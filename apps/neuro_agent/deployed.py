@@ -1,9 +1,9 @@
-"""Frozen agents: by the circuits in which they learnt, and for chips by a race of thresholds in place of a softmax.
+"""Frozen agents: with the circuits in which they learnt, or for chips with a race to threshold in place of a softmax.
 
-On a chip a control step has two parts. While the active places spike, the potential of each actor comes to what the
-agent prefers, less the mean of all actors. Then a ramp of spikes raises all potentials alike until the first actor
-reaches its threshold; its spike inhibits the others. So the chip's spikes decide, and the host reads which neuron
-spiked.
+On a chip a control step has two phases. While the active places spike, the potential of each actor approaches the
+preference for its action, less the mean over all actors. Then a ramp of spikes raises all potentials equally until the
+first actor reaches its threshold and inhibits the others. So the chip's spikes decide, and the host only reads which
+neuron spiked.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 DRAWING = ("event", "reference")
-"""Backends of neurons that spike at random."""
+"""Backends with neurons that spike at random."""
 
 RAMP = 24
-"""Ticks of the ramp, in which it comes from 0 to the threshold: preferences that differ by less are equal."""
+"""Ticks in which the ramp rises from 0 to the threshold. Preferences that differ by less than one tick tie."""
 TICKS = STEP + RAMP
 """Ticks of a control step."""
 HOST = ("encode: which place of each grid holds the observation", "decide: which neuron of each circuit spiked first")
-"""What the host computes in a control step."""
+"""Computations of the host in a control step."""
 INHIBITION = 3.0
 """Thresholds by which a spike lowers the other actors."""
 
@@ -40,12 +40,12 @@ Ints = npt.NDArray[np.int64]
 
 
 def draws_of(agent: Learner, seed: int) -> np.random.Generator | None:
-    """What draws the spikes of places; None where they are regular."""
+    """Return the random generator of the places' spikes; None if they spike regularly."""
     return np.random.default_rng([seed, 2]) if agent.settings.spikes == "poisson" else None
 
 
 def ramp_size() -> tuple[int, float]:
-    """Neurons of the ramp, and the share of its rise in a tick that each brings: with the leak the rise is linear."""
+    """Return the number of the ramp's neurons and each one's share of its rise per tick; the rise is linear."""
     lost = 1.0 - math.exp(-1.0 / TAU)
     return math.ceil(1.0 / lost) + RAMP, lost
 
@@ -57,7 +57,7 @@ def ramp_spikes() -> tuple[Ints, Ints]:
 
 
 def deployed(agent: Learner) -> neuro.Network:
-    """The network of a frozen agent, without draws.
+    """Return the network of a frozen agent, without random draws.
 
     Raises:
         ModelError: the agent has not been trained, so its preferences are not known.
@@ -84,55 +84,55 @@ def deployed(agent: Learner) -> neuro.Network:
 
 
 def _largest(agent: Learner, weight: npt.NDArray[np.float64]) -> float:
-    """The largest preference in what was seen last, if each active place had just spiked."""
+    """Return the largest preference over the last observations, if each active place had just spiked."""
     sums = [float((amounts @ weight[cells]).max()) for cells, amounts in map(agent.places.activity, agent.seen)]
     return max(sums) / (1.0 - math.exp(-PERIOD / TAU))
 
 
 class Frozen:
-    """An agent that decides and learns no more, by the circuits in which it learnt.
+    """A frozen agent on the circuits in which it learnt.
 
     Attributes:
-        sim: the network that runs.
+        sim: the simulation of the network.
     """
 
     ticks = STEP
-    beside: tuple[str, Any] = ("ask", ([STEP - 1], [0]))
-    """The population that makes the circuits decide, and its spikes by tick and id."""
+    trigger: tuple[str, Any] = ("ask", ([STEP - 1], [0]))
+    """Population that triggers the decision, and its spikes by tick and id."""
 
     def __init__(self, agent: Learner, seed: int, backend: str, **options: Any) -> None:
         self._places, self._draws = agent.places, draws_of(agent, seed)
         circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
         self.sim = neuro.compile(self.network(agent), backend=backend, seed=seed, **options)
-        self._stepper = self.sim.stepper(float(self.ticks), emit=["places", self.beside[0]], count=circuits)
+        self._stepper = self.sim.stepper(float(self.ticks), emit=["places", self.trigger[0]], count=circuits)
 
     def network(self, agent: Learner) -> neuro.Network:
         """Return the network that decides for an agent."""
         return agent.network(learns=False)
 
     def decide(self, observations: npt.NDArray[np.float64]) -> Ints:
-        """The neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
+        """Return the neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
         _, ticks, ids = self._places.spikes(observations, self.ticks, self._draws)
-        chosen = self._stepper.step((ticks, ids), self.beside[1])
+        chosen = self._stepper.step((ticks, ids), self.trigger[1])
         return np.stack([each.argmax(axis=1) for each in chosen], axis=1)
 
 
 class Deployed(Frozen):
-    """A frozen agent on a backend, by default a chip.
+    """A frozen agent with the network for chips.
 
     Attributes:
-        sim: the network that runs.
+        sim: the simulation of the network.
     """
 
     ticks = TICKS
-    beside = ("ramp", ramp_spikes())
+    trigger = ("ramp", ramp_spikes())
 
     def __init__(self, agent: Learner, backend: str, seed: int = 0, **options: Any) -> None:
         super().__init__(agent, seed, backend, **options)
 
     @property
     def program(self) -> Program:
-        """The network that runs, resolved."""
+        """The compiled network."""
         program: Program = self.sim.program
         return program
 

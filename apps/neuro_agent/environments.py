@@ -1,4 +1,4 @@
-"""Environments by the names that the command line takes, and those that agents' files remember."""
+"""Environments by name on the command line, and their names in agent files."""
 
 from __future__ import annotations
 
@@ -22,53 +22,53 @@ MINIGRID = "minigrid"
 
 
 def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
-    """An environment.
+    """Make an environment.
 
     Args:
-        name: the id of a registered one, "CartPole-v1"; "module:Id-v0" of one that a module registers when it is
-            imported; or "module:Class", a class of a module. Modules of the current folder are found.
-        frames: whether it is to render pictures, if it says that it can and takes `render_mode`.
+        name: an id of gymnasium, e.g. "CartPole-v1"; "module:Id-v0", an id that a module registers when imported; or
+            "module:Class", a class of a module. Modules in the current folder are found.
+        frames: whether to render pictures, if the environment supports it and accepts `render_mode`.
 
     Raises:
-        ModelError: there is none of that name, it needs a package that is not installed, or it cannot be made.
+        ModelError: the name is unknown, a package is missing, or the environment cannot be made.
     """
     env: gymnasium.Env[Any, Any] = made(_find(name), name, frames=frames)
     return env
 
 
 def make_many(name: str, n: int) -> gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]:
-    """An environment, or a vector of n of them.
+    """Make an environment, or a vector of n environments.
 
     Raises:
-        ModelError: as of `make`.
+        ModelError: as `make`.
     """
     return make(name) if n == 1 else SyncVectorEnv([lambda: make(name)] * n)
 
 
 def bar_of(name: str) -> float | None:
-    """The mean return at which an environment counts as solved; None where it says none."""
-    found = _find(name)
-    return gymnasium.spec(found).reward_threshold if isinstance(found, str) else None
+    """Return the mean return at which an environment counts as solved; None if it has no reward threshold."""
+    kind = _find(name)
+    return gymnasium.spec(kind).reward_threshold if isinstance(kind, str) else None
 
 
 def _find(name: str) -> Any:
-    """The id of a registered environment, or the class that "module:Class" names."""
+    """Return the id of a registered environment, or the class that "module:Class" names."""
     module, _, inner = name.rpartition(":")
     module = module or (MINIGRID if inner.startswith("MiniGrid-") else "")
-    own = vars(_imported(module, name)) if module else {}
-    return find(inner, {key: kind for key, kind in own.items() if isinstance(kind, type)})
+    namespace = vars(_imported(module, name)) if module else {}
+    return find(inner, {key: kind for key, kind in namespace.items() if isinstance(kind, type)})
 
 
 def _imported(module: str, name: str) -> Any:
-    here = str(Path.cwd())
-    if here not in sys.path and module != MINIGRID:
-        sys.path.append(here)  # the user's own files are found, and hide nothing
+    folder = str(Path.cwd())
+    if folder not in sys.path and module != MINIGRID:
+        sys.path.append(folder)  # last, so that files of the user do not hide packages
     try:
-        found = importlib.import_module(module)
-        file = getattr(found, "__file__", None) or ""
-        if file and str(Path(file).parent) == here:  # `neuro rerun` takes it along
+        imported = importlib.import_module(module)
+        file = getattr(imported, "__file__", None) or ""
+        if file and str(Path(file).parent) == folder:  # `neuro rerun` copies it
             record_input(file)
-        return found
+        return imported
     except ModuleNotFoundError as error:
         if module.endswith(".py"):
             inner = name.rpartition(":")[2]
@@ -89,10 +89,10 @@ def _imported(module: str, name: str) -> Any:
 
 
 def remember(path: Path, name: str) -> None:
-    """Write into an agent's file in which environment it was trained.
+    """Write the name of the environment of the training into an agent's file.
 
     Raises:
-        ModelError: it cannot be written.
+        ModelError: the file cannot be written.
     """
     import h5py
 
@@ -105,22 +105,22 @@ def remember(path: Path, name: str) -> None:
 
 
 def remembered(path: Path) -> str:
-    """The environment in which an agent's file was trained, "" where it does not say.
+    """Return the environment in which an agent was trained, "" if the file names none.
 
     Raises:
-        ModelError: there is no such file, it is something else, or damaged.
+        ModelError: the file does not exist, is damaged, or is no agent.
     """
     with hdf5.reading(path, FORMAT) as file:
         return str(json.loads(file.attrs[ATTRIBUTE])) if ATTRIBUTE in file.attrs else ""
 
 
 def check_remembered(path: Path, name: str) -> None:
-    """Refuse the module that an agent's file names, as anybody may have written it, unless the user names it as well.
+    """Refuse a module that only the agent's file names, since running it could run anybody's code.
 
     Raises:
-        ModelError: the module is not that of a file given by `--with`.
+        ModelError: no file given by `--with` has the module's name.
     """
     module = name.rpartition(":")[0]
     if module and module not in {Path(file).stem for file in extensions()}:
         message = f"{path}: was trained in '{name}', which runs the module {module}"
-        raise ModelError(message, hint=f"say so, if you trust it: {name} behind the file, or --with {module}.py")
+        raise ModelError(message, hint=f"if you trust the module: {name} after the file, or --with {module}.py")

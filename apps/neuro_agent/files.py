@@ -1,4 +1,4 @@
-"""An agent in one file.
+"""File format of an agent (HDF5).
 
 ```
 /            attributes: format "neuro agent 1", seed, kind, settings, observations and actions (JSON)
@@ -44,9 +44,9 @@ def load(path: Path, kind: type[A]) -> A:
     """Read an agent, see `ActorCritic.load`."""
     with hdf5.reading(path, FORMAT) as file:
         record_input(path)
-        found = json.loads(file.attrs.get("kind", '"spiking"'))
-        if found != kind.kind:
-            raise ModelError(f"{path}: an agent of kind '{found}': expected '{kind.kind}', as {kind.__name__} is")
+        kind_name = json.loads(file.attrs.get("kind", '"spiking"'))
+        if kind_name != kind.kind:
+            raise ModelError(f"{path}: an agent of kind '{kind_name}': expected '{kind.kind}', as {kind.__name__} is")
         observations, actions, settings = (
             json.loads(file.attrs[name]) for name in ("observations", "actions", "settings")
         )
@@ -57,7 +57,7 @@ def load(path: Path, kind: type[A]) -> A:
 
 
 def plain_of(agent: Learner) -> dict[str, Any]:
-    """What an agent is made from, as plain data."""
+    """Return the kind, settings and spaces of an agent as plain data."""
     return {
         "kind": agent.kind,
         "settings": agent.settings.plain(),
@@ -67,26 +67,26 @@ def plain_of(agent: Learner) -> dict[str, Any]:
 
 
 def _arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
-    """What an agent has learnt, as arrays of a file."""
+    """Return what an agent has learnt, as arrays of its file."""
     bounds, teacher = (agent.arrays()[name] for name in ("encoder.places", "teacher.error"))
-    *rewards, known = teacher["scale"]
-    begun = {"explored": np.array([agent.explored, known], dtype=np.bool_), "begun": np.array(agent.begun)}
+    *rewards, has_scale = teacher["scale"]
+    counts = {"explored": np.array([agent.explored, has_scale], dtype=np.bool_), "begun": np.array(agent.begun)}
     visits = {"visits": teacher["visits"]} if "visits" in teacher else {}
-    scales = {"rewards": np.array(rewards), **bounds, **begun, **visits}
+    scales = {"rewards": np.array(rewards), **bounds, **counts, **visits}
     return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
 
 
 def _put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
-    """Let an agent have learnt what `_arrays_of` gave."""
+    """Restore what an agent has learnt from `_arrays_of`."""
     scales = arrays["scales"]
-    agent.explored, known = (bool(each) for each in scales["explored"])
+    agent.explored, has_scale = (bool(each) for each in scales["explored"])
     agent.begun = (int(scales["begun"][0]), int(scales["begun"][1]))
-    teacher = {"scale": np.array([*scales["rewards"], known]), "visits": scales.get("visits")}
+    teacher = {"scale": np.array([*scales["rewards"], has_scale]), "visits": scales.get("visits")}
     agent.put({**arrays, "encoder.places": scales, "teacher.error": teacher})
 
 
 def plain_space(space: gymnasium.Space[Any]) -> dict[str, Any]:
-    """A space as plain data."""
+    """Return a space as plain data."""
     match space:
         case spaces.Discrete():
             return {"Discrete": int(space.n), "start": int(space.start), "dtype": str(space.dtype)}
@@ -100,11 +100,11 @@ def plain_space(space: gymnasium.Space[Any]) -> dict[str, Any]:
             return {"Dict": {key: plain_space(part) for key, part in space.spaces.items()}}
         case spaces.Tuple():
             return {"Tuple": [plain_space(part) for part in space.spaces]}
-    raise ModelError(f"space: found {type(space).__name__}: expected one that an agent takes")
+    raise ModelError(f"space: found {type(space).__name__}: expected one that agents support")
 
 
 def space_of(plain: dict[str, Any]) -> gymnasium.Space[Any]:
-    """The space of plain data."""
+    """Return the space of plain data."""
     kind, value = next(iter(plain.items()))
     dtype: Any = np.dtype(plain["dtype"]).type if "dtype" in plain else None
     match kind:
@@ -120,4 +120,4 @@ def space_of(plain: dict[str, Any]) -> gymnasium.Space[Any]:
             return spaces.Dict({key: space_of(part) for key, part in value.items()})
         case "Tuple":
             return spaces.Tuple([space_of(part) for part in value])
-    raise ModelError(f"a space of kind {kind}: expected one that an agent takes")
+    raise ModelError(f"a space of kind {kind}: expected one that agents support")

@@ -1,4 +1,4 @@
-"""An agent as a description, and what it has learnt."""
+"""The description of an agent and what it has learnt."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from neuro_agent.network import SEED, Floats, Settings, Weights, encoder_of, net
 
 
 class Learner:
-    """What an agent is and has learnt: places, a critic, circuits that choose, and one error for all.
+    """The parts of an agent: places, a critic, circuits that choose actions, and one error that teaches all.
 
     Args:
-        observations: the space of an environment's observations.
-        actions: that of its actions.
-        seed: of the network's draws, and of the random moves before learning.
-        settings: by name, see `Settings`.
+        observations: space of the environment's observations.
+        actions: space of the environment's actions.
+        seed: seed of the network's draws, and of the random moves before learning.
+        settings: settings by name, see `Settings`.
 
     Attributes:
-        kind: in what way it learns; what one kind has learnt says nothing to another.
-        settings: what was chosen.
-        places: the neurons that stand for observations.
-        states: which of their numbers have states.
-        actions: what the neurons of the circuits stand for.
-        rewards: the scale of rewards.
-        begun: episodes and blocks of training that have begun; each has a seed of its own.
-        explored: whether bounds and scales are known, from random moves or since none are needed.
-        log: of the last training.
+        kind: kind of learning; an agent file of one kind cannot be read as another.
+        settings: the settings.
+        places: neurons that encode observations.
+        states: dimensions of the observations with discrete states.
+        actions: actions that the neurons of the circuits stand for.
+        rewards: scale of rewards.
+        begun: number of episodes and blocks of training so far; each has a seed of its own.
+        explored: whether bounds and scales are known, from random moves or because none are needed.
+        log: log of the last training.
 
     Raises:
-        ModelError: a space is of another kind or needs too many neurons, a setting is unknown, or a setting or the seed
+        ModelError: a space is not supported or needs too many neurons, a setting is unknown, or a setting or the seed
             is out of bounds.
     """
 
@@ -68,12 +68,12 @@ class Learner:
 
     @property
     def projections(self) -> tuple[str, ...]:
-        """The projections that learn: that onto the critic, then those onto the circuits."""
+        """Projections that learn: onto the critic first, then onto the circuits."""
         return ("value", *(f"policy{k}" for k in range(len(self.actions.sizes))))
 
     @property
     def weights(self) -> dict[str, Floats]:
-        """What has been learnt, by projection, mV, (places, neurons)."""
+        """Learnt weights by projection, mV, (places, neurons)."""
         return {name: each.copy() for name, each in self._memory["learnt"].items()}
 
     @property
@@ -82,37 +82,37 @@ class Learner:
         return self._memory["seen"]["vectors"]
 
     def learn_from(self, weights: Weights) -> None:
-        """Have learnt these weights, and go on from them."""
+        """Replace the learnt weights."""
         self.put({**self.arrays(), "learnt": weights})
 
     def network(self, environment: Any = None, *, learns: bool = True) -> neuro.Network:
-        """Return the network as a description with its world, which `neuro.closed_loop` and the commands run.
+        """Return the network with its world, for `neuro.closed_loop` and the commands.
 
-        The same seed learns there what it learns here. A description has no bounds of dimensions that have none: random
-        moves tell them.
+        Training this network with the agent's seed gives the agent's results. The network does not hold the bounds of
+        unbounded dimensions; random moves measure them.
 
         Args:
-            environment: that the world names; without one `closed_loop` is given it.
-            learns: whether it learns, from nothing; else it has what was learnt in static synapses.
+            environment: environment that the world names; without one, pass it to `closed_loop`.
+            learns: whether the network learns, from initial weights; else it has the learnt weights as static synapses.
         """
-        words: dict[str, Any] = {"id": "environment"}
+        description: dict[str, Any] = {"id": "environment"}
         if environment is not None:
             worlds = Environments(environment)
-            words = {"id": worlds.name} | ({"options": worlds.options} if worlds.options else {})
-        return network(self.settings, self.places, self.actions, words, None if learns else self.weights)
+            description = {"id": worlds.name} | ({"options": worlds.options} if worlds.options else {})
+        return network(self.settings, self.places, self.actions, description, None if learns else self.weights)
 
     def pilot(self, worlds: Environments, seed: int) -> Any:
-        """Return what learns in environments, as the pilot of a closed loop that has learnt nothing yet."""
+        """Return an untrained pilot that learns in environments within a closed loop."""
         return NetworkPilot(self.network(), worlds, backend=self.settings.backend, seed=seed)
 
     def arrays(self) -> dict[str, Any]:
-        """Return all that it has learnt, as pilots do."""
+        """Return everything that the agent has learnt, in the format of pilots."""
         weights = {name: each.ravel() for name, each in self._memory["learnt"].items()}
         parts = {"encoder.places": self._encoder.arrays(), "teacher.error": self._error.arrays()}
         return {**self._memory, "learnt": weights, **parts}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Have learnt what `arrays` gave."""
+        """Restore what the agent has learnt from `arrays`."""
         weights = self._memory["learnt"]
         weights = {name: np.array(arrays["learnt"][name]).reshape(each.shape) for name, each in weights.items()}
         self._memory = {"learnt": weights, "seen": arrays["seen"]}

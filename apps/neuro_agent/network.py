@@ -1,6 +1,6 @@
-"""The settings and the network of an agent: places excite a critic and, for each number of an action, a circuit.
+"""Settings and network of an agent: places excite a critic and, for each number of an action, a circuit.
 
-Its world says how the network sees, acts and is taught; `neuro.closed_loop` runs it as well as `ActorCritic`.
+The network's world defines observations, actions and rewards; `neuro.closed_loop` runs it as well as `ActorCritic`.
 """
 
 from __future__ import annotations
@@ -20,39 +20,39 @@ from neuro.coding import PERIOD
 from neuro.extend import Synapse
 
 SEED = Quantity(kind="integer", at_least=0, at_most=2**63 - 1)
-"""What a seed may be, as of `neuro.compile`."""
+"""Range of a seed, as for `neuro.compile`."""
 USUAL = 24
-"""Active places to which rates refer."""
+"""Number of active places to which the learning rates refer."""
 LEARNING = ("event", "reference")
-"""Backends that have neurons that draw, and rules that learn from move to move."""
+"""Backends with neurons that fire at random and rules whose eligibility lasts over moves."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(apps.Settings):
-    """Of the network and of its learning; the defaults are one set for all tasks.
+    """Settings of the network and its learning; one set of defaults for all tasks.
 
     Attributes:
-        encoder: what stands for an observation, of `neuro.coding`: "places", "tiles", "one_hot" or "population".
+        encoder: encoder of observations, of `neuro.coding`: "places", "tiles", "one_hot" or "population".
         spikes: "regular", or "poisson" for spikes at random times.
-        group: dimensions of an observation that one group of places sees together.
-        fields: places of a grid, or bells, along a continuous dimension.
-        active: places that are to be active at a time: so many grids a group has, each shifted by a share of a field,
-            that this is about their number; at least one.
-        critics: neurons of the critic.
-        levels: actions along a dimension of a continuous action space, between which a circuit chooses.
-        circuits: that choose along a dimension of a continuous action space; the action is the mean of their choices.
-        reward_scale: what a typical reward of random moves in each step, for ever, is worth to the critic.
-        discount: of the reward of the next control step, gamma.
-        decay: of eligibility from one control step to the next beside `discount`, lambda.
-        actor_rate: by how much an error of 1 changes the preference for an action in the same state, mV.
-        critic_rate: which share of an error the value in the same state takes over. Both rates are those of USUAL
-            active places; of fewer they are less, see `rates_of`.
-        errors: "plain", or "normalised": scaled for the actor by their own running size.
-        novelty: reward for a state that has not been seen, in typical rewards; it falls as 1 / sqrt(times seen).
-        sharpness: how many times as sharply as while learning a frozen agent tells preferences apart: it need not try.
-        explore: control steps at random before learning: the bounds of dimensions that have none are learnt from them,
-            and the scale of rewards.
-        backend: on which it learns, "event" or "reference"; chips have no neurons that draw.
+        group: number of dimensions of an observation that one group of places encodes together.
+        fields: number of places of a grid, or of bells, along a continuous dimension.
+        active: target number of places that are active at a time. A group has as many grids, each shifted by a share of
+            a field, as come nearest to this number; at least one.
+        critics: number of neurons of the critic.
+        levels: number of actions along a dimension of a continuous action space, between which a circuit chooses.
+        circuits: number of circuits along a dimension of a continuous action space; the action is their mean choice.
+        reward_scale: value to the critic of receiving the typical reward of random moves in every step for ever.
+        discount: discount of the next control step, gamma.
+        decay: decay of eligibility per control step besides `discount`, lambda.
+        actor_rate: change of the preference for an action in the same state by an error of 1, mV.
+        critic_rate: share of an error by which the value in the same state changes. Both rates hold for USUAL active
+            places and are smaller with fewer places, see `rates_of`.
+        errors: "plain", or "normalised": divided, for the actor, by their running size.
+        novelty: reward for a new state, in typical rewards; it falls as 1 / sqrt(number of visits).
+        sharpness: factor of the preferences of a frozen agent, which need not explore.
+        explore: number of random control steps before learning, which measure the bounds of unbounded dimensions and
+            the scale of rewards.
+        backend: backend for learning, "event" or "reference"; chips have no neurons that fire at random.
     """
 
     encoder: str = setting("places", words=("places", "tiles", "one_hot", "population"))
@@ -76,12 +76,12 @@ class Settings(apps.Settings):
 
     def __post_init__(self) -> None:
         if self.backend not in LEARNING:
-            message = f"agent: backend = {self.backend!r}: it learns on {' or '.join(LEARNING)}"
+            message = f"agent: backend = {self.backend!r}: agents learn on {' or '.join(LEARNING)}"
             raise ModelError(message, hint="train on event, then agent.test(env, backend='loihi')")
         super().__post_init__()
 
     def place(self) -> str:
-        """Return what messages call it."""
+        """Return the name of these settings' owner in messages."""
         return "an agent"
 
     def plain(self) -> dict[str, Any]:
@@ -93,33 +93,34 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Weights: TypeAlias = Mapping[str, Floats]
 
 STEP = 20
-"""Ticks of 1 ms of a control step."""
+"""Length of a control step in ticks of 1 ms."""
 TAU = 5.0
-"""Time constant of membranes and traces in ms: what one control step has left is gone in the next."""
+"""Time constant of membranes and traces, ms: they decay within a control step."""
 CRITIC = "critic"
 TYPICAL = 0.05
-"""Root mean square of an error to which errors are normalised."""
+"""Root mean square of normalised errors."""
 BASE, SLOPE, FEEDBACK = 240.0, 180.0, 20.0
-"""Rate of a critic's neuron at rest in Hz, by how much 1 mV changes it, and how strongly it adapts.
+"""Rate of a critic's neuron at rest in Hz, its slope in Hz/mV, and the strength of its adaptation.
 
-A spike raises the threshold, which holds the next one back: where a rate of 1 Hz more lowers the drive by FEEDBACK Hz,
-the counts of a control step vary by 0.14 mV, those of a Poisson process of the same rate and slope by 0.66 mV
-(sqrt(REST) / GAIN). What varies in the value is an error that was not made, and the actor follows it.
+A spike raises the threshold, which delays the next spike, so the counts vary less than those of a Poisson process. With
+this FEEDBACK (1 Hz more rate lowers the drive by FEEDBACK Hz) the counts of a control step vary by 0.14 mV; those of a
+Poisson process of the same rate and slope vary by 0.66 mV (sqrt(REST) / GAIN). Noise of the value is noise of the
+error, which the actor would learn.
 """
 REST, GAIN = 5.98, 3.69
-"""Spikes of a critic's neuron in a control step in which nothing excites it, and by how many 1 mV changes that.
+"""Spikes of a critic's neuron per control step without input, and their change per mV of input.
 
 Measured with 400 neurons in 1,500 control steps; from -1 to 1 mV the slope is 3.82 to 2.84.
 """
 
 
 def circuit(k: int) -> str:
-    """The population that chooses the number k of an action."""
+    """Return the name of the population that chooses number k of an action."""
     return f"actor{k}"
 
 
 def encoder_of(settings: Settings) -> Any:
-    """Return the encoder that stands for observations."""
+    """Return the encoder of observations."""
     encoder = ENCODERS[settings.encoder]
     return encoder(**{word: getattr(settings, word) for word in encoder.quantities() if hasattr(settings, word)})
 
@@ -131,25 +132,25 @@ def network(
     environment: Mapping[str, Any],
     learnt: Weights | None = None,
 ) -> neuro.Network:
-    """The network that learns, or with `learnt` one whose synapses are static and that has no critic.
+    """Return the network that learns, or with `learnt` the frozen network with static synapses and no critic.
 
     Args:
-        settings: of the network, its learning and its world.
-        places: the neurons that stand for observations, with their fields.
-        actions: what the neurons of the circuits stand for.
+        settings: settings of the network, its learning and its world.
+        places: neurons that encode observations, with their fields.
+        actions: actions that the neurons of the circuits stand for.
         environment: words of the world's environment.
         learnt: weights by projection, mV, (places, neurons).
     """
     net = neuro.Network("actor_critic", resolution=1.0)
     etas = _etas(rates_of(settings, places.active), places.active)
     circuits = [circuit(k) for k in range(len(actions.sizes))]
-    here = net.population("places", places.size, neuro.spike_generator())
+    place_population = net.population("places", places.size, neuro.spike_generator())
     ask = net.population("ask", 1, neuro.spike_generator())
     common: dict[str, Any] = {"tau": TAU, "decay": settings.discount * settings.decay, "Wmin": -100.0, "Wmax": 100.0}
 
     def connect(target: Any, name: str, rule: Synapse) -> None:
         weight = 0.0 if learnt is None else learnt[name].ravel()
-        net.connect(here, target, neuro.all_to_all(), rule, weight=weight, delay=1.0, name=name)
+        net.connect(place_population, target, neuro.all_to_all(), rule, weight=weight, delay=1.0, name=name)
 
     if learnt is None:
         point = neuro.pp_psc_delta(
@@ -172,8 +173,8 @@ def network(
             net.signal(f"error{k}", to=actor)
             rule = neuro.reinforce(signal=f"error{k}", eta=etas[0], receptor="ex", **common)
         connect(actor, f"policy{k}", rule)
-        asked = neuro.static(receptor="ask")
-        net.connect(ask, actor, neuro.all_to_all(), asked, weight=1.0, delay=1.0, name=f"ask{k}")
+        ask_synapse = neuro.static(receptor="ask")
+        net.connect(ask, actor, neuro.all_to_all(), ask_synapse, weight=1.0, delay=1.0, name=f"ask{k}")
     novelty: dict[str, Any] = {"novelty": settings.novelty, "places": "places"} if settings.novelty else {}
     td: dict[str, Any] = {
         "critic": CRITIC,
@@ -196,19 +197,19 @@ def network(
 
 
 def rates_of(settings: Settings, active: int) -> tuple[float, float]:
-    """By how much an error of 1 changes the preference for an action, and the value, in the state of `active` places.
+    """Return the change of the preference for an action (mV) and of the value by an error of 1, with `active` places.
 
-    The settings are those of USUAL places. One place that stands for a state alone takes all of an error's noise, which
-    many share; the exponent is that with which both FrozenLake (one place) and MountainCar (24) are learnt.
+    The settings hold for USUAL places. With fewer places each one receives more of the error's noise, so the rates are
+    smaller. With the exponent 2/3 the agent learns both FrozenLake (one place) and MountainCar (24).
     """
     share = (active / USUAL) ** (2.0 / 3.0)
     return settings.actor_rate * share, settings.critic_rate * share
 
 
 def _etas(rates: tuple[float, float], active: int) -> tuple[float, float]:
-    """The learning rates of the rules in mV, for the actor and the critic.
+    """Return the learning rates of the rules in mV, for the actor and the critic.
 
-    An active place brings x, which is 1 / (1 - exp(-PERIOD / tau)) at a spike and decays; the means are over a period.
+    The trace of an active place is x = 1 / (1 - exp(-PERIOD / tau)) at a spike and decays; means are over a period.
     """
     actor, critic = rates
     x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - math.exp(-PERIOD / TAU))

@@ -1,4 +1,4 @@
-"""An agent in environments: what acts for it in a closed loop, and what must fail."""
+"""An agent in a closed loop, and the controls that should fail to learn."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 BLOCK = 10_000
-"""Control steps of an environment after which all episodes are cut off and the network begins at time 0.
+"""Control steps of an environment per block; then all episodes are cut off and the network restarts at time 0.
 
-It keeps what it has learnt. So all that a training needs to go on is weights and counts; it goes on so whether it was
-interrupted or not.
+What was learnt stays, so weights and counts are all that a resumed training needs. Blocks begin in the same way after
+an interruption, so the results are the same.
 """
 CONTROLS = ("shuffled", "frozen", "random", "scrambled")
-"""What must fail: errors of other times, no learning, an actor that ignores its input, places permuted at each step."""
+"""Controls: errors of other times, no learning, random actions, places permuted at each step."""
 KEPT = 1000
-"""Errors from the begin of a training that the control `shuffled` draws from."""
+"""Number of errors from the start of a training from which the control `shuffled` draws."""
 SEEN = 500
-"""Observations of the last control steps that an agent keeps."""
+"""Number of observations of the last control steps that an agent keeps."""
 
 
 class Acting:
-    """The pilot of an agent whose last observations are kept, and which a control may keep from learning.
+    """The pilot of an agent, which keeps the last observations and can disable learning for a control.
 
     Args:
-        agent: learns.
-        pilot: of the agent.
-        control: the name of a control, see `CONTROLS`, or "".
+        agent: the agent.
+        pilot: pilot of the agent.
+        control: name of a control, see `CONTROLS`, or "".
     """
 
     def __init__(self, agent: Learner, pilot: Any, control: str = "") -> None:
@@ -68,12 +68,12 @@ class Acting:
         return getattr(self._pilot, name)
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin a block, with all that was learnt before."""
+        """Begin a block with everything learnt so far."""
         self._shown.clear()
         self._pilot.begin(copies, block)
 
     def act(self, observations: Floats, infos: Any) -> npt.NDArray[Any]:
-        """Judge and choose."""
+        """Compute values and choose actions."""
         self._shown.append(observations[0])
         actions: npt.NDArray[Any] = self._pilot.act(observations, infos)
         if self._control == "random":
@@ -82,28 +82,28 @@ class Acting:
         return actions
 
     def _others(self, moment: Moment) -> Floats:
-        """What a control has in place of the errors."""
+        """Return the errors of a control."""
         errors: Floats = self._taught(moment)
         if self._control == "frozen":
             return np.zeros_like(errors)
-        # Of a fixed set: errors of the last steps would report how well the agent does, and so teach.
+        # The set is fixed, because errors of the last steps would tell how well the agent does, and so teach it.
         if self._errors.size < KEPT:
             self._errors = np.append(self._errors, errors)
         return self._rng.choice(self._errors, errors.shape)
 
     def arrays(self) -> dict[str, Any]:
-        """All that it needs to go on."""
-        seen = np.array(self._shown).reshape(-1, len(self._agent.places.dimensions))
-        return {**self._pilot.arrays(), "seen": {"vectors": seen}}
+        """Return everything that a resumed training needs."""
+        observations = np.array(self._shown).reshape(-1, len(self._agent.places.dimensions))
+        return {**self._pilot.arrays(), "seen": {"vectors": observations}}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Go on from `arrays`."""
+        """Resume from `arrays`."""
         self._shown.extend(arrays["seen"]["vectors"])
         self._pilot.put(arrays)
 
 
 class _Scrambled:
-    """Neurons with fields, each of which spikes in place of another, drawn anew at each step."""
+    """Place neurons whose spikes are moved to other neurons, drawn anew at each step."""
 
     def __init__(self, fields: Any, rng: np.random.Generator) -> None:
         self._fields, self._rng = fields, rng
@@ -112,35 +112,35 @@ class _Scrambled:
         return getattr(self._fields, name)
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
-        """Spikes as of the fields, of other neurons."""
+        """Return the spikes of the fields, moved to other neurons."""
         offsets, when, ids = self._fields.spikes(vectors, ticks, rng)
         ids = self._rng.permutation(self._fields.size)[ids]
         copies = np.repeat(np.arange(len(vectors)), np.diff(offsets))
         return offsets, when, ids[np.lexsort((ids, when, copies))]
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
-        """Activity as of the fields, of other neurons."""
+        """Return the activity of the fields, moved to other neurons."""
         cells, amounts = self._fields.activity(vector)
         return self._rng.permutation(self._fields.size)[cells], amounts
 
 
 class _Frozen:
-    """A frozen agent in a closed loop."""
+    """A frozen agent as the pilot of a closed loop."""
 
     def __init__(self, agent: Learner, made: Callable[[], Any]) -> None:
         self._agent, self._made = agent, made
 
     def begin(self, copies: int, block: int) -> None:
-        """Make what decides."""
+        """Make the frozen agent."""
         self._decides = self._made()
 
     def act(self, observations: Floats, infos: Any) -> npt.NDArray[Any]:
-        """Choose."""
+        """Choose actions."""
         return self._agent.actions.of(self._decides.decide(observations))
 
 
 def loop_of(agent: Learner, worlds: Environments, control: str = "") -> ClosedLoop:
-    """Return the closed loop in which an agent learns, from what it has learnt before."""
+    """Return the closed loop in which an agent learns on from what it has learnt."""
     pilot: Any = Acting(agent, agent.pilot(worlds, agent.seed), control)
     pilot.put(agent.arrays())
     loop = ClosedLoop(pilot, worlds, step=STEP, seed=agent.seed, explore=agent.settings.explore, block=BLOCK)
@@ -149,14 +149,14 @@ def loop_of(agent: Learner, worlds: Environments, control: str = "") -> ClosedLo
 
 
 def fitting(agent: Learner, env: Any, patience: float) -> Environments:
-    """Return the environments, whose spaces must be those for which the agent was made."""
+    """Return the environments; refuse spaces other than the agent's."""
     worlds = Environments(env, patience)
-    for what, known, found in (
+    for what, expected, actual in (
         ("observations", agent.observations, worlds.observations),
         ("actions", agent.actions.space, worlds.actions),
     ):
-        if known != found:
-            raise ModelError(f"env: its {what} are {found}: expected {known}, for which the agent was made")
+        if expected != actual:
+            raise ModelError(f"env: its {what} are {actual}: expected {expected}, for which the agent was made")
     return worlds
 
 
@@ -169,7 +169,7 @@ def test(
     patience: float,
     most: int,
 ) -> Test:
-    """Episodes without learning, see `ActorCritic.test`; `made` makes what decides."""
+    """Test without learning, see `ActorCritic.test`; `made` returns the frozen agent."""
     whole = Quantity(kind="integer", at_least=1)
     episodes, most = check(whole, episodes, "test: episodes"), check(whole, most, "test: most")
     check(SEED, seed, "test: seed")

@@ -1,4 +1,4 @@
-"""The linear twin: the same places, choices, errors and rates, without spikes; it shows what spikes cost or bring."""
+"""The linear twin: the same places, choices, errors and rates without spikes, to measure the effect of spikes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Ints = npt.NDArray[np.int64]
 class LinearTwin(ActorCritic):
     """An actor-critic with linear functions of the active places, TD(lambda) and a softmax policy.
 
-    It has no spikes: the settings `spikes`, `critics` and `backend` change nothing.
+    The twin has no spikes, so the settings `spikes`, `critics` and `backend` have no effect.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 13.5 (actor-critic with eligibility traces).
     """
@@ -33,24 +33,24 @@ class LinearTwin(ActorCritic):
     kind: ClassVar[str] = "linear twin"
 
     def pilot(self, worlds: Environments, seed: int) -> Any:
-        """Return what learns in environments, as the pilot of a closed loop that has learnt nothing yet."""
+        """Return an untrained pilot that learns in environments within a closed loop."""
         return _Pilot(self, seed)
 
     def frozen(self, seed: int = 0, backend: str = "event") -> Any:
-        """The twin as it is, which learns no more.
+        """Return the twin with frozen weights.
 
         Raises:
-            ModelError: a backend other than the default is asked for.
+            ModelError: the backend is not the default.
         """
         if backend != "event":
             raise _no_spikes(backend)
         return _Frozen(self, seed)
 
     def energy(self, target: str, steps: int = 200) -> Energy:
-        """Nothing: see `Raises`.
+        """Raise an error: no chip runs a network without spikes.
 
         Raises:
-            ModelError: always, since no chip runs it.
+            ModelError: always.
         """
         raise _no_spikes(target)
 
@@ -60,12 +60,12 @@ def _no_spikes(where: str) -> ModelError:
 
 
 class _Pilot:
-    """What the twin learns in a closed loop; several episodes side by side learn one set of weights.
+    """Pilot of a learning twin in a closed loop; episodes side by side share one set of weights.
 
     Attributes:
-        encoders: those of the places.
-        taught: the errors, that for the critic and that for the actor.
-        counts: the values of the last control step in place of the critic's spikes, (copies, 1).
+        encoders: encoders of the places.
+        taught: errors for the critic and for the actor.
+        counts: values of the last control step, in place of the critic's spikes, (copies, 1).
     """
 
     def __init__(self, twin: LinearTwin, seed: int) -> None:
@@ -82,50 +82,50 @@ class _Pilot:
         self._critic, self._actor = critic / active * self._critic, actor / active * (1.0 - self._critic)
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin a block, with all that was learnt before."""
+        """Begin a block with everything learnt so far."""
         self._rng = np.random.default_rng([self._seed, block])
         self._z = [np.zeros_like(self._w) for _ in range(copies)]
         for taught in self.taught.values():
             taught.begin(copies)
 
     def act(self, observations: Floats, infos: Any) -> npt.NDArray[Any]:
-        """Judge and choose."""
+        """Compute values and choose actions."""
         winners, values = [], []
         self._e: list[tuple[Ints, Floats]] = []
         for vector in observations:
             cells, x = self.encoders["places"].fields.activity(vector)
             value, *_ = sums = (x[:, None] * self._w[cells]).sum(axis=0)
             p, chosen = self._choices.draw(sums[1:], self._rng)
-            gained = np.concatenate([[1.0], -p])
-            gained[1 + self._choices.first + chosen] += 1.0
-            self._e.append((cells, x[:, None] * gained))
+            eligibility = np.concatenate([[1.0], -p])
+            eligibility[1 + self._choices.first + chosen] += 1.0
+            self._e.append((cells, x[:, None] * eligibility))
             values.append(float(value))
             winners.append(chosen)
         self.counts = {CRITIC: np.array(values)[:, None]}
         return self._twin.actions.of(np.array(winners))
 
     def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
-        """Learn bounds and scales from random moves."""
+        """Set bounds and scales from random moves."""
         self.encoders["places"].learn(observations)
         self.taught["error"].explored(rewards, returns)
 
     def teach(self, moment: Moment) -> None:
-        """Learn from the errors of the last but one control step; then the last one is eligible, too."""
+        """Learn from the errors of the step before the last; then add the last step to the eligibility."""
         s, errors = self._twin.settings, self.taught["error"].values(moment)
         scaled = self.taught["error0"].of(errors)
-        for error, own, z, (cells, gained) in zip(errors[:, 0], scaled[:, 0], self._z, self._e, strict=True):
+        for error, own, z, (cells, increment) in zip(errors[:, 0], scaled[:, 0], self._z, self._e, strict=True):
             self._w += (self._critic * error + self._actor * own) * z
             z *= s.discount * s.decay
-            z[cells] += gained
+            z[cells] += increment
         for k in np.flatnonzero(moment.last):
             self._z[k][...] = 0.0
         self._w[:, 0] *= self.taught["error"].share(moment)
 
     def merge(self) -> None:
-        """They have one set of weights already."""
+        """Do nothing, since the copies share their weights."""
 
     def arrays(self) -> dict[str, Any]:
-        """All that it needs to go on; all neurons of a critic would learn the same."""
+        """Return everything that a resumed training needs; all neurons of the critic have the same weights."""
         value, *policies = np.split(self._w, 1 + self._choices.first, axis=1)
         critic = np.broadcast_to(value, (len(value), self._twin.settings.critics))
         weights = dict(zip(self._twin.projections, (critic, *policies), strict=True))
@@ -133,7 +133,7 @@ class _Pilot:
         return {"learnt": weights, "encoder.places": places, "teacher.error": error}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Go on from `arrays`."""
+        """Resume from `arrays`."""
         size, weights = self._twin.places.size, arrays["learnt"]
         value, *policies = (np.reshape(weights[name], (size, -1)) for name in self._twin.projections)
         self._w = np.hstack([value[:, :1], *policies])
@@ -148,19 +148,19 @@ class _Frozen:
         self._w = np.hstack(list(twin.weights.values())[1:]) * twin.settings.sharpness
 
     def decide(self, observations: Floats) -> Ints:
-        """The action of one observation."""
+        """Return the choices for one observation."""
         cells, x = self._places.activity(observations[0])
         return self._choices.draw(x @ self._w[cells], self._rng)[1][None]
 
 
 class Choices:
-    """Choices by softmax, one for each circuit.
+    """Choices by softmax, one per circuit.
 
     Args:
-        sizes: what each circuit chooses among.
+        sizes: number of choices of each circuit.
 
     Attributes:
-        first: of each circuit, in the order of all.
+        first: index of each circuit's first choice in the concatenated array.
     """
 
     def __init__(self, sizes: Sequence[int]) -> None:
@@ -168,9 +168,9 @@ class Choices:
         self.first = np.cumsum([0, *sizes[:-1]])
 
     def draw(self, preferences: Floats, rng: np.random.Generator) -> tuple[Floats, Ints]:
-        """The probability of each choice, and what each circuit has chosen."""
+        """Return the probability of each choice, and the choice of each circuit."""
         p = np.exp(preferences - np.repeat(np.maximum.reduceat(preferences, self.first), self._sizes))
         p /= np.repeat(np.add.reduceat(p, self.first), self._sizes)
-        drawn = np.arange(len(self.first)) + rng.random(len(self.first))
-        chosen = np.searchsorted(np.cumsum(p), drawn, side="right") - self.first
-        return p, np.clip(chosen, 0, self._sizes - 1)  # sums of probabilities are rounded
+        thresholds = np.arange(len(self.first)) + rng.random(len(self.first))
+        choices = np.searchsorted(np.cumsum(p), thresholds, side="right") - self.first
+        return p, np.clip(choices, 0, self._sizes - 1)  # a rounded sum of probabilities may be below 1

@@ -1,6 +1,6 @@
-"""An episode as one page for a browser: the environment's frames, spikes, value, error, return and weights.
+"""An episode as an HTML page: the environment's frames, spikes, value, error, return and weights.
 
-Frames lie in the page as small pictures.
+Frames are embedded as small pictures.
 """
 
 from __future__ import annotations
@@ -32,43 +32,43 @@ PAGE = sealed(
     "a page of 'neuro agent watch'", '<meta name="generator" content="neuro agent watch">', "<!-- digest {} -->"
 )
 FRAMES = 300
-"""Frames of a page; of longer episodes every second, fourth ... control step has one."""
+"""Maximum number of frames of a page; in longer episodes every 2nd, 4th ... control step has one."""
 WIDTH = 420
-"""Pixels of a frame's longer side."""
+"""Longer side of a frame, px."""
 STEPS = 5000
 """Control steps after which an episode is cut off."""
 COLUMNS = 1024
-"""Columns of the picture of weights; of more places the largest of each few is shown."""
+"""Maximum number of columns of the picture of weights; places that share a column show the largest weight."""
 MOMENTS = 40
-"""Pictures of the weights of an episode in which an agent learns."""
+"""Maximum number of pictures of the weights of an episode with learning."""
 
 EDGE = 92
-"""Pixels of the names beside drawings."""
+"""Width of the labels beside drawings, px."""
 COLOURS = ("a", "b", "d", "c", "e", "f")
-"""Of the actors of a circuit."""
+"""Colours of circuits."""
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass
 class Episode:
-    """What came of an episode, an entry for each control step; the last is the observation at which it ended.
+    """Record of an episode, one entry per control step; the last entry is the final observation.
 
     Attributes:
-        observations: (dimensions,) each.
-        places: the active ones.
-        critic: spikes of each of its neurons.
-        winners: the neuron of each circuit that spiked.
-        chances: with which probability each would, of all circuits one after the other.
-        values: what the critic expects of rewards to come, in their unit.
-        errors: of the move before, in their unit; NaN at the first.
-        rewards: of the move before; 0 at the first.
-        frames: pictures by control step, empty where there are none.
-        blank: why there are none.
-        weights: of the policy by control step, (places, actions of all circuits).
-        learning: whether it learnt.
-        end: how it ended.
-        name: of the environment.
+        observations: observations, (dimensions,) each.
+        places: active places.
+        critic: spikes of each neuron of the critic.
+        winners: neuron of each circuit that spiked.
+        chances: probability of each actor to spike, concatenated over the circuits.
+        values: value by the critic, in the unit of rewards.
+        errors: error of the last move, in the unit of rewards; NaN in the first entry.
+        rewards: reward of the last move; 0 in the first entry.
+        frames: pictures by control step, empty if there are none.
+        blank: reason why there are no frames.
+        weights: weights of the policy by control step, (places, actions of all circuits).
+        learning: whether the agent learnt.
+        end: how the episode ended.
+        name: name of the environment.
     """
 
     learning: bool
@@ -88,7 +88,7 @@ class Episode:
 
     @property
     def moves(self) -> int:
-        """Control steps in which it acted."""
+        """Number of control steps with an action."""
         return len(self.values) - 1
 
     def __str__(self) -> str:
@@ -97,20 +97,20 @@ class Episode:
 
 
 def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *, learning: bool = False) -> Episode:
-    """Play an episode and write it as a page; the agent stays as it is.
+    """Play an episode and write it as an HTML page; the agent does not change.
 
     Args:
-        agent: that acts.
-        env: one environment; one of render_mode "rgb_array" gives frames, of others the observations are drawn.
-        path: of the page, which ends in .html.
-        seed: of the episode, the first that a test of that seed has, and of the network's draws.
-        learning: whether it learns meanwhile.
+        agent: the agent.
+        env: one environment. With render_mode "rgb_array" the page has frames; else it draws the observations.
+        path: path of the page, which ends in .html.
+        seed: seed of the network's draws and of the episode, which is the first of a test with this seed.
+        learning: whether the agent learns during the episode.
 
     Returns:
-        what came of it.
+        the record of the episode.
 
     Raises:
-        ModelError: the file is not called .html or cannot be written, or as of `ActorCritic.test`.
+        ModelError: the file is not called .html or cannot be written, or as `ActorCritic.test`.
     """
 
     def make() -> tuple[str, Episode]:
@@ -121,7 +121,7 @@ def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *,
 
 
 def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> Episode:
-    """An episode: of the agent as a test has it, with values of a copy that learns nothing; or of one that learns."""
+    """Play an episode, frozen with values from a copy of the learning network, or with learning."""
     worlds = fitting(agent, env, 60.0)
     if worlds.n != 1:
         raise ModelError(f"watch: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")
@@ -150,18 +150,18 @@ def _play(
     sim = pilot.copies[0] if frozen is None else frozen.sim
     error: Any = pilot.taught["error"]
     scale, circuits = error.scale, [circuit(k) for k in range(len(agent.actions.sizes))]
-    seen = worlds.reset([episode_seed(seed, TESTS)])
+    observations = worlds.reset([episode_seed(seed, TESTS)])
     reward, before, ended, cut = 0.0, 0.0, False, False
     first = np.ones(1, dtype=np.bool_)
     for k in range(STEPS + 1):
         camera.take(k)
-        pilot.act(seen, worlds.infos)
+        pilot.act(observations, worlds.infos)
         counts, unit = pilot.counts, 1.0 / scale.factor
         chosen = np.array([counts[name][0].argmax() for name in circuits])
-        winners = chosen if frozen is None else frozen.decide(seen)[0]
+        winners = chosen if frozen is None else frozen.decide(observations)[0]
         value = unit * (scale.first + (counts[CRITIC].sum() / counts[CRITIC].size - REST) / GAIN)
-        episode.observations.append(seen[0])
-        episode.places.append(agent.places.cells(seen[0]))
+        episode.observations.append(observations[0])
+        episode.places.append(agent.places.cells(observations[0]))
         episode.critic.append(counts[CRITIC][0])
         episode.winners.append(winners)
         episode.chances.append(np.concatenate([sim.get(name, "p") for name in circuits]))
@@ -171,40 +171,40 @@ def _play(
         episode.rewards.append(reward)
         if episode.learning or k == 0:
             policies = [pilot.weights[name].reshape(agent.places.size, -1) for name in agent.projections[1:]]
-            _keep(episode.weights, k, np.concatenate(policies, axis=1), MOMENTS)
+            _store_evenly(episode.weights, k, np.concatenate(policies, axis=1), MOMENTS)
         if worlds.over[0]:
             break
         last = worlds.over
-        seen, rewards, ends, cuts = worlds.step(agent.actions.of(winners[None]), [0])
+        observations, rewards, ends, cuts = worlds.step(agent.actions.of(winners[None]), [0])
         reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
         if episode.learning:
-            moment = Moment(counts, first, last, rewards, ends, worlds.infos, seen, 0.0, k + 1, ())
+            moment = Moment(counts, first, last, rewards, ends, worlds.infos, observations, 0.0, k + 1, ())
             pilot.teach(moment)
         first = last
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 
 
-def _every(kept: dict[int, Any]) -> int:
-    """Of how many control steps one is kept."""
-    steps = iter(kept)
+def _interval(items: dict[int, Any]) -> int:
+    """Return the interval of control steps between stored items."""
+    steps = iter(items)
     return next(steps, 0) or next(steps, 1)
 
 
-def _keep(kept: dict[int, Any], k: int, what: Any, most: int) -> None:
-    """Keep what belongs to a control step, of all steps evenly so many."""
-    every = _every(kept)
+def _store_evenly(items: dict[int, Any], k: int, item: Any, most: int) -> None:
+    """Store an item of a control step; at most `most` items stay, at equal intervals."""
+    every = _interval(items)
     if k % every == 0:
-        kept[k] = what
-    if len(kept) > most:
-        for old in [step for step in kept if step % (2 * every)]:
-            del kept[old]
+        items[k] = item
+    if len(items) > most:
+        for old in [step for step in items if step % (2 * every)]:
+            del items[old]
 
 
 class _Camera:
     """Takes small pictures of an environment that renders.
 
     Attributes:
-        blank: why there are none.
+        blank: reason why there are no pictures.
     """
 
     def __init__(self, env: Any) -> None:
@@ -218,8 +218,8 @@ class _Camera:
             self.blank = "the environment renders no rgb_array"
 
     def take(self, k: int) -> None:
-        """Take the picture of a control step, if it is one that has one."""
-        if self._env is None or k % _every(self._images):
+        """Take the picture of a control step, if the interval includes the step."""
+        if self._env is None or k % _interval(self._images):
             return
         from PIL import Image
 
@@ -232,39 +232,39 @@ class _Camera:
             image = Image.fromarray(frame[..., :3])
             if max(image.size) > WIDTH:
                 image.thumbnail((WIDTH, WIDTH), Image.Resampling.BOX)
-            _keep(self._images, k, image, FRAMES)
+            _store_evenly(self._images, k, image, FRAMES)
         except KeyboardInterrupt:
             raise
         except Exception as error:
             self._images, self.blank, self._env = {}, why(error), None
 
     def frames(self) -> dict[int, str]:
-        """The pictures by control step, as data URIs."""
+        """Return the pictures by control step, as data URIs."""
         return {k: _picture(image) for k, image in self._images.items()}
 
 
 def _picture(image: Image) -> str:
-    """The smaller of a PNG of 64 colours and a JPEG."""
+    """Return a picture as a PNG of 64 colours or a JPEG, whichever is smaller."""
     from PIL.Image import Dither, Quantize
 
-    png = _written(image.quantize(64, Quantize.FASTOCTREE, dither=Dither.NONE), "png")
-    return min(png, _written(image, "jpeg", quality=78), key=len)
+    png = _encoded(image.quantize(64, Quantize.FASTOCTREE, dither=Dither.NONE), "png")
+    return min(png, _encoded(image, "jpeg", quality=78), key=len)
 
 
-def _written(image: Image, kind: str, **options: Any) -> str:
+def _encoded(image: Image, kind: str, **options: Any) -> str:
     into = io.BytesIO()
     image.save(into, format=kind, **options)
     return f"data:image/{kind};base64,{base64.b64encode(into.getvalue()).decode('ascii')}"
 
 
 def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
-    """The page as text."""
+    """Return the HTML page."""
     steps = int(agent.log.steps[-1]) if len(agent.log) else 0
     sizes = " + ".join(map(str, agent.actions.sizes))
     about = [
         f"an agent of {agent.places.size} places, {agent.settings.critics} critics and {sizes} actors",
         f"after {steps:,} steps of training (seed {agent.seed})" if steps else "not trained yet",
-        "learning goes on" if episode.learning else "weights frozen",
+        "learning continues" if episode.learning else "weights frozen",
         f"episode of seed {seed}",
         str(episode),
     ]
@@ -312,7 +312,7 @@ def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
 
 
 def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Panel]]:
-    """The environment, or the observation where there are no frames; the policy."""
+    """Return the panels of the environment, or of the observation if there are no frames, and of the policy."""
     lit = np.concatenate([np.eye(size, dtype=bool)[[one[k] for one in episode.winners]]
                           for k, size in enumerate(agent.actions.sizes)], axis=1)  # fmt: skip
     names, colours = _actors(agent)
@@ -322,7 +322,7 @@ def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Pa
     policy = player.Panel(
         "Policy",
         [player.Track("bars", "policy", "probabilities of the actions", chances)],
-        "with which probability each actor spikes; in colour: the one that did",
+        "probability of each actor to spike; in colour: the actor that spiked",
     )
     if not episode.frames:
         observed = player.Panel(
@@ -330,8 +330,11 @@ def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Pa
         )
         return [observed, [policy]]
     frames = {"frames": list(episode.frames.values()), "at": list(episode.frames)}
-    shown = player.Panel("Environment", [player.Track("frames", "frame", "the environment", frames, 330)])
-    return [shown, [policy, player.Panel("Observation", [_observation(agent, episode, "state")], _bounds(agent, 12))]]
+    environment = player.Panel("Environment", [player.Track("frames", "frame", "the environment", frames, 330)])
+    return [
+        environment,
+        [policy, player.Panel("Observation", [_observation(agent, episode, "state")], _bounds(agent, 12))],
+    ]
 
 
 def _bounds(agent: Learner, most: int) -> str:
@@ -341,26 +344,27 @@ def _bounds(agent: Learner, most: int) -> str:
 
 def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
     most, row = (24, 24) if name == "large" else (12, 19)
-    dimensions, seen = agent.places.dimensions[:most], np.array(episode.observations)[:, :most]
+    dimensions, observations = agent.places.dimensions[:most], np.array(episode.observations)[:, :most]
     low = np.array([one.first if one.states else one.low for one in dimensions], dtype=np.float64)
     high = np.array([one.first + one.states - 1 if one.states else one.high for one in dimensions], dtype=np.float64)
     data = {
-        "labels": [one.name.removeprefix("observation") or "state" for one in dimensions], "values": seen.ravel(),
-        "low": np.where(np.isfinite(low), low, seen.min(axis=0)),
-        "high": np.where(np.isfinite(high), high, seen.max(axis=0)), "mark": True, "unit": "", "row": row,
+        "labels": [one.name.removeprefix("observation") or "state" for one in dimensions],
+        "values": observations.ravel(),
+        "low": np.where(np.isfinite(low), low, observations.min(axis=0)),
+        "high": np.where(np.isfinite(high), high, observations.max(axis=0)), "mark": True, "unit": "", "row": row,
     }  # fmt: skip
     return player.Track("bars", name, "the observation", data)
 
 
 def _actors(agent: Learner) -> tuple[list[str], list[str]]:
-    """Names and colours of the actors of all circuits."""
+    """Return names and colours of the actors of all circuits."""
     labels = _labels(agent)
     names = [f"{k}: {each}" if len(labels) > 1 else each for k, one in enumerate(labels) for each in one]
     return names, [COLOURS[k % len(COLOURS)] for one in labels for k in range(len(one))]
 
 
 def _raster(agent: Learner, episode: Episode) -> player.Track:
-    """Active places, spikes of critics and actors, by control step."""
+    """Return the raster of active places and of spikes of critics and actors, by control step."""
     names, colours = _actors(agent)
     critic, steps = np.minimum(episode.critic, 255), np.arange(episode.moves)
     at, spiking = critic.nonzero()
@@ -381,7 +385,7 @@ def _raster(agent: Learner, episode: Episode) -> player.Track:
 
 
 def _weights(agent: Learner, episode: Episode) -> player.Panel:
-    """The weights of the policy as pictures by moment, with marks at the active places."""
+    """Return the panel of the policy's weights by time, with marks at the active places."""
     names, colours = _actors(agent)
     weights = np.stack([_columns(each) for each in episode.weights.values()])
     largest = max(float(np.abs(weights).max()), 1e-9)
@@ -404,7 +408,7 @@ def _weights(agent: Learner, episode: Episode) -> player.Panel:
 
 
 def _labels(agent: Learner) -> list[list[str]]:
-    """What the neurons of each circuit stand for."""
+    """Return the actions that the neurons of each circuit stand for."""
     actions = agent.actions
     if actions.values:
         return [[f"{value:.3g}" for value in values] for values in actions.values]
@@ -414,7 +418,7 @@ def _labels(agent: Learner) -> list[list[str]]:
 
 
 def _columns(weights: Floats) -> Floats:
-    """Weights as a picture, (actions, columns): of places that share a column the one that is largest."""
+    """Return weights as a picture, (actions, columns); places that share a column show the largest weight."""
     each = -(-len(weights) // COLUMNS)
     padded = np.zeros((-(-len(weights) // each) * each, weights.shape[1]))
     padded[: len(weights)] = weights

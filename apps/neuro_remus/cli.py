@@ -1,4 +1,4 @@
-"""Learn to recognise digits from event-camera recordings (ReMuS): the demonstration; 'neuro recognise' has the rest."""
+"""Demonstration of ReMuS: train on digits from event-camera recordings. 'neuro recognise' has all other commands."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ app = typer.Typer(name="remus", no_args_is_help=True, add_completion=False, pret
 
 @app.callback()
 def remus() -> None:
-    """Learn to recognise digits from event-camera recordings (ReMuS); 'neuro recognise' has all other commands."""
+    """Train on digits from event-camera recordings (ReMuS). 'neuro recognise' has all other commands."""
 
 
 @app.command()
 def demo(
     data: Annotated[
-        Path | None, typer.Option("--data", metavar="FOLDER", help="Recordings; made here if not given.")
+        Path | None, typer.Option("--data", metavar="FOLDER", help="Folder of recordings.", show_default="generated")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where everything goes.")] = Path("demo"),
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder for all results.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Make recordings, learn, test on unseen ones, draw, price."""
+    """Make recordings, train, test on unseen ones, and write pictures and energy on chips."""
     from neuro_remus.demo import run
 
     with resumable():

@@ -1,4 +1,4 @@
-"""The main job from nothing: recordings, training, test, pictures, what a recording takes on chips."""
+"""The demonstration: make recordings, train, test, draw pictures, and compute energy on chips."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500
 SEED = 0
-"""Of the recordings that the network beside ReMuS learnt from."""
+"""Seed of the recordings on which the network beside ReMuS was trained."""
 FIGURES = sealed("the figures of 'neuro remus demo'", f'"format": "{report.FORMAT}"', ', "digest": "{}"')
 BILLS = sealed("the bills of 'neuro remus demo'", f'"format": "{energy.FORMAT}"', ', "digest": "{}"')
 
 
 def run(data: Path | None, out: Path, seed: int) -> None:
-    """Do it, or what is left of it; what is done already is not done again.
+    """Run the demonstration; finished steps are skipped.
 
     Args:
-        data: recordings; None makes some.
-        out: folder for the recordings, the model, the figures and the pictures.
-        seed: of everything random.
+        data: folder of recordings; None generates some.
+        out: folder for the recordings, the model, the results and the pictures.
+        seed: seed of all random draws.
 
     Raises:
         EventFileError: the recordings cannot be read or made.
     """
     began = time.perf_counter()
     make_folder(out)
-    known = data is None and seed == SEED
+    has_shipped_network = data is None and seed == SEED
     if data is None:
         folder = out / "recordings"
         total = N_TRAIN + N_TEST
@@ -56,42 +56,42 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     learning, unseen = halves(data, seed)
     print(f"learning from {len(learning)} recordings of {len(learning.classes)} classes")
     with LearningBar() as bar:
-        made = fit(learning, "remus", seed=seed, out=out / "model.h5", cache=out / "c1", report=bar.show)
-    print(f"{out / 'model.h5'}: {report.learnt(made)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
-    tried = try_out(made, unseen)
-    report.show(made, tried)
-    write_text(out / "results.json", report.figures(made, tried) + "\n", FIGURES)
+        recogniser = fit(learning, "remus", seed=seed, out=out / "model.h5", cache=out / "c1", report=bar.show)
+    print(f"{out / 'model.h5'}: {report.learnt(recogniser)}\n\ntesting on {len(unseen)} unseen recordings\n")
+    test = try_out(recogniser, unseen)
+    report.show(recogniser, test)
+    write_text(out / "results.json", report.figures(recogniser, test) + "\n", FIGURES)
     print(out / "results.json")
-    report.write_confusion(tried, out)
-    report.write_pictures(made, out)
-    priced = energy.bills(tried, PRICED.split(","))
-    write_text(out / "energy.json", energy.words(made, tried, priced) + "\n", BILLS)
+    report.write_confusion(test, out)
+    report.write_pictures(recogniser, out)
+    priced = energy.bills(test, PRICED.split(","))
+    write_text(out / "energy.json", energy.words(recogniser, test, priced) + "\n", BILLS)
     print(f"{out / 'energy.json'}\n", flush=True)
-    energy.show(made, tried, priced)
-    found = {"remus": (tried, priced)}
-    if known:
-        _show_beside(learning, unseen, out, found)
-    write_page(out / "index.html", made, found)
+    energy.show(recogniser, test, priced)
+    results = {"remus": (test, priced)}
+    if has_shipped_network:
+        _show_beside(learning, unseen, out, results)
+    write_page(out / "index.html", recogniser, results)
     print(f"\n{out / 'index.html'}: what was learnt, on one page")
     print(f"done in {time.perf_counter() - began:.0f} s")
 
 
-def _show_beside(learning: Recordings, unseen: Recordings, out: Path, found: dict[str, tuple[Tried, Priced]]) -> None:
-    """Test the network that learnt these recordings by gradients, and compare."""
+def _show_beside(learning: Recordings, unseen: Recordings, out: Path, results: dict[str, tuple[Tried, Priced]]) -> None:
+    """Test the network that was trained by gradients on these recordings, and compare."""
     name = "by gradients"
-    print(f"\nthe same {len(unseen)} recordings for a network that ships and learnt {name} from the {len(learning)}\n")
-    made = trained_by_gradients(learning, SEED)
-    tried = try_out(made, unseen)
-    found[name] = tried, energy.bills(tried, PRICED.split(","))
-    write_text(out / "gradients.json", energy.words(made, *found[name]) + "\n", BILLS)
+    print(f"\nthe same {len(unseen)} recordings with a shipped network, trained {name} on the {len(learning)}\n")
+    recogniser = trained_by_gradients(learning, SEED)
+    test = try_out(recogniser, unseen)
+    results[name] = test, energy.bills(test, PRICED.split(","))
+    write_text(out / "gradients.json", energy.words(recogniser, *results[name]) + "\n", BILLS)
     print(f"{out / 'gradients.json'}\n", flush=True)
-    show_beside_each_other(found)
+    show_beside_each_other(results)
 
 
 def halves(data: Path, seed: int) -> tuple[Recordings, Recordings]:
-    """At most `N_TRAIN` recordings to learn from and at most `N_TEST` others, each class alike.
+    """Return at most `N_TRAIN` recordings to learn from and at most `N_TEST` others, with classes in equal shares.
 
-    Data without folders Train and Test is divided, a quarter of it is for the test.
+    Without folders Train and Test, a quarter of the data is for the test.
     """
     learning = recordings(data, part="Train")
     unseen = recordings(data, part="Test", classes=learning.classes)
@@ -103,44 +103,45 @@ def halves(data: Path, seed: int) -> tuple[Recordings, Recordings]:
 
 
 def _shuffled(data: Recordings, seed: int) -> Recordings:
-    """In a random order in which the classes take turns, as long as they have recordings."""
+    """Return the recordings in random order; classes alternate as long as they have recordings."""
     labels = np.array([item.label for item in data])
-    turn, chance = np.empty(len(data)), np.random.default_rng([seed, 1]).permutation(len(data))
+    turn, rank = np.empty(len(data)), np.random.default_rng([seed, 1]).permutation(len(data))
     for label in np.unique(labels):
-        mine = np.flatnonzero(labels == label)
-        turn[mine] = chance[mine].argsort().argsort()
-    return Recordings(data.path, [data[int(k)] for k in np.lexsort((chance, turn))], data.classes)
+        members = np.flatnonzero(labels == label)
+        turn[members] = rank[members].argsort().argsort()
+    return Recordings(data.path, [data[int(k)] for k in np.lexsort((rank, turn))], data.classes)
 
 
 TARGET = "loihi"
-"""The chip on which both are compared."""
+"""Chip on which both networks are compared."""
 
 
 def trained_by_gradients(data: Recordings, seed: int) -> Recogniser:
-    """The network that learnt the same recordings by gradients, as a recogniser.
+    """Return the network that was trained by gradients on the same recordings, as a recogniser.
 
-    It ships as `demo_digits` of `neuro_models`; docs/how-to/train.md says how it was trained. It needs no torch.
+    The network ships as `demo_digits` of `neuro_models` and needs no torch; docs/how-to/train.md describes its
+    training.
 
     Args:
-        data: the recordings that it learnt from.
-        seed: by which they were made.
+        data: the recordings of its training.
+        seed: seed of the recordings.
     """
     net = neuro.load(path("demo_digits"))
     method = Dense(size=(34, 34), hidden=int(net.populations["hidden"].shape[0]))
     return Recogniser(method, data.classes, method.learnt_of(net), {"recordings": len(data), "seed": seed})
 
 
-def show_beside_each_other(found: Mapping[str, tuple[Tried, Priced]]) -> None:
-    """Print a row for each recogniser: how many it decides rightly, and what a recording takes on the chip.
+def show_beside_each_other(results: Mapping[str, tuple[Tried, Priced]]) -> None:
+    """Print accuracy and energy of each recogniser, one row each.
 
     Args:
-        found: what came of each and its bills, by name.
+        results: test results and bills by name.
     """
     heads = ("recogniser", ">accuracy", ">95 % interval", *COLUMNS)
     rows = []
-    for name, (tried, priced) in found.items():
-        low, high = tried.own.interval
-        rows.append((name, f"{tried.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}", *priced.bills[TARGET].cells()))
+    for name, (test, priced) in results.items():
+        low, high = test.own.interval
+        rows.append((name, f"{test.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}", *priced.bills[TARGET].cells()))
     console().print(table(heads, rows, title=f"a recording on {TARGET}"))
 
 
@@ -148,39 +149,41 @@ PAGE = sealed(
     "the page of 'neuro remus demo'", '<meta name="generator" content="neuro remus demo">', "<!-- digest {} -->"
 )
 ABOUT = (
-    "A network of spiking neurons looked at recordings of an event camera and learnt by reward: the first map to fire "
-    "names the digit, and its synapses grow if it is right. Each tile below is one of its maps."
+    "A spiking network learnt by reward from recordings of an event camera: the first map to fire names the digit, and "
+    "its synapses grow if the name is right. Each tile below is one map."
 )
 
 
-def write_page(path: Path, recogniser: Recogniser, found: Mapping[str, tuple[Tried, Priced]]) -> None:
-    """Write the page.
+def write_page(path: Path, recogniser: Recogniser, results: Mapping[str, tuple[Tried, Priced]]) -> None:
+    """Write the page of results.
 
     Args:
-        path: of the page.
-        recogniser: what was learnt.
-        found: what came of it on unseen recordings and its bills, by name; the first is the recogniser's own.
+        path: path of the page.
+        recogniser: the trained recogniser.
+        results: test results and bills by name; the first is the recogniser's own.
 
     Raises:
-        Unwritable: it cannot be written, or something else stands there.
+        Unwritable: the page cannot be written, or another file has its name.
     """
-    write_text(path, html.page("neuro remus demo", "What was learnt", _parts(path, recogniser, found)), PAGE)
+    write_text(path, html.page("neuro remus demo", "What was learnt", _parts(path, recogniser, results)), PAGE)
 
 
-def _parts(path: Path, recogniser: Recogniser, found: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
+def _parts(path: Path, recogniser: Recogniser, results: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
     tag = html.tag
-    name, (tried, priced) = next(iter(found.items()))
+    name, (test, priced) = next(iter(results.items()))
     learnt_from = f"{recogniser.training['recordings']:,} recordings of {len(recogniser.classes)} classes"
     yield tag("h1", "What was learnt")
-    yield tag("p", f"{name}, from {learnt_from}, tested on {tried.own.n:,} that it has never seen.", class_="lead")
-    yield tag("div", *_cards(found), class_="cards")
+    yield tag("p", f"{name}, from {learnt_from}, tested on {test.own.n:,} unseen ones.", class_="lead")
+    yield tag("div", *_cards(results), class_="cards")
     yield tag("p", ABOUT)
-    for drawn, figure in recogniser.method.pictures(recogniser.learnt, recogniser.classes).items():
-        yield tag("h2", {"prototypes": "What it looks for", "learning": "While it learnt"}.get(drawn, drawn))
-        yield html.picture(figure, drawn)
-    yield tag("h2", "What it takes for what")
-    yield html.picture(confusion(tried.own), f"confusion of {name}")
-    yield tag("h2", "What a recording takes")
+    for picture_name, figure in recogniser.method.pictures(recogniser.learnt, recogniser.classes).items():
+        yield tag(
+            "h2", {"prototypes": "What it looks for", "learning": "While it learnt"}.get(picture_name, picture_name)
+        )
+        yield html.picture(figure, picture_name)
+    yield tag("h2", "Which digits it confuses")
+    yield html.picture(confusion(test.own), f"confusion of {name}")
+    yield tag("h2", "Energy and time per recording")
     rows = ((target, *bill.cells()) for target, bill in priced.bills.items())
     yield html.table(("chip", *COLUMNS), rows, f"{name} on chips, and as dense layers on cpu and gpu")
     yield tag("ul", *(tag("li", line) for line in (*footnotes(priced.bills.values(), False), *energy.notes(priced))))
@@ -188,18 +191,18 @@ def _parts(path: Path, recogniser: Recogniser, found: Mapping[str, tuple[Tried, 
     folder = path.parent
     commands = {
         f"neuro recognise watch {folder / 'model.h5'} RECORDING --out watch.html": "it decides while events arrive",
-        f"neuro recognise energy {folder / 'model.h5'} --data FOLDER --sources": "where each figure is published",
+        f"neuro recognise energy {folder / 'model.h5'} --data FOLDER --sources": "energy, with sources of the figures",
         "neuro new my-classifier --template classifier": "a folder to start from",
     }
     wide = max(map(len, commands))
     yield tag("pre", "\n".join(f"{command:{wide}}   # {why}" for command, why in commands.items()))
 
 
-def _cards(found: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
-    """Accuracy and joules of each network."""
-    for name, (tried, priced) in found.items():
-        low, high = tried.own.interval
-        yield html.card(f"right, {name}", f"{tried.own.accuracy:.1%}", f"95 % interval {low:.1%} to {high:.1%}")
+def _cards(results: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
+    """Yield cards with accuracy and energy of each network."""
+    for name, (test, priced) in results.items():
+        low, high = test.own.interval
+        yield html.card(f"right, {name}", f"{test.own.accuracy:.1%}", f"95 % interval {low:.1%} to {high:.1%}")
         if TARGET in priced.bills:
             bill = priced.bills[TARGET]
             slow = bill.real_time.total(3)

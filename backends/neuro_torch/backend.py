@@ -1,4 +1,4 @@
-"""The torch backend: its checks, its options and the construction of its engine."""
+"""The torch backend: checks, options and construction of the engine."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Energy of a recording on a chip, in joules, as a differentiable tensor: a regulariser or a bill.
 
-The energy is that of `neuro.chips.price` without the ranges. It is the sum of three terms:
+The energy is that of `neuro.chips.price` without the ranges, the sum of three terms:
 
 - spikes x (fan-out x energy of a synaptic operation + energy of the hops between cores),
 - updates of neurons,
@@ -9,7 +9,7 @@ The energy is that of `neuro.chips.price` without the ranges. It is the sum of t
 Where only a ceiling is published, as for every operation of Loihi 2, the ceiling is used. A graded message counts as
 one spike.
 
-All terms but the busiest core's are linear in the spikes, so the energy of a batch is that of its mean recording.
+All terms but the busiest core's are linear in the spikes, so the energy of a batch is computed from the mean recording.
 Spikes have the gradient of the surrogate. Updates that are active only because input arrives have no gradient.
 """
 
@@ -60,7 +60,7 @@ class Compiled(Protocol):
 class Bill:
     """Energy of a recording on a chip; calling it with an outcome returns joules.
 
-    A bill belongs to one set of synapses, whatever their weights. After `neuro_torch.prune`, make a new one from the
+    A bill belongs to one set of synapses; weights may differ. After `neuro_torch.prune`, make a new one from the
     pruned module.
 
     Args:

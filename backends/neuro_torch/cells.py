@@ -1,4 +1,4 @@
-"""Neurons of one population in a batch of recordings, stepped by the arithmetic of their model."""
+"""Neurons of one population in a batch of recordings, stepped by the model's arithmetic."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class TensorCells:
     def scale(self) -> Tensor | float:
         """Return the unit of x in surrogates.
 
-        It is V_th - V_reset in mV. For graded neurons it is vth, or infinite where every change is sent.
+        The unit is V_th - V_reset in mV. For graded neurons it is vth, or infinite where every change is sent.
         """
         if self.model.graded:
             vth = torch.as_tensor(self._learnt.get("vth", self.parameters.get("vth", 0.0)), device=self.device)

@@ -4,8 +4,8 @@ The gradient passes through the rounding unchanged (straight-through estimator),
 
 On Loihi the chip then finds every learnt weight on its grid if all weights onto a population learn. Other weights onto
 the population share its scale but are not rounded here, so they may change the scale and round learnt weights once more
-(by 7e-4 of the largest weight at most in tests). On SpiNNaker the words are the same. They represent the weights within
-2^-15 in single precision and 2^-43 in double precision.
+(by 7e-4 of the largest weight at most in tests). On SpiNNaker the words are the same and represent the weights
+within 2^-15 in single precision and 2^-43 in double precision.
 
 Source: Bengio, Leonard & Courville, arXiv:1308.3432, 2013 (the straight-through estimator).
 """
@@ -66,7 +66,7 @@ def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi"
 
 
 def quantised_as(module: Module, other: Module) -> Module:
-    """Quantise another module like the first one, if the first one is quantised."""
+    """Quantise `other` with the bits and the chip of `module`, if `module` is quantised."""
     scales = _scales(module)
     return other if scales is None else _rounding_as(_Scales(other.program, scales.chip, scales.bits), other)
 

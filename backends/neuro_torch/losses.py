@@ -12,7 +12,7 @@ most.
 | `van_rossum` | spike trains are near the targets | van Rossum, Neural Comput. 13(4):751, 2001 |
 
 **The time of a first spike** is a polynomial of the spikes: the sum over steps t of the product of 1 - s(u) for all
-u <= t. Its derivative is the exact effect of adding or removing one spike. A spike added at a step u before the first
+u <= t. The derivative is the exact effect of adding or removing one spike. A spike added at a step u before the first
 spike at t moves the time by u - t steps. If the first spike is removed, the second one counts. A neuron that never
 fired has the time of the end of the recording, and learns from all steps.
 """

@@ -1,7 +1,7 @@
 """Estimate of the peak memory of a batch, forward and backward, before it runs.
 
-For scans the saved tensors are known. For steps they depend on the model, so they are counted in a few steps of one
-recording. The estimate sums everything that is in memory at the moment with the most. The memory of a process lies
+For scans the saved tensors are known. For steps the saved tensors depend on the model and are counted in a few steps of
+one recording. The estimate sums everything that is in memory at the moment with the most. The memory of a process lies
 within a factor of 2.5 of the estimate, because spikes of neurons are not known before and left out, and because
 allocators do not return all freed memory.
 """

@@ -194,7 +194,7 @@ class Module(torch.nn.Module):
         return emitted, potentials
 
     def _paths(self, parts: Iterable[layers.Synapses], weights: Mapping[int, Tensor]) -> list[layers.Path]:
-        """Return the paths of spikes with their weights: one per projection, or two if its delays learn."""
+        """Return the paths of spikes with their weights: one per projection, or two if delays learn."""
         paths: list[layers.Path] = []
         for part in parts:
             name = self.program.projections[part.projection].name
@@ -242,7 +242,7 @@ class Module(torch.nn.Module):
         return steps.round() * self.program.resolution
 
     def hold(self) -> None:
-        """Move values that left their bounds back into them; call this after each step of an optimiser.
+        """Clip learnt values to their bounds; call this after each step of an optimiser.
 
         Delays become at least one step, parameters of neurons stay within the bounds of their model, and V_th stays
         above V_reset. A bound that is excluded, such as 0 of tau_m, is kept at a distance of 0.001 units (ms, mV, pF).

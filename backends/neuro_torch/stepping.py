@@ -61,8 +61,8 @@ def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mappi
 
 def _check_shape(what: str, values: Tensor, size: int) -> None:
     if values.shape not in ((1,), (size,)) or values.dtype is not torch.float64:
-        found = f"{tuple(values.shape)} of {values.dtype}"
-        raise ModelError(f"{what}: found {found}: expected (1,) or ({size},) of torch.float64")
+        actual = f"{tuple(values.shape)} of {values.dtype}"
+        raise ModelError(f"{what}: found {actual}: expected (1,) or ({size},) of torch.float64")
 
 
 def between_steps(
@@ -171,8 +171,8 @@ class Stepper:
         delays: Tensors | None = None,
     ) -> None:
         """Begin a batch at step 0 with other tensors in place of the program's numbers, faster than a new stepper."""
-        program, named, late = self.program, dict(weights or {}), dict(delays or {})
-        check(program, named, late, parameters or {})
+        program, new_weights, new_delays = self.program, dict(weights or {}), dict(delays or {})
+        check(program, new_weights, new_delays, parameters or {})
         self.batch = batch
         self.cells = {
             k: TensorCells(
@@ -185,10 +185,14 @@ class Stepper:
         self._between: dict[int, list[tuple[TorchProjection, Tensor]]] = {}
         for k, part in enumerate(program.projections):
             if k in self.wires:
-                own = named[part.name] if part.name in named else torch.tensor(part.weight, device=self.device)
+                own = (
+                    new_weights[part.name]
+                    if part.name in new_weights
+                    else torch.tensor(part.weight, device=self.device)
+                )
                 self.versions[k] = [(0, own)]
-                if part.name in late:
-                    self._between[k] = between_steps(program, k, self.device, late[part.name], own)
+                if part.name in new_delays:
+                    self._between[k] = between_steps(program, k, self.device, new_delays[part.name], own)
         between = [wires for pair in self._between.values() for wires, _ in pair]
         self._longest = max([1, *(w.delays[0] for w in (*self.wires.values(), *between) if w.delays)])
         self.start_anew()
@@ -255,7 +259,7 @@ class Stepper:
         Raises:
             ModelError: an input names no population of a `spike_generator`, or has another shape.
         """
-        step, by_index = self.now + 1, self._given(inputs or {})
+        step, by_index = self.now + 1, self._inputs_by_index(inputs or {})
         arrived = {k: self._arrived(k, step) for k in self.cells}
         for k, cells in self.cells.items():
             self.spikes[k] = cells.step(*arrived[k], step, self._surrogate)
@@ -268,7 +272,7 @@ class Stepper:
         self.now = step
         return {part.name: s for part, s in zip(self.program.populations, self.spikes, strict=True) if s is not None}
 
-    def _given(self, inputs: Tensors) -> dict[int, Tensor]:
+    def _inputs_by_index(self, inputs: Tensors) -> dict[int, Tensor]:
         """Return the inputs by the index of their population."""
         index_of = {name: k for name, k in self._numbers.items() if self.program.populations[k].kind == "listed"}
         for name, spikes in inputs.items():
@@ -311,7 +315,7 @@ class Stepper:
         return x, current
 
     def _ways(self, q: int) -> list[tuple[TorchProjection, Versions]]:
-        """Return the wires of a projection with their weights: one pair, or two if its delays learn."""
+        """Return the wires of a projection with their weights: one pair, or two if delays learn."""
         if q in self._between:
             return [(wires, [(0, weights)]) for wires, weights in self._between[q]]
         return [(self.wires[q], self.versions[q])]
@@ -365,7 +369,7 @@ class Learning(NamedTuple):
 
 
 def stepped(
-    stepper: Stepper, task: ScanTask, learning: Learning, given: Named
+    stepper: Stepper, task: ScanTask, learning: Learning, input_spikes: Named
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
     """Return spikes of all populations that emit some, and potentials of the outputs, (batch, steps, neurons).
 
@@ -373,7 +377,7 @@ def stepped(
         stepper: stepper of the network.
         task: sizes, dtype and device of the pass.
         learning: the tensors that learn.
-        given: input spikes by population, (batch, steps, neurons).
+        input_spikes: input spikes by population, (batch, steps, neurons).
     """
     program = stepper.program
     stepper.begin(
@@ -384,7 +388,7 @@ def stepped(
     )
     names = [part.name for part in program.populations]
     with_v = [k for k in task.wanted if "V_m" in [s.name for s in program.populations[k].model.states]]
-    inputs = {name: tensor.double() for name, tensor in given.items()}
+    inputs = {name: tensor.double() for name, tensor in input_spikes.items()}
     spikes: dict[int, list[Tensor]] = {}
     potentials: dict[int, list[Tensor]] = {k: [] for k in with_v}
     for t in range(task.steps):

@@ -259,7 +259,7 @@ def check(program: Program, weights: Named, delays: Named, neurons: Named) -> No
 
 @torch.no_grad()
 def hold(program: Program, weights: Named, delays: Named, neurons: Named) -> None:
-    """Move values that left their bounds back into them; parametrised tensors are left to the user.
+    """Clip learnt values to their bounds; parametrised tensors are left to the user.
 
     Raises:
         ModelError: a value is NaN, or a delay is too long; the message names it.
@@ -321,7 +321,7 @@ def _hold(values: Tensor, q: Quantity) -> None:
 def _comparable(
     values: Tensor, tensors: Tensors, part: Population, word: str, strictest: Callable[[Tensor], Tensor]
 ) -> Tensor:
-    """Return another parameter in a shape that compares with `values`: its strictest value, or one value per neuron."""
+    """Return another parameter in a shape that compares with `values`: the strictest value, or one per neuron."""
     other = tensors[word] if word in tensors else torch.as_tensor(part.parameters[word]).to(values)
     return strictest(other) if values.numel() == 1 else other
 

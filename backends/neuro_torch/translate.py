@@ -28,7 +28,7 @@ class Untranslatable(Exception):
 
 @cache
 def translated(function: FunctionType) -> Any:
-    """Return the rewritten function; its first argument is the `Lanes` that run it.
+    """Return the rewritten function, whose first argument is a `Lanes`.
 
     Raises:
         Untranslatable: the function cannot be rewritten.

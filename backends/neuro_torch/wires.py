@@ -1,4 +1,4 @@
-"""Synapses of one projection, and the input that they deliver in a step.
+"""Synapses of one projection, and delivery of their input in a step.
 
 Spikes select rows of synapses. Their amounts are added event by event, the oldest spikes first, then by source, in the
 order of the reference backend, so that sums are bit-identical, alone and in a batch.

@@ -1,8 +1,8 @@
 """Published networks, one file each with its source.
 
-Some are YAML: `path("remus")` is a file for `neuro.load`, `names()` lists them. `motion`, `delays`, `orders`,
-`hedonists` and `areas` are modules that build one, since their delays, inputs or rewards
-follow from a formula or from what the network does. `worlds` has the environments of those with a `world`.
+Networks in YAML have a name: `path("remus")` is a file for `neuro.load`, and `names()` lists the names. The modules
+`motion`, `delays`, `orders`, `hedonists` and `areas` build a network each, because delays, inputs or rewards follow
+from a formula or from the network's activity. `worlds` has the environments of the networks with a `world`.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ _FOLDER = Path(__file__).parent
 
 
 def names() -> list[str]:
-    """The networks there are as YAML."""
+    """Return the names of the networks in YAML."""
     return sorted(file.stem for file in _FOLDER.glob("*.yaml"))
 
 
 def path(name: str) -> Path:
-    """The YAML file of a network.
+    """Return the YAML file of a network.
 
     Args:
         name: one of `names`.
 
     Raises:
-        ModelError: there is none of that name.
+        ModelError: the name is unknown.
     """
     if name not in names():
         raise ModelError(f"unknown network '{name}': expected one of {', '.join(names())}")

@@ -1,21 +1,21 @@
-"""Many cortical microcircuits, wired to each other with delays by distance: a stand-in for multi-area models.
+"""Many cortical microcircuits, connected with delays by distance: a stand-in for multi-area models.
 
-Its connectivity between areas is generated, not measured: it has the size, the delays and the number of projections of
-such models, and says nothing about any brain.
+The connectivity between areas is generated, not measured. Size, delays and number of projections are those of
+multi-area models, but the network is no model of any brain.
 
-- Areas lie anywhere on a sphere. They are numbered from the back to the front, which is their rank in a hierarchy.
-- A share of all pairs of areas is connected, in both directions; which ones is drawn, the near ones more likely.
-- A part of what each neuron hears from outside its microcircuit comes from other areas: forward from L23E to L4, back
-  from L5E and L6E to all other layers; the more from an area the nearer it is.
-- What is left of the Poisson input keeps the mean input of each neuron at the rates of the single microcircuit, so
-  these are near the rates of each area.
+- Areas lie anywhere on a sphere. Numbers from the back to the front are ranks in a hierarchy.
+- A share of all pairs of areas is connected, in both directions. Pairs are drawn, near pairs with higher probability.
+- A part of each neuron's input from outside its microcircuit comes from other areas: forward from L23E to L4, back from
+  L5E and L6E to all other layers. Near areas contribute more.
+- The remaining Poisson input keeps the mean input of each neuron at the rates of the single microcircuit, so the rates
+  of each area are near those rates.
 
 Source: the microcircuit as in microcircuit.yaml (Potjans & Diesmann 2014). 32 areas, speed and spread of delays, and
 weights as within an area: the ground state of Schmidt et al., PLoS Comput. Biol. 14:e1006359, 2018, with numbers as in
 INM-6/multi-area-model. Density, and strengths that fall exponentially with distance: Ercsey-Ravasz et al., Neuron
 80:184, 2013. Layers: Felleman & Van Essen, Cereb. Cortex 1:1, 1991. A fifth of the connections of cortex is between
-areas (Markov et al., Science 342:1238406, 2013), which is half of the inputs from outside a microcircuit. The sphere,
-on which areas are 27 mm apart on average, and how fast strengths fall are chosen.
+areas (Markov et al., Science 342:1238406, 2013), which is half of the inputs from outside a microcircuit. Our choices:
+the sphere, on which areas are 27 mm apart on average, and the decay of strengths.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = ["LAYERS", "Wiring", "network", "wiring"]
 Floats = NDArray[np.float64]
 
 LAYERS = ("L23E", "L23I", "L4E", "L4I", "L5E", "L5I", "L6E", "L6I")
-"""The populations of an area; of the third area they are called A03_L23E and so on."""
+"""Populations of an area; those of the third area are named A03_L23E and so on."""
 
 _FORWARD = (("L23E",), ("L4E", "L4I"))
 _BACK = (("L5E", "L6E"), ("L23E", "L23I", "L5E", "L5I", "L6E", "L6I"))
@@ -43,12 +43,12 @@ _RATES = {"L23E": 0.903, "L5E": 7.569, "L6E": 1.105}  # Hz, of the single microc
 _OUTSIDE = 8.0  # Hz, of each Poisson input
 _DECAY = 0.188  # 1/mm, of strengths with distance
 _LATE = 0.5  # standard deviation of delays over their mean
-_SOONEST = 0.05  # ms: half a step, so that no delay is rounded to none
+_SOONEST = 0.05  # ms: half a step, so that no delay is rounded to 0
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """Where areas lie, and which are connected.
+    """Positions of the areas, and the connected pairs.
 
     Attributes:
         centres: mm, shape (areas, 3), from the back (lowest rank) to the front.
@@ -61,27 +61,27 @@ class Wiring:
     connected: NDArray[np.bool_]
 
     def shares(self, target: int, sources: NDArray[np.int64]) -> Floats:
-        """Of what comes to an area from some others, the share of each."""
+        """Return the share of each source area in the input from all of them."""
         strength = np.exp(-_DECAY * self.distances[target, sources])
         shares: Floats = strength / strength.sum()
         return shares
 
 
 def wiring(areas: int = 32, density: float = 0.66, radius: float = 20.0, seed: int = 1) -> Wiring:
-    """Draw where areas lie, and which pairs of them are connected.
+    """Draw positions of the areas, and the connected pairs.
 
     Args:
-        areas: how many, at least 2.
+        areas: number of areas, at least 2.
         density: connected pairs over all pairs, from 0 to 1.
-        radius: of the sphere, mm; at most 1000.
-        seed: of the draws; it is not that of a simulation.
+        radius: radius of the sphere, mm; at most 1000.
+        seed: seed of the draws, independent of a simulation's seed.
 
     Raises:
-        ModelError: a number cannot be used; it says which.
+        ModelError: an argument is out of range; the message names it.
     """
     _check("areas", areas, isinstance(areas, int) and 2 <= areas <= 99, "a whole number from 2 to 99")
     _check("density", density, _is_number(density) and 0.0 <= density <= 1.0, "a number from 0 to 1")
-    # Strengths over longer distances are too small for a number.
+    # Strengths over longer distances underflow to 0.
     fits = _is_number(radius) and 0.0 < radius <= 1000.0
     _check("radius", radius, fits, "a number > 0 and at most 1000, in mm")
     _check("seed", seed, isinstance(seed, int) and seed >= 0, "a whole number >= 0")
@@ -108,21 +108,21 @@ def network(
     radius: float = 20.0,
     seed: int = 1,
 ) -> neuro.Network:
-    """The areas, each a microcircuit with populations A01_L23E and so on, and projections such as A01_L23E_A02_L4E.
+    """Return the areas, microcircuits with populations A01_L23E and so on, and projections such as A01_L23E_A02_L4E.
 
     Args:
-        areas: how many, from 2 to 99.
-        scale: of the numbers of neurons; 1.0 are 77,169 an area.
-        indegree: of the inputs of each neuron. Fewer inputs have larger weights, and a current makes up for what is
-            lost, as in the microcircuit; below a tenth rates fall.
-        between: of the inputs from outside a microcircuit, the share that comes from other areas, from 0 to 1.
-        speed: of spikes between areas, mm/ms.
+        areas: number of areas, from 2 to 99.
+        scale: share of the number of neurons; 1.0 is 77,169 per area.
+        indegree: share of the inputs of each neuron. With fewer inputs weights are larger, and a current replaces the
+            lost mean input, as in the microcircuit; below 0.1 rates fall.
+        between: share of the inputs from outside a microcircuit that comes from other areas, from 0 to 1.
+        speed: speed of spikes between areas, mm/ms.
         density: connected pairs of areas over all pairs.
-        radius: of the sphere on which areas lie, mm.
-        seed: of places and connected pairs; synapses are drawn by the seed of the simulation.
+        radius: radius of the sphere of areas, mm.
+        seed: seed of positions and connected pairs; the simulation's seed draws the synapses.
 
     Raises:
-        ModelError: a number cannot be used; it says which.
+        ModelError: an argument is out of range; the message names it.
     """
     for word, share in (("scale", scale), ("indegree", indegree)):
         _check(word, share, _is_number(share) and 0.0 < share < np.inf, "a number > 0")
@@ -137,9 +137,9 @@ def network(
     weight = circuit.projections["L23E_L23E"].weight
     for area in range(areas):
         for (other, source, target), n in inputs[area].items():
-            late = wired.distances[area, other] / speed
+            mean_delay = wired.distances[area, other] / speed
             pre, post = _name(other, source), _name(area, target)
-            delay = neuro.normal(mean=late, std=_LATE * late, low=_SOONEST)
+            delay = neuro.normal(mean=mean_delay, std=_LATE * mean_delay, low=_SOONEST)
             net.connect(pre, post, neuro.fixed_total_number(n=n), weight=weight, delay=delay)
     return net
 
@@ -169,8 +169,8 @@ def _poisson(circuit: neuro.Network, population: str) -> neuro.poisson_generator
 
 
 def _inputs(circuit: neuro.Network, wired: Wiring, area: int, between: float) -> dict[tuple[int, str, str], int]:
-    """Synapses from other areas, by area and population of the source and population of the target."""
-    found = {}
+    """Return the number of synapses from other areas, by source area, source population and target population."""
+    numbers_by_source = {}
     others = np.flatnonzero(wired.connected[area])
     for (sources, targets), ranks in ((_FORWARD, others[others < area]), (_BACK, others[others > area])):
         neurons = np.array([_size(circuit, source) for source in sources])
@@ -180,20 +180,20 @@ def _inputs(circuit: neuro.Network, wired: Wiring, area: int, between: float) ->
             numbers = np.rint(each * _size(circuit, target) * shares).astype(np.int64)
             for (i, j), n in np.ndenumerate(numbers):
                 if n:
-                    found[int(ranks[i]), sources[j], target] = int(n)
-    return found
+                    numbers_by_source[int(ranks[i]), sources[j], target] = int(n)
+    return numbers_by_source
 
 
 def _add_area(net: neuro.Network, circuit: neuro.Network, area: int, inputs: dict[tuple[int, str, str], int]) -> None:
-    """Add a microcircuit, whose Poisson input is what other areas leave of it."""
-    heard = dict.fromkeys(LAYERS, 0.0)
+    """Add a microcircuit, with the Poisson input reduced by the input from other areas."""
+    rates_from_areas = dict.fromkeys(LAYERS, 0.0)
     for (_, source, target), n in inputs.items():
-        heard[target] += n / _size(circuit, target) * _RATES[source]
+        rates_from_areas[target] += n / _size(circuit, target) * _RATES[source]
     for name in LAYERS:
         part, poisson = circuit.populations[name], _poisson(circuit, name)
         net.population(_name(area, name), part.shape, part.model, initial=part.initial)
-        left = replace(poisson, rate=poisson.rate - heard[name])
-        net.population(_name(area, f"{name}_in"), part.shape, left)
+        remaining = replace(poisson, rate=poisson.rate - rates_from_areas[name])
+        net.population(_name(area, f"{name}_in"), part.shape, remaining)
     for wires in circuit.projections.values():
         pre, post = _name(area, wires.source), _name(area, wires.target)
         net.connect(pre, post, wires.rule, wires.synapse, weight=wires.weight, delay=wires.delay)

@@ -1,6 +1,6 @@
-"""Inputs that come one after the other, and a neuron whose delays learn to let them arrive together.
+"""Inputs at different times, and a neuron that learns delays with which they arrive together.
 
-Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32. How many inputs, their times and the threshold are
+Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32. Number of inputs, their times and the threshold are
 measured choices.
 """
 
@@ -16,23 +16,23 @@ __all__ = ["BETWEEN", "drawn_onsets", "gathering", "spread"]
 Floats = NDArray[np.float64]
 
 BETWEEN = 200.0
-"""ms from one presentation to the next."""
-_SHARE = 0.3  # of the inputs: as many as make the neuron fire
+"""Time from one presentation to the next, ms."""
+_SHARE = 0.3  # share of the inputs that makes the neuron fire
 _FIRST = 31.0  # ms, the delay at the start
 _LONGEST = 62.0
 
 
 def drawn_onsets(seed: int, cells: int, inputs: int = 8, within: int = 30) -> Floats:
-    """When the inputs of each neuron come in a presentation, whole ms from 0 to `within`, shape (cells, inputs)."""
+    """Draw the input times of each neuron in a presentation, whole ms from 0 to `within`, shape (cells, inputs)."""
     return np.random.default_rng(seed).integers(0, within + 1, (cells, inputs)).astype(np.float64)
 
 
 def gathering(onsets: Floats, presentations: int, by_step: bool = False) -> neuro.Network:
-    """Neurons with inputs of their own, whose synapses `gathered` begin with equal delays.
+    """Return neurons with separate inputs, whose synapses `gathered` begin with equal delays.
 
     Args:
-        onsets: of each neuron's inputs, ms, shape (cells, inputs).
-        presentations: how often they come.
+        onsets: times of each neuron's inputs, ms, shape (cells, inputs).
+        presentations: number of presentations.
         by_step: the window of `stddp`.
     """
     cells, inputs = onsets.shape
@@ -49,7 +49,7 @@ def gathering(onsets: Floats, presentations: int, by_step: bool = False) -> neur
 
 
 def spread(onsets: Floats, delays: Floats) -> Floats:
-    """Standard deviation of the arrivals at each neuron, in steps of 1 ms as spikes take them, shape (cells,)."""
+    """Return the standard deviation of each neuron's arrivals, shape (cells,), with delays rounded to whole ms."""
     arrivals: Floats = onsets + np.floor(delays.reshape(onsets.shape) + 0.5)
-    found: Floats = arrivals.std(axis=1)
-    return found
+    deviations: Floats = arrivals.std(axis=1)
+    return deviations

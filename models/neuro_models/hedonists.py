@@ -1,8 +1,8 @@
-"""Neurons whose synapses release by chance, and learn for which inputs the output's spikes are rewarded.
+"""Neurons whose synapses release at random, and learn for which inputs spikes of the output are rewarded.
 
-All synapses, of the inputs onto hidden neurons and of these onto the output, hear one reward, and nothing tells them
-what they had to do with it. Source: Seung, Neuron 40:1063, 2003 (the rule, 60 inputs, 60 hidden neurons, one output,
-0 or 40 Hz, +1 or -1 for each spike of the output); weights, neurons and rates of learning are measured choices.
+All synapses, from inputs to hidden neurons and from hidden neurons to the output, receive the same reward without any
+information about their contribution. Source: Seung, Neuron 40:1063, 2003 (the rule, 60 inputs, 60 hidden neurons, one
+output, 0 or 40 Hz, +1 or -1 for each spike of the output). Weights, neurons and learning rates are measured choices.
 """
 
 from __future__ import annotations
@@ -18,47 +18,48 @@ Floats = NDArray[np.float64]
 
 INPUTS, HIDDEN = 60, 60
 PATTERNS: Floats = 40.0 * np.repeat(np.eye(2), INPUTS // 2, axis=1)
-"""Rates of the inputs in Hz, shape (2, inputs): A drives the first half of them, B the second."""
+"""Rates of the inputs in Hz, shape (2, inputs): pattern A drives the first half of the inputs, B the second."""
 
 _SLICE = 10.0
-"""ms after which what the output did is rewarded, over the next slice: within what eligibility remembers."""
+"""Length of a slice, ms. Spikes of a slice are rewarded during the next one, while eligibility lasts."""
 
 
 def network(eta: float = 0.2, weight: float = 85.0, spread: float = 1.5) -> neuro.Network:
-    """Inputs whose rates are set, hidden neurons and an output.
+    """Return inputs whose rates can be set, hidden neurons and an output.
 
     Args:
-        eta: what a reward of 1 adds to q of a synapse whose eligibility is 1; 0: nothing is learnt.
-        weight: mean of the weights, pA; 1200 pA in a spike make a neuron fire.
-        spread: of the logarithms of the weights. Equal weights do not learn: no synapse is worth more than the noise.
+        eta: change of q by a reward of 1 at a synapse with eligibility 1; 0 disables learning.
+        weight: mean of the weights, pA; 1200 pA in one step make a neuron fire.
+        spread: standard deviation of the logarithms of the weights. With equal weights nothing is learnt, because no
+            single synapse has an effect above the noise.
     """
     net = neuro.Network("hedonists", resolution=1.0)
     cell = neuro.iaf_psc_exp(tau_m=20.0, E_L=0.0, V_reset=0.0, V_th=15.0, tau_syn_ex=5.0, tau_syn_in=5.0)
     net.population("inputs", INPUTS, neuro.poisson_generator())
     net.population("hidden", HIDDEN, cell)
     net.population("output", 1, cell)
-    drawn = neuro.lognormal(mean=float(np.log(weight)) - 0.5 * spread**2, std=spread)
+    weights = neuro.lognormal(mean=float(np.log(weight)) - 0.5 * spread**2, std=spread)
     for pre, post in (("inputs", "hidden"), ("hidden", "output")):
         net.signal(f"reward_{post}", to=post)
         rule = neuro.hedonistic(signal=f"reward_{post}", eta=eta)
-        net.connect(pre, post, neuro.all_to_all(), rule, weight=drawn, delay=1.0, name=f"onto_{post}")
+        net.connect(pre, post, neuro.all_to_all(), rule, weight=weights, delay=1.0, name=f"onto_{post}")
     return net
 
 
 def present(sim: neuro.Simulation, rates: ArrayLike, rewards: ArrayLike, duration: float = 200.0) -> Floats:
-    """Show trials one after the other; each spike of the output is rewarded.
+    """Present trials one after the other, and reward each spike of the output.
 
     Args:
-        sim: of `network`.
-        rates: of the inputs in each trial, Hz, shape (trials, inputs).
-        rewards: for a spike of the output, shape (trials,).
-        duration: of a trial, ms; a multiple of 10.
+        sim: simulation of `network`.
+        rates: rates of the inputs in each trial, Hz, shape (trials, inputs).
+        rewards: reward of a spike of the output, shape (trials,).
+        duration: duration of a trial, ms; a multiple of 10.
 
     Returns:
         the rate of the output in each trial, Hz.
     """
     rates, rewards = np.asarray(rates, dtype=np.float64), np.asarray(rewards, dtype=np.float64)
-    spikes, held = np.zeros(len(rates)), 0.0
+    spikes, reward_now = np.zeros(len(rates)), 0.0
     for trial, (rate, reward) in enumerate(zip(rates, rewards, strict=True)):
         sim.set("inputs", rate=rate)
         for _ in range(round(duration / _SLICE)):
@@ -66,8 +67,8 @@ def present(sim: neuro.Simulation, rates: ArrayLike, rewards: ArrayLike, duratio
             sim.run(_SLICE)
             fired = len(sim.spikes("output", since=now)[0])
             spikes[trial] += fired
-            if held != (held := reward * fired / _SLICE):
+            if reward_now != (reward_now := reward * fired / _SLICE):
                 for post in ("hidden", "output"):
-                    sim.signal(f"reward_{post}", held)
+                    sim.signal(f"reward_{post}", reward_now)
         sim.forget(before=sim.time)
     return 1000.0 * spikes / duration

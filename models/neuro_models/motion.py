@@ -1,8 +1,9 @@
-"""Reichardt detectors: 64 neurons with linear leak that read the speed and direction of an edge from its events.
+"""Reichardt detectors: 64 neurons with linear leak that measure the speed and direction of an edge from its events.
 
-A patch of pixels reaches every detector by delays: an edge of the detector's speed v and direction u crosses pixel p
-at p u / v, and all arrives at once if the delay is (max - p u) / v. A patch has two dimensions since a row of pixels
-cannot tell a fast oblique edge from a slow straight one: along it both take the time cos(angle) / v a pixel.
+A patch of pixels reaches every detector through delays. An edge with the detector's speed v and direction u crosses
+pixel p at p u / v, so all spikes arrive together if the delay is (max - p u) / v. A patch has two dimensions, because a
+row of pixels cannot distinguish a fast oblique edge from a slow straight one: along the row both need the time
+cos(angle) / v per pixel.
 
 Source: Orchard, Benosman, Etienne-Cummings & Thakor, A spiking neural network architecture for visual motion
 estimation, BioCAS 2013 (two layers, 8 speeds and 8 directions); Mosca, MSc thesis, 2020, section 5.1.2. Size of the
@@ -23,18 +24,18 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SPEEDS: Floats = np.geomspace(0.1, 0.8, 8)
-"""px/ms, from 0.1 to 0.8 in equal ratios."""
+"""Speeds of the detectors, px/ms, in equal ratios from 0.1 to 0.8."""
 DIRECTIONS: Floats = np.arange(0.0, 360.0, 45.0)
-"""Degrees from the x axis, to the right, towards the y axis, which points down as rows of a picture are counted."""
+"""Directions of the detectors, degrees from the x axis (right) towards the y axis (down, as picture rows)."""
 
 
 def delays(side: int = 8, speeds: Floats = SPEEDS, directions: Floats = DIRECTIONS) -> Floats:
-    """How long what each pixel of a patch sends is on its way to each detector.
+    """Return the delay from each pixel of a patch to each detector.
 
     Args:
-        side: of the patch, px.
-        speeds: of the detectors, px/ms.
-        directions: of the detectors, degrees.
+        side: side of the patch, px.
+        speeds: speeds of the detectors, px/ms.
+        directions: directions of the detectors, degrees.
 
     Returns:
         ms, >= 0, shape (pixels, detectors), both in C order of (y, x) and of (speed, direction).
@@ -47,9 +48,9 @@ def delays(side: int = 8, speeds: Floats = SPEEDS, directions: Floats = DIRECTIO
     angles = np.deg2rad(directions)
     y, x = np.indices((side, side)).reshape(2, -1, 1)
     along = x * np.cos(angles) + y * np.sin(angles)
-    late = (along.max(axis=0) - along)[:, None, :] / np.asarray(speeds)[:, None]
-    every: Floats = late.reshape(side * side, -1)
-    return every
+    delay = (along.max(axis=0) - along)[:, None, :] / np.asarray(speeds)[:, None]
+    flat: Floats = delay.reshape(side * side, -1)
+    return flat
 
 
 def network(
@@ -62,41 +63,42 @@ def network(
     longest: float = np.inf,
     resolution: float = 1.0,
 ) -> neuro.Network:
-    """Patches that know nothing of each other, with a detector for each speed and direction.
+    """Return independent patches, with a detector for each speed and direction.
 
-    Events come to `events`, shape (patches, y, x). `pixels` fire at the first event of an edge and leave out the
-    others. `detectors`, shape (patches, speed, direction), only integrate: the one whose potential has the highest
-    peak tells the motion.
+    Events enter `events`, shape (patches, y, x). `pixels` fire at the first event of an edge and ignore the others.
+    `detectors`, shape (patches, speed, direction), only integrate. The detector with the highest peak of the potential
+    gives the motion.
 
     Args:
-        patches: how many.
-        side: of a patch, px.
-        speeds: of the detectors, px/ms.
-        directions: of the detectors, degrees.
-        leak: of the detectors, mV/ms; all pixels of a patch together weigh 1 mV times their number.
-        t_ref: how long a pixel is silent after a spike, ms.
-        longest: the longest delay that there is, ms. Pixels that would wait longer do not reach a detector, and the
-            others weigh more: a slow detector sees a part of its patch.
-        resolution: ms.
+        patches: number of patches.
+        side: side of a patch, px.
+        speeds: speeds of the detectors, px/ms.
+        directions: directions of the detectors, degrees.
+        leak: leak of the detectors, mV/ms. The weights onto a detector sum to 1 mV times the number of a patch's
+            pixels.
+        t_ref: refractory period of a pixel, ms.
+        longest: longest allowed delay, ms. Pixels with a longer delay are not connected, and the other weights are
+            larger: a slow detector sees a part of its patch.
+        resolution: length of a step, ms.
 
     Raises:
-        ModelError: a number cannot be used; it says which.
+        ModelError: an argument is out of range; the message names it.
     """
     if not longest >= resolution:
         raise ModelError(f"motion: longest = {longest:g} ms: expected at least the resolution, {resolution:g} ms")
-    once = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=t_ref)
-    integrate = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=np.inf, leak=leak)
+    pixel_model = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=t_ref)
+    detector_model = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=np.inf, leak=leak)
     net = neuro.Network("motion", resolution=resolution)
     net.population("events", (patches, side, side), neuro.spike_generator())
-    net.population("pixels", (patches, side, side), once)
-    net.population("detectors", (patches, len(speeds), len(directions)), integrate)
+    net.population("pixels", (patches, side, side), pixel_model)
+    net.population("detectors", (patches, len(speeds), len(directions)), detector_model)
     net.connect("events", "pixels", neuro.one_to_one(), weight=1.0, delay=resolution)
-    late = resolution * (1.0 + np.rint(delays(side, speeds, directions) / resolution))
-    pixel, detector = np.nonzero(late <= longest)
+    delay_ms = resolution * (1.0 + np.rint(delays(side, speeds, directions) / resolution))
+    pixel, detector = np.nonzero(delay_ms <= longest)
     patch = np.arange(patches)[:, None]
-    pairs = neuro.pairs((patch * len(late) + pixel).ravel(), (patch * late.shape[1] + detector).ravel())
+    pairs = neuro.pairs((patch * len(delay_ms) + pixel).ravel(), (patch * delay_ms.shape[1] + detector).ravel())
     share = side**2 / np.bincount(detector)
-    weight, delay = np.tile(share[detector], patches), np.tile(late[pixel, detector], patches)
+    weight, delay = np.tile(share[detector], patches), np.tile(delay_ms[pixel, detector], patches)
     net.connect("pixels", "detectors", pairs, weight=weight, delay=delay, name="pixels_detectors")
     net.probe("potential", "detectors", "V_m", every=resolution)
     return net
@@ -111,16 +113,16 @@ def to_patches(
     side: int = 8,
     resolution: float = 1.0,
 ) -> tuple[Floats, Ints]:
-    """Events of a camera as spikes of patches that lie side by side from its upper left corner on.
+    """Convert events of a camera to spikes of patches that lie side by side from the upper left corner on.
 
     Args:
         t_us: times, >= 0, us.
         x: columns of pixels.
-        y: rows of pixels; events outside all patches are left out.
-        rows: of patches.
-        columns: of patches, which are numbered row by row.
-        side: of a patch, px.
-        resolution: of the network, ms.
+        y: rows of pixels; events outside all patches are dropped.
+        rows: number of rows of patches.
+        columns: number of columns of patches, which are numbered row by row.
+        side: side of a patch, px.
+        resolution: step of the network, ms.
 
     Returns:
         times in ms, at the ends of their steps, and neurons of `events`.
@@ -134,12 +136,12 @@ def to_patches(
 
 
 def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
-    """Show events to the network, from time 0 on, and tell the highest potential of each detector.
+    """Present events to the network from time 0 on, and return the highest potential of each detector.
 
     Args:
-        sim: of `network`; it is reset.
-        times: of the events, ms, > 0 and on the grid of steps.
-        ids: where: neurons of `events`.
+        sim: simulation of `network`; it is reset.
+        times: times of the events, ms, > 0 and on the grid of steps.
+        ids: neurons of `events`.
 
     Returns:
         mV, shape (patches, speeds, directions).
@@ -155,15 +157,15 @@ def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
 
 
 def drawn_edges(seed: int, n: int, side: int = 8) -> tuple[Ints, Ints, Floats, Ints]:
-    """Edges of the detectors' speeds and directions, one a patch: an event a pixel, jitter 1 ms, 10 % lost.
+    """Draw edges with the detectors' speeds and directions, one per patch: an event per pixel, jitter 1 ms, 10 % lost.
 
     Args:
-        seed: of the draws.
-        n: how many.
-        side: of a patch, px.
+        seed: seed of the draws.
+        n: number of edges.
+        side: side of a patch, px.
 
     Returns:
-        which speed and which direction each has, and the times in ms and neurons of `events`, on a grid of 1 ms.
+        indices of each edge's speed and direction, and the times in ms and neurons of `events`, on a grid of 1 ms.
     """
     rng = np.random.default_rng(seed)
     speed, direction = rng.integers(8, size=(2, n))
@@ -172,12 +174,12 @@ def drawn_edges(seed: int, n: int, side: int = 8) -> tuple[Ints, Ints, Floats, I
     crossed = (x * np.cos(angle) + y * np.sin(angle)) / SPEEDS[speed][:, None]
     crossed += 5.0 - crossed.min(axis=1, keepdims=True) + rng.uniform(0.0, 1.0, (n, 1))
     crossed += rng.normal(0.0, 1.0, crossed.shape)
-    seen = rng.random(crossed.shape) >= 0.1
-    return speed, direction, np.rint(crossed).clip(1.0)[seen], np.flatnonzero(seen)
+    is_seen = rng.random(crossed.shape) >= 0.1
+    return speed, direction, np.rint(crossed).clip(1.0)[is_seen], np.flatnonzero(is_seen)
 
 
 def shares(peaks: Floats, speed: Ints, direction: Ints) -> tuple[float, float]:
-    """How often the direction is right, and how often direction and speed are, from `peaks` of an edge a patch."""
+    """Return the shares of edges with the right direction, and with direction and speed right, from their `peaks`."""
     best = peaks.reshape(len(speed), -1).argmax(axis=1)
-    right = best % 8 == direction
-    return float(right.mean()), float((right & (best // 8 == speed)).mean())
+    is_right = best % 8 == direction
+    return float(is_right.mean()), float((is_right & (best // 8 == speed)).mean())

@@ -1,8 +1,8 @@
-"""Orders of the same spikes, which neurons learn to tell apart by the delays of their inputs.
+"""Orders of the same spikes, which neurons learn to distinguish by the delays of their inputs.
 
-All weights are one and every input spikes once, so only when they arrive can tell. `batch` has two drawn orders, `bars`
-a spiking grid of 3 x 3 pixels whose bar comes first. A rule of weights learns the same, from drawn weights with equal
-delays. Source of the rule: Mosca, MSc thesis, 2020, eq. 131; the tasks and their sizes are measured choices.
+All weights are 1 and every input spikes once, so only the arrival times differ. `batch` has two random orders; `bars` a
+spiking grid of 3 x 3 pixels whose bar comes first. A rule for weights learns the same task from random weights with
+equal delays. Source of the rule: Mosca, MSc thesis, 2020, eq. 131. The tasks and their sizes are measured choices.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 INPUTS = 9
-_APART, _JITTER = 2.0, 0.5  # ms, from spike to spike
-_FIRST = 2.0  # ms, of the first one
-_LATE = 6.0  # ms, of the pixels beside a bar, after its own
+_APART, _JITTER = 2.0, 0.5  # ms, interval between spikes and its jitter
+_FIRST = 2.0  # ms, time of the first spike
+_LATE = 6.0  # ms, delay of the pixels beside a bar after those of the bar
 _DURATION = 60.0
 BARS = np.array([[3, 4, 5], [2, 4, 6], [1, 4, 7], [0, 4, 8]])
-"""(4, 3), pixels of the bars through the middle of the grid, row by row: horizontal, rising, vertical, falling."""
+"""Pixels of the bars through the middle of the grid, (4, 3), row by row: horizontal, rising, vertical, falling."""
 
 
 def network(rule: neuro.extend.Synapse | None = None, labels: int = 2, threshold: float = 3.5) -> neuro.Network:
-    """Inputs, all to a neuron for each label by the projection `learnt`; the first neuron to fire decides.
+    """Return inputs that project by `learnt` to one neuron per label; the first neuron to fire decides.
 
     Args:
-        rule: `r_stddp`, whose delays are drawn and whose weights are 1; or a rule of weights for trials, whose delays
-            are equal and whose weights are drawn round 0.5.
-        labels: how many: 2 of `batch`, 4 of `bars`.
-        threshold: of the neurons, in inputs of weight 1: above 3.5 the fourth makes a neuron fire.
+        rule: `r_stddp`, with random delays and weights 1; or a rule for weights in trials, with equal delays and random
+            weights around 0.5.
+        labels: number of labels: 2 for `batch`, 4 for `bars`.
+        threshold: threshold of the neurons in inputs of weight 1; at 3.5 the fourth input makes a neuron fire.
     """
     rule = rule or neuro.r_stddp()
     net = neuro.Network("orders", resolution=0.1)
@@ -53,15 +53,15 @@ def network(rule: neuro.extend.Synapse | None = None, labels: int = 2, threshold
 
 
 def batch(seed: int, trials: int, orders: int = 0) -> tuple[Floats, Ints, Ints, Ints]:
-    """Trials of either order, as `Simulation.trials` takes them.
+    """Draw trials of two orders, in the format of `Simulation.trials`.
 
     Args:
-        seed: of the draws.
-        trials: how many.
-        orders: which two orders.
+        seed: seed of the draws.
+        trials: number of trials.
+        orders: index of the pair of orders.
 
     Returns:
-        times in ms, inputs, where each trial begins, and labels.
+        times in ms, inputs, start index of each trial, and labels.
     """
     ranks = np.array([np.random.default_rng((orders, k)).permutation(INPUTS) for k in range(2)])
     rng = np.random.default_rng((orders, seed, 7))
@@ -70,13 +70,13 @@ def batch(seed: int, trials: int, orders: int = 0) -> tuple[Floats, Ints, Ints, 
 
 
 def bars(seed: int, trials: int) -> tuple[Floats, Ints, Ints, Ints]:
-    """Trials of one of the `BARS` each, whose pixels come first and the others later, as `batch` gives them.
+    """Draw trials of one of the `BARS` each, whose pixels spike before the others, in the format of `batch`.
 
-    The grid stands for the demonstrator of the thesis (line 3175), whose sizes the thesis does not print.
+    The grid stands for the demonstrator of the thesis (line 3175), whose sizes the thesis does not give.
 
     Args:
-        seed: of the draws.
-        trials: how many.
+        seed: seed of the draws.
+        trials: number of trials.
     """
     rng = np.random.default_rng((seed, 11))
     labels = rng.integers(len(BARS), size=trials)
@@ -86,7 +86,7 @@ def bars(seed: int, trials: int) -> tuple[Floats, Ints, Ints, Ints]:
 
 
 def _trials(times: Floats, labels: Ints, rng: np.random.Generator) -> tuple[Floats, Ints, Ints, Ints]:
-    """Trials with jitter, of the times of their inputs."""
+    """Return trials from the times of their inputs, with jitter."""
     trials = len(labels)
     jittered = times + rng.normal(0.0, _JITTER, times.shape)
     steps: Floats = np.maximum(np.rint(jittered * 10.0), 0.0) / 10.0

@@ -1,4 +1,4 @@
-"""Worlds of this package's networks, as environments of Gymnasium; importing this module registers them."""
+"""Environments of this package's networks for Gymnasium; importing this module registers them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ __all__ = ["Grid", "Track", "values"]
 Floats = NDArray[np.float64]
 
 ACTIONS = ((0, 1), (1, 0), (0, -1), (-1, 0))
-"""Rows and columns that an action leads on: right, down, left, up."""
+"""Step of each action in (rows, columns): right, down, left, up."""
 
 
 class Grid(gymnasium.Env[Any, Any]):
-    """A square of places with walls around; the way leads from the first place to the last one.
+    """A square grid with walls around; the task is to go from the first place to the last one.
 
     The observation is the number of the place, row by row. The actions are 0 right, 1 down, 2 left, 3 up.
 
     Args:
-        side: places in a row.
+        side: number of places in a row.
         goal: reward in the last place.
-        wall: reward of a move against a wall, which leads nowhere.
+        wall: reward of a move against a wall, after which the place is the same.
 
     Raises:
         ModelError: side is below 2.
@@ -56,13 +56,13 @@ class Grid(gymnasium.Env[Any, Any]):
 
 
 class Track(gymnasium.Env[Any, Any]):
-    """A way that is run along at constant speed, with a reward at its end. There is one action, 0, to run.
+    """A track that an animal runs along at constant speed, with a reward at the end. The only action is 0, to run.
 
-    The observation is the share of the way that lies behind.
+    The observation is the covered share of the track.
 
     Args:
         steps: control steps of a run.
-        reward: at the end.
+        reward: reward at the end.
     """
 
     observation_space, action_space = Box(0.0, 1.0, (1,), np.float64), Discrete(1)
@@ -77,22 +77,22 @@ class Track(gymnasium.Env[Any, Any]):
         return np.zeros(1), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Run on for a step; return the place, and at the end the reward."""
+        """Run for a step; return the position, and the reward at the end."""
         self.at += 1
         there = self.at == self.steps
         return np.array([self.at / self.steps]), self.reward * there, there, False, {}
 
     @staticmethod
     def expected(reward: float = 100.0) -> Floats:
-        """Return the value after each step of the track, (200,): the reward, discounted by 4000 ms."""
+        """Return the expected value after each step of the track, (200,): the reward discounted with 4000 ms."""
         return reward * np.exp(np.arange(-199.0, 1.0) * 20.0 / 4000.0)
 
 
 def values(loop: ClosedLoop) -> Floats:
-    """Return the value after each step of the track, (runs, 200), as the teacher of `linear_track.yaml` read it.
+    """Return the value after each step of the track, (runs, 200), as the teacher of `linear_track.yaml` reads it.
 
     Args:
-        loop: that has run in a single block, and recorded.
+        loop: a loop that has run in a single block, with recorded spikes.
     """
     td = loop.network().world_section.reward["error"]  # type: ignore[union-attr]  # it has a world
     runs, steps = len(loop.log), loop.log.lengths[0]
@@ -105,8 +105,8 @@ def values(loop: ClosedLoop) -> Floats:
     for k in range(steps):
         parts = parts * decay + fired[:, k, None] * np.sqrt(decay)
         smoothed.append((parts[:, 0] - parts[:, 1]) / (td.smooth[0] - td.smooth[1]))
-    read: Floats = (np.array(smoothed[td.wait :]).T - td.rest) / td.gain
-    return read
+    value: Floats = (np.array(smoothed[td.wait :]).T - td.rest) / td.gain
+    return value
 
 
 gymnasium.register(id="neuro_models/Track-v0", entry_point=f"{__name__}:Track")

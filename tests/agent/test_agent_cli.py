@@ -309,7 +309,7 @@ def test_a_baseline_that_fails_loses_no_other_training(walk, monkeypatch):
     def fails(trial, env):
         raise compare.BaselineError("PPO of stable-baselines3, defaults: no such space")
 
-    monkeypatch.setitem(compare._TRAINED, "ppo", fails)
+    monkeypatch.setitem(compare._TRAINERS, "ppo", fails)
     monkeypatch.setattr(compare, "side_by_side", lambda run, jobs, report: [run(job, report) for job in jobs])
     monkeypatch.setattr(compare, "find_spec", lambda name: True)
     found = compare.run(compare.Plan("my_walk:Walk", 10, (1,), 2, {}, ("random", "ppo")), lambda text: None)
@@ -320,12 +320,12 @@ def test_who_takes_part_and_wins(monkeypatch):
     def found(**returns):
         plan = compare.Plan("FrozenLake-v1", 10, (1, 2))
         each = [{"name": n, "seed": k, "returns": [r]} for n, pair in returns.items() for k, r in enumerate(pair)]
-        return compare.Found(plan, tuple(each)).winner
+        return compare.Comparison(plan, tuple(each)).winner
 
-    told = "agent wins: mean return 15, then ppo 12; it is better with 1 of 2 seeds"
+    told = "agent wins: mean return 15, then ppo 12; better with 1 of 2 seeds"
     assert found(random=(1, 2), ppo=(12, 12), agent=(20, 10)) == told
-    assert found(ppo=(3, 3), agent=(2, 4), random=(0, 0)) == "nobody wins: ppo, agent have the mean return 3"
-    assert found(agent=(1, 2)) == "agent: mean return 1.5; nobody else took part"
+    assert found(ppo=(3, 3), agent=(2, 4), random=(0, 0)) == "tie: ppo, agent have the mean return 3"
+    assert found(agent=(1, 2)) == "agent: mean return 1.5; no other method took part"
     assert compare.Plan("Pendulum-v1", 10, (1,)).left_out["dqn"]
     monkeypatch.setattr(compare, "find_spec", lambda name: None)
     plan = compare.Plan("CartPole-v1", 10, (1,))
@@ -346,9 +346,7 @@ def test_mistakes(neuro, walk, tmp_path, messages):
 def test_an_agent_for_another_environment(neuro, lake):
     lake.save("lake.h5")
     answer = neuro("test", "lake.h5")
-    assert (
-        answer.err == "error: lake.h5: does not say in which environment it was trained: expected ENV behind the file\n"
-    )
+    assert answer.err == "error: lake.h5: names no environment: expected ENV after the file\n"
     answer = neuro("test", "lake.h5", "CartPole-v1")
     assert answer.status == 2
     assert answer.err.endswith("expected Discrete(16), for which the agent was made\n")

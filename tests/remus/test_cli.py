@@ -125,7 +125,7 @@ def test_demo_of_given_recordings(neuro, folder, tmp_path):
         code, out, _ = neuro("remus", "demo", "--data", folder, "--out", "demo")
         assert code == 0
         assert "learning from 16 recordings of 2 classes" in out
-        assert "testing on 8 recordings that it has never seen" in out
+        assert "testing on 8 unseen recordings" in out
         assert "\n gpu " in out.partition("demo/energy.json\n")[2].partition("energy per recording; ")[2]
     assert json.loads((tmp_path / "demo" / "energy.json").read_text())["recordings"] == 8
     from neuro_remus.demo import halves

@@ -20,7 +20,7 @@ Backward = Callable[..., Any]
 
 
 def once(backward: Backward) -> Backward:
-    """Decorate a `backward`: its gradients are constants, and asking for a gradient of them is an error.
+    """Decorate a `backward` so that its gradients are constants; a gradient of a gradient is an error.
 
     torch's `once_differentiable` raises no error if the incoming gradient has none, as that of a sum.
     """

@@ -10,7 +10,7 @@ overwritten. No gradient flows through a reset: the V before it no longer matter
 one step of one recording, of a stretch of `width` steps from step `first` on. Input and its gradient have the shape
 (batch, steps, neurons). Rows are read by step, then neuron, so that sums have the order of the reference.
 
-Example: for 1 recording of 2 steps, neuron 4 fires in the first one and neurons 0 and 2 in the second one:
+Example: for 1 recording of 2 steps, neuron 4 fires in step 0, neurons 0 and 2 fire in step 1:
 `ends` = [0, 1, 3], `ids` = [4, 0, 2], `values` = [1, 1, 1].
 """
 
@@ -118,8 +118,8 @@ def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_curre
                 here = carry[b, i] if spikes[b, t, i] == 0 else zero
                 here += grad_potential[b, at, i] + grad[b, t, i]
                 moved = here if fate[b, t, i] == FREE else zero
-                # Input adds to the current after V has moved: its gradient is that of the current at the end of the
-                # step.
+                # Input adds to the current after V is integrated, so the gradient of the input is the gradient of the
+                # current at the end of the step.
                 grad[b, t, i] = carry_current[b, i]
                 carry_current[b, i] = c[P11, i] * carry_current[b, i] + c[P32, i] * moved
                 carry[b, i] = c[P33, i] * moved if fate[b, t, i] == FREE else here

@@ -80,7 +80,7 @@ class Synapses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Component:
-    """Populations that are simulated together: a single one, or those of a cycle of connections.
+    """Populations that are simulated together: a single population, or a cycle of connections.
 
     Attributes:
         cells: neurons by index of the population.
@@ -253,7 +253,7 @@ def paths(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Pa
         return [(delayed(part, rounded(steps)), weight)]
     whole = steps.detach().floor()
     share_later = steps - whole
-    # A shared weight is expanded to one per synapse, because each has its own share.
+    # A shared weight is expanded to one per synapse, because shares differ.
     each = replace(part, slot=torch.arange(len(part.targets)).numpy())
     flat = weight.reshape(-1).expand(len(part.targets))
     earlier = whole.long().cpu().numpy()
@@ -296,7 +296,7 @@ class ScanTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """How each part of a network runs; `str` shows it.
+    """The scan or steps of each part of a network; `str` shows them.
 
     Attributes:
         parts: the components to scan, in order; empty if everything is stepped.

@@ -119,7 +119,7 @@ class _Population:
 
     def go(self, t: int) -> None:
         """Run one step."""
-        c, held = self.c, self.refractory > 0
+        c, is_refractory = self.c, self.refractory > 0
         new = c[rows.E_L] + c[rows.P33] * (self.v - c[rows.E_L])
         if self.part.model == "iaf_psc_delta":
             new = new + self.push[t] + self.drive[t]
@@ -127,7 +127,7 @@ class _Population:
         else:
             new = new + c[rows.P32] * self.current + self.push[t]
             self.current = self.current * c[rows.P11] + self.drive[t]
-        new = torch.where(held, self.v, new)
+        new = torch.where(is_refractory, self.v, new)
         fired = new >= c[rows.V_TH]
         # The sign of the difference of two numbers is exact, so x >= 0 where V >= V_th.
         self.spikes.append(self.fire((new - c[rows.V_TH]) / (c[rows.V_TH] - c[rows.V_RESET]), self.task))
