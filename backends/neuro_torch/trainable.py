@@ -26,19 +26,19 @@ FIXED = ("t_ref", "refractory_input", "reset_by_subtraction", "max_spikes", "thr
 """Parameters without a gradient: counts of steps, switches, and `tau_minus`, which only rules of pairs read."""
 
 
-def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str] | str]) -> tuple[Words, Words]:
-    """Return what learns of projections ("weight", "delay") and the parameters that learn of populations.
+def trainable(program: Program, user_choice: Iterable[str] | Mapping[str, Iterable[str] | str]) -> tuple[Words, Words]:
+    """Return the names of what learns: of projections ("weight", "delay"), and of populations (parameters).
 
     Args:
         program: the network.
-        given: names of projections whose weights learn; or the names of what learns, by projection or population.
+        user_choice: names of projections whose weights learn; or the names of what learns, by projection or population.
 
     Raises:
         ModelError: nothing is named, or a named quantity cannot learn.
     """
-    by_name = {given: "weight"} if isinstance(given, str) else given
+    by_name = {user_choice: "weight"} if isinstance(user_choice, str) else user_choice
     if not isinstance(by_name, Iterable) or not all(isinstance(name, str) for name in by_name):
-        raise ModelError(f"trainable = {given!r}: expected names of projections")
+        raise ModelError(f"trainable = {user_choice!r}: expected names of projections")
     words = dict(by_name) if isinstance(by_name, Mapping) else dict.fromkeys(by_name, "weight")
     projections = [part.name for part in program.projections if part.carries == "spikes"]
     neurons = {part.name: part for part in program.populations if isinstance(part.model, Neuron)}
@@ -50,21 +50,21 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
         raise ModelError("trainable: found no projection: expected at least one", hint=hint)
     selection: tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]] = ({}, {})
     for name, word in words.items():
-        each = (word,) if isinstance(word, str) else tuple(word) if isinstance(word, Iterable) else ()
-        if not each:
+        quantities = (word,) if isinstance(word, str) else tuple(word) if isinstance(word, Iterable) else ()
+        if not quantities:
             raise ModelError(f"trainable: '{name}': found {word!r}: expected what of it learns, such as 'weight'")
         if name in projections:
-            for quantity in each:
+            for quantity in quantities:
                 if quantity not in ("weight", "delay"):
                     raise unknown(f"word of projection '{name}' that learns", quantity, ["weight", "delay"])
-            _check_delay(program, name, each)
-            selection[0][name] = each
+            _check_delay(program, name, quantities)
+            selection[0][name] = quantities
         elif name in neurons and isinstance(by_name, Mapping):
-            if "weight" in each:
+            if "weight" in quantities:
                 message = f"'{name}' is a population, whose neurons have no weight: expected the name of a projection"
                 raise ModelError(f"trainable: {message}", hint=f"known: {', '.join(projections)}")
-            _check_parameters(name, each, neurons[name].parameters)
-            selection[1][name] = each
+            _check_parameters(name, quantities, neurons[name].parameters)
+            selection[1][name] = quantities
         else:
             names = [*projections, *neurons] if isinstance(by_name, Mapping) else projections
             raise unknown("projection", name, names)

@@ -72,7 +72,7 @@ def test_a_world_of_the_users_own_is_trained_tested_and_watched(neuro, walk):
     assert code == 0
     assert out.startswith("page.html: ")
     assert out.endswith(" steps, return 1, terminated; no frames, the environment renders no rgb_array\n")
-    assert "learning goes on" in Path("page.html").read_text()
+    assert "learning continues" in Path("page.html").read_text()
 
 
 @pytest.mark.parametrize("name", ["Acrobot-v1", "MountainCar-v0"])
