@@ -9,7 +9,7 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Run the command line and exit: 0 well, 1 a check failed, 2 a mistake of the user, 130 interrupted."""
+    """Run the command line and exit with its status: 0 success, 1 a failed check, 2 a user's error, 130 Ctrl-C."""
     try:
         from neuro.cli.commands import app
         from neuro.cli.mistakes import telling
@@ -17,8 +17,8 @@ def main() -> None:
         with telling():
             status = app(prog_name="neuro", standalone_mode=False)
         sys.exit(status)
-    except KeyboardInterrupt:  # while modules are imported
+    except KeyboardInterrupt:  # raised while modules are imported
         sys.exit(130)
     finally:
-        # The end of the process frees all memory. A last search for cycles takes 0.4 s where kernels were compiled.
+        # The process frees all memory as it ends. A last garbage collection takes 0.4 s after kernels were compiled.
         gc.freeze()

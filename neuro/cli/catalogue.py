@@ -1,4 +1,4 @@
-"""What can be named in a network, and what runs it: `neuro models`, `neuro backends`, `neuro schema`."""
+"""Lists of models, backends and the fields of network files: `neuro models`, `neuro backends`, `neuro schema`."""
 
 from __future__ import annotations
 
@@ -31,32 +31,34 @@ KINDS = {
     "decoders": "Decoders of a world",
     "teachers": "Teachers of a world",
 }
-"""The title of each section of the catalogue, by the word that lists it."""
+"""Titles of the catalogue's sections, by the word for `neuro models`."""
 
 Name = Annotated[
-    str, typer.Argument(metavar="[NAME]", help="Describe this one, or list a kind: neurons, synapses, rules, ...")
+    str, typer.Argument(metavar="[NAME]", help="Model to describe, or kind to list: neurons, synapses, rules, ...")
 ]
-Long = Annotated[bool, typer.Option("--long", help="Describe all: parameters, units, bounds, equation, source.")]
+Long = Annotated[
+    bool, typer.Option("--long", help="Print parameters, units, bounds, equation and source of all models listed.")
+]
 
 
 def models(name: Name = "", long: Long = False) -> None:
-    """List the names of all models, synapses, rules and distributions, or a kind, a line each; describe one, or all."""
+    """List the models, synapses, rules and distributions that network files may name, or describe one of them."""
     from neuro.core.errors import unknown
     from neuro.core.tables import console, table
 
     sections = catalogue()
-    known: dict[str, list[Any]] = {}
+    choices: dict[str, list[Any]] = {}
     for section in sections.values():
         for word, choice in section.items():
-            known.setdefault(word, []).append(choice)
+            choices.setdefault(word, []).append(choice)
     out = console()
-    if name and name not in known.keys() | KINDS.keys():
-        raise unknown("model", name, known.keys() | KINDS.keys())
+    if name and name not in choices.keys() | KINDS.keys():
+        raise unknown("model", name, choices.keys() | KINDS.keys())
     if name in KINDS and not long:
         rows = [(word, sentence(choice)) for word, choice in sections[KINDS[name]].items()]
         out.print(table((KINDS[name], "is"), rows))
-    elif name in known:
-        for choice in known[name]:
+    elif name in choices:
+        for choice in choices[name]:
             describe(choice, out)
     elif long:
         for title in [KINDS[name]] if name else sections:
@@ -66,12 +68,13 @@ def models(name: Name = "", long: Long = False) -> None:
     else:
         out.print(table(("kind", "names"), [(kind, ", ".join(sections[title])) for kind, title in KINDS.items()]))
         out.print(
-            "neuro models KIND lists a kind, a line each; neuro models NAME describes one, neuro models --long all"
+            "neuro models KIND: a line for each model; neuro models NAME: one model; "
+            "neuro models --long: all models in full"
         )
 
 
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
-    """Everything that can be named in a network, by section."""
+    """Return all models that network files may name, as sections: their titles, each with its classes by name."""
     from neuro.coding.codes import CHOICES
     from neuro.coding.world import DECODERS, ENCODERS, TEACHERS
     from neuro.model.distributions import DISTRIBUTIONS
@@ -101,14 +104,14 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
 
 
 def describe(choice: type[Choice], out: Any) -> None:
-    """Print one of them."""
+    """Print the description, equation, source, parameters and states of a model."""
     from rich.padding import Padding
     from rich.text import Text
 
     from neuro.core.tables import table
 
     out.print(Text(choice.__name__, style="bold cyan"))
-    for text in filter(None, (body(choice), said(choice, "equation"), said(choice, "source"))):
+    for text in filter(None, (body(choice), attribute_line(choice, "equation"), attribute_line(choice, "source"))):
         out.print(Padding(Text(text), (0, 0, 0, 2)))
     defaults = choice.defaults()
     rows = [
@@ -132,7 +135,7 @@ def describe(choice: type[Choice], out: Any) -> None:
 
 
 def body(choice: type[Choice]) -> str:
-    """The description without its source, which is shown apart; paragraphs on lines of their own."""
+    """Return the description without its source, each paragraph as one line."""
     text = inspect.cleandoc(choice.__doc__ or "")
     if getattr(choice, "source", ""):
         text = text.partition("Source:")[0]
@@ -140,24 +143,24 @@ def body(choice: type[Choice]) -> str:
 
 
 def sentence(choice: type[Choice]) -> str:
-    """The first sentence of the description."""
+    """Return the first sentence of the description."""
     return re.split(r"(?<=[^.]\.) |\n", body(choice), maxsplit=1)[0].rstrip(".").replace("``", "`")
 
 
-def said(choice: type[Choice], what: str) -> str:
-    """The line of a class attribute that some kinds have."""
-    text = getattr(choice, what, "")
-    return f"{what}: {text}" if text else ""
+def attribute_line(choice: type[Choice], name: str) -> str:
+    """Return "NAME: VALUE" for a text that some classes have, or "" for the others."""
+    text = getattr(choice, name, "")
+    return f"{name}: {text}" if text else ""
 
 
 def bounds(q: Quantity) -> str:
-    """What is accepted, e.g. "a number > 0, also .inf"."""
+    """Return the accepted values, e.g. "a number > 0, also .inf"."""
     text = q.expected().removesuffix(f" {q.unit}" if q.unit else "")
     return text + (", also .inf" if q.infinite else "")
 
 
 def shown(value: object) -> str:
-    """A default as YAML says it."""
+    """Format a default value as in YAML."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -168,12 +171,12 @@ def shown(value: object) -> str:
 
 
 def backends() -> None:
-    """List what networks can run on."""
+    """List the simulators and emulated chips that run networks."""
     from neuro.core.tables import console, table
     from neuro.program.backend import installed
 
     rows = [(name, backend.description) for name, backend in installed().items()]
-    console().print(table(("backend", "what it is"), rows))
+    console().print(table(("backend", "description"), rows))
 
 
 def schema() -> None:

@@ -1,4 +1,4 @@
-"""A network before it runs, and on chips: `neuro check`, `neuro show`, `neuro fit` and `neuro energy`."""
+"""Errors, contents, placement and energy of a network: `neuro check`, `neuro show`, `neuro fit`, `neuro energy`."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ if TYPE_CHECKING:
 
 
 def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
-    """Load and compile a network, ask the backend whether it can run it, and say all that is wrong."""
+    """List all errors of a network file, and all parts that the backend refuses or approximates."""
     from neuro.compiler.mistakes import mistakes
     from neuro.program.backend import Draws, find_backend
 
-    chosen = find_backend(backend)
-    found = mistakes(file, assignments(set), seed, isinstance(chosen, Draws))
-    problems = () if found.program is None else chosen.problems(found.program)
-    problems = [problem for problem in problems if problem.origin not in found.unsure]
-    for error in found.mistakes:
+    backend_class = find_backend(backend)
+    report = mistakes(file, assignments(set), seed, isinstance(backend_class, Draws))
+    problems = () if report.program is None else backend_class.problems(report.program)
+    problems = [problem for problem in problems if problem.origin not in report.unsure]
+    for error in report.mistakes:
         typer.echo(f"error: {error}", err=True)
     for problem in problems:
         typer.echo(refusal(problem), err=True)
-    wrong = len(found.mistakes) + sum(problem.refused for problem in problems)
-    if wrong > 1:
-        typer.echo(f"{file}: {wrong} mistakes", err=True)
-    if wrong or found.program is None:
+    n_errors = len(report.mistakes) + sum(problem.refused for problem in problems)
+    if n_errors > 1:
+        typer.echo(f"{file}: {n_errors} mistakes", err=True)
+    if n_errors or report.program is None:
         raise typer.Exit(2)
-    typer.echo(f"{file}: ok on {backend}: {summary(found.program)}")
+    typer.echo(f"{file}: ok on {backend}: {summary(report.program)}")
 
 
 def refusal(problem: Problem, begin: str = "{place}{kind}: ") -> str:
-    """What a backend refuses or approximates, with its place and the way out."""
+    """Format a backend's refusal or approximation with place, reason and hint."""
     place = f"{problem.origin}: " if problem.origin else ""
     kind = "refused" if problem.refused else "approximated"
     hint = f"\n  hint: {problem.way_out}" if problem.way_out else ""
@@ -66,7 +66,7 @@ def refusal(problem: Problem, begin: str = "{place}{kind}: ") -> str:
 
 
 def summary(program: Program) -> str:
-    """How large a network is."""
+    """Return the numbers of neurons, populations, synapses and projections, and the resolution, as text."""
     from neuro.core.errors import some
 
     neurons = sum(population.size for population in program.populations)
@@ -78,28 +78,30 @@ def summary(program: Program) -> str:
     )
 
 
-AsProgram = Annotated[bool, typer.Option("--program", help="Print the resolved form that backends get.")]
+AsProgram = Annotated[bool, typer.Option("--program", help="Print the compiled form that backends run.")]
 
 
 def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
-    """Show the populations, projections and memory of a network, or its resolved form."""
+    """Print the populations, projections and memory of a network, or its compiled form."""
     from neuro.compiler import compile_network
     from neuro.compiler.show import program_text, tables
     from neuro.core.tables import console, table
     from neuro.model.language import load
 
     net = load(file, params=assignments(set))
-    resolved = compile_network(net, seed)
+    compiled = compile_network(net, seed)
     if program:
-        typer.echo(program_text(resolved), nl=False)
+        typer.echo(program_text(compiled), nl=False)
         return
     out = console()
-    for part in tables(net, resolved):
+    for part in tables(net, compiled):
         out.print(table(part.head, part.rows, title=part.title))
 
 
-ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="A chip, or a table's file.")]
-Order = Annotated[str, typer.Option("--order", metavar="NAME", help="Lay cores out as connected, or as declared.")]
+ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="Chip, or file of a chip's table.")]
+Order = Annotated[
+    str, typer.Option("--order", metavar="NAME", help="Order of populations on the cores: connected or declared.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
@@ -111,9 +113,9 @@ def fit(
     set: Set = [],  # noqa: B006
     as_json: Json = False,
 ) -> None:
-    """Show whether a network fits on a chip: rounding of weights and neurons, cores, memory and hops.
+    """Report whether a network fits on a chip: rounding of weights and neurons, cores, memory and hops.
 
-    The exit status is 1 if it does not.
+    The exit status is 1 if the network does not fit.
     """
     from neuro.chips.fixed_program import report
     from neuro.chips.known import ARITHMETICS
@@ -133,7 +135,7 @@ def fit(
         parts = {"rounding": fixed.as_dict() if fixed else None, "placement": placement.as_dict()}
         typer.echo(json.dumps(_finite({**parts, "problems": _paragraphs(problems)}), indent=2, allow_nan=False))
     else:
-        unknown_rounding = f"the arithmetic of {target.title} is not known here: its rounding is not reported"
+        unknown_rounding = f"no rounding is reported, because the arithmetic of {target.title} is not known"
         rounding = report(fixed) if fixed else unknown_rounding
         echo("\n\n".join([rounding, str(replace(placement, problems=())), *_paragraphs(problems), verdict]))
     if any(problem.refused for problem in problems):
@@ -141,11 +143,15 @@ def fit(
 
 
 def _target(name: str) -> Chip:
-    """The chip; refuse one of which nothing is known that a network could exceed."""
+    """Return the chip of a name or a table's file.
+
+    Raises:
+        ModelError: the chip is unknown, or has neither cores nor limits.
+    """
     from neuro.chips.known import CHIPS, chip, is_table
     from neuro.core.errors import ModelError, unknown
 
-    limited = [known for known, found in sorted(CHIPS.items()) if found.limits]
+    limited = [title for title, description in sorted(CHIPS.items()) if description.limits]
     if name not in CHIPS and not is_table(name):
         raise unknown("chip", name, limited)
     target = chip(name)
@@ -158,22 +164,22 @@ def _target(name: str) -> Chip:
 
 
 def _paragraphs(problems: Sequence[Problem]) -> list[str]:
-    """Every problem as a paragraph, those that refuse the network first."""
+    """Format each problem as a paragraph, refusals first."""
     return [refusal(p, "{kind}: {place}") for p in sorted(problems, key=lambda p: not p.refused)]
 
 
 def _verdict(network: str, chip: str, problems: Sequence[Problem]) -> str:
-    """One line: whether it fits, and how much is to be read above."""
-    refused = sum(p.refused for p in problems)
-    rest = len(problems) - refused
-    counts = [f"{n} {word}" for n, word in ((refused, "refused"), (rest, "approximated")) if n]
-    return f"'{network}' {'does not fit' if refused else 'fits'} on {chip}" + (
+    """Return the last line: whether the network fits, and the numbers of refusals and approximations."""
+    n_refused = sum(p.refused for p in problems)
+    n_approximated = len(problems) - n_refused
+    counts = [f"{n} {word}" for n, word in ((n_refused, "refused"), (n_approximated, "approximated")) if n]
+    return f"'{network}' {'does not fit' if n_refused else 'fits'} on {chip}" + (
         f": {', '.join(counts)}" if counts else ""
     )
 
 
 def _finite(value: Any) -> Any:
-    """The same with texts in place of infinite numbers, which JSON lacks."""
+    """Replace infinities and NaN by text, because JSON has neither."""
     if isinstance(value, dict):
         return {key: _finite(inner) for key, inner in value.items()}
     if isinstance(value, list):
@@ -184,20 +190,29 @@ def _finite(value: Any) -> Any:
 PRICED = "loihi,spinnaker,spinnaker2,truenorth,cpu,gpu"
 
 Chips = Annotated[
-    Any, typer.Option("--chips", metavar="A,B,...", parser=listed, help="What to price on: chips, or tables' files.")
+    Any,
+    typer.Option("--chips", metavar="A,B,...", parser=listed, help="Chips, or files of chips' tables, to price on."),
 ]
 Per = Annotated[
     tuple[int, str],
-    typer.Option("--per", metavar="N WHAT", help="Divide by the N parts that the run has, e.g. 100 recording."),
+    typer.Option("--per", metavar="N WHAT", help="Number and name of the run's equal parts, e.g. 100 recording."),
 ]
 StepTime = Annotated[
     float | None,
-    typer.Option("--step-time", metavar="MS", parser=milliseconds, help="How long a step takes on the chip, in ms."),
+    typer.Option(
+        "--step-time",
+        metavar="MS",
+        parser=milliseconds,
+        help="Time of a step on the chip in ms; by default both clocks.",
+    ),
 ]
 ChipsOn = Annotated[
-    int | None, typer.Option("--chips-on", metavar="N", min=1, help="How many chips are on, e.g. all of a board.")
+    int | None,
+    typer.Option(
+        "--chips-on", metavar="N", min=1, help="Number of powered chips, e.g. of a board; by default those used."
+    ),
 ]
-Sources = Annotated[bool, typer.Option("--sources", help="Tell of each figure where it comes from.")]
+Sources = Annotated[bool, typer.Option("--sources", help="Print the source of each figure.")]
 BillJson = Annotated[bool, typer.Option("--json", help="Print JSON, with NeuroBench's metrics, instead of tables.")]
 
 
@@ -218,12 +233,12 @@ def energy(
     sources: Sources = False,
     as_json: BillJson = False,
 ) -> None:
-    """Run a network and print what that would take on chips: counts, joules, sums, assumptions; then all sums.
+    """Run a network and print its energy on chips: counts, joules and assumptions of each chip, then a comparison.
 
-    With --until a network learns in its world, and the bill is that of the whole training.
+    With --until a network learns in its world, and the bill is for the whole training.
     """
     from neuro.chips.pricing import price
-    from neuro.cli.run import silent_inputs, tell_silence
+    from neuro.cli.run import silent_inputs, warn_of_silence
     from neuro.cli.world import summary as summary_of
     from neuro.core.clock import Clock
     from neuro.core.progress import advance
@@ -245,11 +260,14 @@ def energy(
 
             loop = closed_loop(net, backend=backend, seed=seed, threads=threads)
             placements = [placed(loop.sim.program, each) for each in targets]
-            taken: list[EngineCounts] = []
+            block_counts: list[EngineCounts] = []
             log = loop.run(
-                until=until, steps=steps, progress=True, after=lambda loop: taken.append(loop.sim._engine.counts())
+                until=until,
+                steps=steps,
+                progress=True,
+                after=lambda loop: block_counts.append(loop.sim._engine.counts()),
             )
-            sim, counts, per = loop.sim, reduce(total, taken), (1, "training") if per == (1, "run") else per
+            sim, counts, per = loop.sim, reduce(total, block_counts), (1, "training") if per == (1, "run") else per
         elif net.world_section is not None:
             from neuro.realtime.closed_loop import lived
 
@@ -273,24 +291,32 @@ def energy(
         print_bills([priced.per(*per) for priced in bills], sources)
     if log is not None:
         typer.echo(summary_of(log), err=as_json)
-    tell_silence(silent_inputs(sim))
+    warn_of_silence(silent_inputs(sim))
 
 
 def priceable(name: str) -> Chip:
-    """The chip or processor of that name or table file; refuse one of which nothing is priced."""
+    """Return the chip or processor of a name or a table's file.
+
+    Raises:
+        ModelError: the chip is unknown, or has no energy figures.
+    """
     from neuro.chips.known import CHIPS, chip, is_table
     from neuro.chips.pricing import check_costs
     from neuro.core.errors import unknown
 
     if name not in CHIPS and not is_table(name):
-        raise unknown("chip", name, sorted(known for known, found in CHIPS.items() if found.costs))
-    found = chip(name)
-    check_costs(found)
-    return found
+        raise unknown("chip", name, sorted(title for title, description in CHIPS.items() if description.costs))
+    description = chip(name)
+    check_costs(description)
+    return description
 
 
 def placed(program: Program, chip: Chip) -> Placement | None:
-    """Where the neurons lie on a chip, None where nothing is placed; refused at once if they do not fit."""
+    """Place a network on the cores of a chip; None for a processor without cores.
+
+    Raises:
+        ModelError: the network does not fit.
+    """
     from neuro.chips.placing import place
     from neuro.chips.pricing import check_fits
 
@@ -304,7 +330,7 @@ def placed(program: Program, chip: Chip) -> Placement | None:
 def plain(
     sim: Simulation, counts: EngineCounts, bills: list[Energy], placement: Placement | None, per: tuple[int, str]
 ) -> dict[str, Any]:
-    """All bills for JSON, and the run as NeuroBench would report it with the first of them."""
+    """Return all bills for JSON, and NeuroBench's metrics of the run with the first bill."""
     from neuro.chips.neurobench_report import neurobench
 
     samples, steps = per[0], counts.steps // per[0]
@@ -314,7 +340,7 @@ def plain(
 
 
 def print_bills(bills: list[Energy], sources: bool) -> None:
-    """Print the bills and, if there are several, a row of each."""
+    """Print the bills, and a table that compares them if there are several."""
     from neuro.chips.energy import COLUMNS, FASTEST
     from neuro.core.tables import console, echo, table
 

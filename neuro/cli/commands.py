@@ -1,4 +1,4 @@
-"""All commands: ours, and those of apps (entry points of `neuro.commands`), each with `--with FILE`."""
+"""The command `neuro`, with the commands of its apps (entry points of `neuro.commands`) in groups of its help."""
 
 from __future__ import annotations
 
@@ -26,53 +26,67 @@ from neuro.core.version import VERSION
 
 GROUP = "neuro.commands"
 
-ORDER = (
-    *("new", "example", "run", "live", "rerun", "plot", "report", "compare", "predict", "convert", "check", "doctor"),
-    *("show", "fit", "energy", "schema", "verify", "models", "backends", "events", "sweep", "tune"),
-)
-"""Commands as help lists them, wherever they are defined; those of further apps follow by name."""
+PANELS = {
+    "Describe a network": ("new", "example", "models", "schema", "show", "check", "doctor", "convert"),
+    "Run a network": ("run", "live", "predict", "rerun"),
+    "Look at results": ("plot", "report"),
+    "Backends and chips": ("backends", "compare", "fit", "energy", "verify"),
+    "Learn": ("train", "agent", "recognise", "remus", "drone", "bench"),
+    "Event cameras": ("events",),
+    "Many runs": ("sweep", "tune"),
+}
+"""Commands of each group of the help, in the order of the help."""
+OTHERS = "Commands of other packages"
+"""Group of the commands that `PANELS` lacks."""
+ORDER = [name for names in PANELS.values() for name in names]
 
 
 class Commands(TyperGroup):
-    """Lists apps without importing them, so that a slow or broken one affects only its own command."""
+    """The group of all commands.
+
+    The list of commands does not import the apps. A slow or broken app therefore affects its own command only.
+    """
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """All commands: those of `ORDER` as they stand there, then those of other apps."""
+        """Return the names of all commands: first those of `PANELS` in its order, then the others by name."""
         names = {*super().list_commands(ctx), *apps()}
         return [name for name in ORDER if name in names] + sorted(names - {*ORDER})
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """A command as help shows it; None if there is none of that name."""
+        """Return a command as the help lists it, or None if no command has the name."""
         entry = apps().get(cmd_name)
-        ours = super().get_command(ctx, cmd_name)
-        return with_extensions(ours) if ours else placeholder(entry) if entry else None
+        command = super().get_command(ctx, cmd_name)
+        listed = with_extensions(command) if command else placeholder(entry) if entry else None
+        if listed is not None:
+            listed.rich_help_panel = next((panel for panel, names in PANELS.items() if cmd_name in names), OTHERS)
+        return listed
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        """The command to run, which is imported now.
+        """Import the command that the arguments begin with; return its name, the command and the other arguments.
 
         Raises:
-            ModelError: there is none of that name, or its app cannot be imported.
+            ModelError: the command is unknown, or its app cannot be imported.
         """
-        name, known = args[0], self.list_commands(ctx)
-        if name not in known:
+        name, names = args[0], self.list_commands(ctx)
+        if name not in names:
             for entry in entry_points(group=GROUP):
                 if entry.name == name and (package := taken_away(entry)):
                     raise ModelError(f"command '{name}' {missing(package)}")
-            raise unknown("command", name, known)
+            raise unknown("command", name, names)
         command = super().get_command(ctx, name) or load(apps()[name])
         return name, with_extensions(command), args[1:]
 
     def invoke(self, ctx: Any) -> None:
-        """Run; what a command returns is not an exit status."""
+        """Run the command and discard its return value, which is not an exit status."""
         super().invoke(ctx)
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """All parameters, `--help` among them; flags show no type."""
+        """Return all parameters with `--help`, flags without a type."""
         return [without_type(each) for each in super().get_params(ctx)]
 
 
 def apps() -> dict[str, EntryPoint]:
-    """The commands of apps by name, without those whose package was deleted."""
+    """Return the entry points of the apps' commands by name, except those of deleted packages."""
     return {entry.name: entry for entry in entry_points(group=GROUP) if not taken_away(entry)}
 
 
@@ -80,21 +94,21 @@ def load(entry: EntryPoint) -> Any:
     """Import the command of an app.
 
     Raises:
-        ModelError: its import fails.
+        ModelError: the import fails.
     """
     try:
         command = typer.main.get_command(as_app(entry.load()))
     except Exception as error:
         raise ModelError(
             f"command '{entry.name}' cannot be loaded from {entry.value}: {type(error).__name__}: {error}",
-            hint="install again the package that brings it",
+            hint="reinstall the package of this command",
         ) from error
     command.name = entry.name
     return command
 
 
 def as_app(command: Any) -> typer.Typer:
-    """Commands of an entry point: an app of typer, or a function that is one command."""
+    """Return the typer app of an entry point, which is an app, or a function that becomes an app of one command."""
     if isinstance(command, typer.Typer):
         return command
     app = typer.Typer(add_completion=False)
@@ -103,23 +117,23 @@ def as_app(command: Any) -> typer.Typer:
 
 
 def placeholder(entry: EntryPoint) -> TyperCommand:
-    """A command that can only be listed, with one line of help, see `summary`."""
+    """Return a command for the list only, whose help is the line of `summary`."""
     return TyperCommand(entry.name, help=summary(entry.module, entry.attr))
 
 
 def summary(module: str, name: str = "") -> str:
-    """The first line of the docstring of a function, or of its module where it is none, read without running either.
+    """Return the first line of a function's docstring, read from the source file without an import.
 
     Args:
-        module: its name.
-        name: of the function.
+        module: name of the module, such as "neuro_sweeps.cli".
+        name: name of the function. If the module has no function of the name, its own docstring is read.
 
     Returns:
-        "" if it cannot be had.
+        the line, or "" if the file has no docstring or cannot be read.
     """
     package, *inside = module.split(".")
     try:
-        spec = find_spec(package)  # that of a module inside would run the package
+        spec = find_spec(package)  # the spec of an inner module would import the package
         assert spec is not None
         folder = spec.submodule_search_locations
         file = Path(next(iter(folder))).joinpath(*inside) if folder else Path(spec.origin or "")
@@ -132,9 +146,9 @@ def summary(module: str, name: str = "") -> str:
 
 
 def with_extensions(command: Any) -> Any:
-    """Return a command, or a group with all its commands, that takes `--with`, and whose help wraps as the screen does.
+    """Add `--with` to a command, or to all commands of a group, and join the lines of each paragraph of the help.
 
-    Paragraphs after the first one keep the line breaks of their docstring in typer's help, in the middle of sentences.
+    Typer joins the lines of the first paragraph only, so later paragraphs would break in the middle of sentences.
     """
     for inner in getattr(command, "commands", {}).values():
         with_extensions(inner)
@@ -148,7 +162,7 @@ def with_extensions(command: Any) -> Any:
 
 
 def without_type(parameter: Any) -> Any:
-    """Return a parameter; if it is a flag, help shows no `<bool>` behind it."""
+    """Return the parameter; the help of a flag shows no `<bool>`."""
     if getattr(parameter, "is_flag", False):
         parameter.metavar = ""
     return parameter
@@ -156,13 +170,13 @@ def without_type(parameter: Any) -> Any:
 
 @cache
 def _option() -> Any:
-    """The option, as typer makes it: eager, so that it comes before all that may name a part."""
+    """Return the option `--with`; the option is eager, so that its files run before other options name their parts."""
     app = typer.Typer(add_completion=False)
-    app.command()(_declared)
+    app.command()(_with_option)
     return next(one for one in typer.main.get_command(app).params if "--with" in one.opts)
 
 
-def _run(context: typer.Context, files: list[Path]) -> list[Path]:
+def _run_extensions(context: typer.Context, files: list[Path]) -> list[Path]:
     from neuro.core.extension import extensions, run_extension
     from neuro.core.system import speaks
 
@@ -170,13 +184,13 @@ def _run(context: typer.Context, files: list[Path]) -> list[Path]:
         if speaks() and str(file.resolve()) not in extensions():
             typer.echo(f"neuro: running {file} (--with)", err=True)
         with warnings.catch_warnings():
-            if context.info_name == "rerun":  # it names a function that a record calls, which needs no registration
+            if context.info_name == "rerun":  # its file may define only a function that the record calls
                 warnings.filterwarnings("ignore", message=".*registers nothing")
             run_extension(file)
     return files
 
 
-def _declared(
+def _with_option(
     files: Annotated[
         list[Path],
         typer.Option(
@@ -184,12 +198,12 @@ def _declared(
             metavar="FILE.py",
             is_eager=True,
             expose_value=False,
-            callback=_run,
-            help="Run a Python file first, whose parts are registered; repeatable.",
+            callback=_run_extensions,
+            help="Python file with models of your own, which is run first; repeatable.",
         ),
     ] = [],  # noqa: B006
 ) -> None:
-    """Declare it."""
+    """Declare `--with`."""
 
 
 COMMANDS = (
@@ -217,9 +231,9 @@ for command in COMMANDS:
 @app.callback(invoke_without_command=True)
 def root(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
-    """Describe a spiking network once; run it on a fast simulator or on an emulated chip."""
+    """Describe a spiking network once; run it on a fast simulator or on emulated chips."""
     if version:
         typer.echo(f"neuro {VERSION}")
     elif context.invoked_subcommand is None:

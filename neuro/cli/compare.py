@@ -1,4 +1,4 @@
-"""Backends side by side: `neuro compare`, and `neuro verify` beside golden traces."""
+"""Comparison of backends with each other and with golden traces: `neuro compare` and `neuro verify`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 BACKENDS = "event,loihi,spinnaker"
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="All figures as JSON.")]
-Rules = Annotated[bool, typer.Option("--rules", help="Show where Loihi 1 and 2 give different integers, nothing else.")]
-Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with pictures, too.")]
+Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="JSON file of all figures.")]
+Rules = Annotated[bool, typer.Option("--rules", help="Print only where the integers of Loihi 1 and Loihi 2 differ.")]
+Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="HTML page with figures and pictures.")]
 
 
 def compare(
@@ -37,7 +37,7 @@ def compare(
     html: Html = None,
     rules: Rules = False,
 ) -> None:
-    """Run a network on several backends and compare spikes, weights, counts and joules with the first."""
+    """Run a network on several backends and compare their spikes, weights, counts and energy with the first one's."""
     from neuro.compare import compare as run
     from neuro.compare.report import PAGE
     from neuro.compare.result import JSON
@@ -57,68 +57,75 @@ def compare(
         page_part = files.enter_context(output(html, PAGE)) if html else None
         json_part = files.enter_context(output(out, JSON)) if out else None
         bar.say("preparing")
-        found = run(net, backends, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
-        write(found, page_part, json_part)
-    print_comparison(found, as_json, [file for file in (out, html) if file])
+        comparison = run(net, backends, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
+        write(comparison, page_part, json_part)
+    print_comparison(comparison, as_json, [file for file in (out, html) if file])
 
 
-def _check_alone(given: dict[str, object]) -> None:
-    """Refuse options for which --rules has no use."""
+def _check_alone(options: dict[str, object]) -> None:
+    """Refuse options that have no effect with --rules."""
     from neuro.core.errors import ModelError
 
-    if words := [word for word, value in given.items() if value]:
-        raise ModelError(f"{words[0]}: has no use beside --rules", hint="--json prints the differences as JSON")
+    if names := [name for name, value in options.items() if value]:
+        raise ModelError(f"{names[0]}: has no effect with --rules", hint="--json prints the differences as JSON")
 
 
 def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> None:
-    """Print where the rules of both Loihis differ."""
+    """Print the differences between the integers of Loihi 1 and Loihi 2."""
     from neuro.compare import loihi_rules
 
-    found = loihi_rules(net, duration, seed)
-    typer.echo(json.dumps(asdict(found), indent=2) if as_json else str(found))
+    differences = loihi_rules(net, duration, seed)
+    typer.echo(json.dumps(asdict(differences), indent=2) if as_json else str(differences))
 
 
-def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> None:
-    """Write the files that are asked for."""
+def write(comparison: Comparison, page_part: Path | None, json_part: Path | None) -> None:
+    """Write the HTML page and the JSON file, each unless its path is None."""
     from neuro.compare.report import PAGE, page
     from neuro.compare.result import JSON
 
     if page_part:
-        page_part.write_text(PAGE.seal(page(found)), "utf-8")
+        page_part.write_text(PAGE.seal(page(comparison)), "utf-8")
     if json_part:
-        content = {**found.as_dict(), "provenance": dict(found.record)}
+        content = {**comparison.as_dict(), "provenance": dict(comparison.record)}
         json_part.write_text(JSON.seal(json.dumps(content, indent=2) + "\n"), "utf-8")
 
 
-def print_comparison(found: Comparison, as_json: bool, written: list[Path]) -> None:
-    """Print a comparison, and which files there are."""
+def print_comparison(comparison: Comparison, as_json: bool, files: list[Path]) -> None:
+    """Print a comparison and the paths of the files that were written."""
     from neuro.compare.cells import show
     from neuro.core.tables import console
 
     if as_json:
-        typer.echo(json.dumps(found.as_dict(), indent=2))
+        typer.echo(json.dumps(comparison.as_dict(), indent=2))
         return
-    show(found, console())
-    for out in written:
-        typer.echo(f"{out}: written")
+    show(comparison, console())
+    for path in files:
+        typer.echo(f"{path}: written")
 
 
 def _check_apart(html: Path | None, out: Path | None) -> None:
-    """Refuse to write two things to one file."""
+    """Refuse one file for both the page and the JSON."""
     if html is not None and out is not None and html.resolve() == out.resolve():
         raise typer.BadParameter(f"'{out}' is the page already: expected another name", param_hint="'--out'")
 
 
-Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Golden traces: NAME.json and NAME.npz of each case.")]
+Folder = Annotated[
+    Path, typer.Argument(metavar="FOLDER", help="Folder of golden traces: NAME.json and NAME.npz for each case.")
+]
 Chosen = Annotated[
     str | None,
-    typer.Option("--backend", metavar="NAME", help="What to run on; if not given, the chip of the traces, or event."),
+    typer.Option(
+        "--backend", metavar="NAME", help="Simulator or chip to verify; by default the traces' chip, or event."
+    ),
 ]
 VerifyJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
 def verify(folder: Folder, backend: Chosen = None, as_json: VerifyJson = False) -> None:
-    """Compare a backend with golden traces; the exit status is 1 if a value is wrong."""
+    """Compare a backend with golden traces (stored reference runs).
+
+    The exit status is 1 if a value deviates by more than its limit.
+    """
     from neuro.core.progress import Bar
     from neuro.program.backend import find_backend
     from neuro.testing.verify import verify as compare
@@ -134,12 +141,12 @@ def verify(folder: Folder, backend: Chosen = None, as_json: VerifyJson = False) 
 
 
 def figures_of(result: Result) -> dict[str, Any]:
-    """A result for JSON, which has no infinity: there the error is null."""
+    """Return a result for JSON; an infinite error is null, because JSON has no infinity."""
     return asdict(result) | ({} if math.isfinite(result.error) else {"error": None})
 
 
 def print_results(results: list[Result]) -> None:
-    """Print a row for each quantity of each case, and the sum of it."""
+    """Print a row for each quantity of each case, and the number of cases that agree."""
     from neuro.core.tables import console, table
 
     columns = ("case", "quantity", ">deviation", ">accepted", "", "")
@@ -148,5 +155,5 @@ def print_results(results: list[Result]) -> None:
     ]
     console().print(table(columns, rows))
     cases = {result.case for result in results}
-    wrong = {result.case for result in results if not result.ok}
-    typer.echo(f"{len(cases) - len(wrong)} of {len(cases)} cases agree")
+    failed_cases = {result.case for result in results if not result.ok}
+    typer.echo(f"{len(cases) - len(failed_cases)} of {len(cases)} cases agree")

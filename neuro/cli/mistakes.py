@@ -1,4 +1,4 @@
-"""Telling users their mistakes: one message on stderr, exit status 2, no traceback."""
+"""Errors and warnings on the command line: a user's error is one message on stderr and exit status 2."""
 
 from __future__ import annotations
 
@@ -24,18 +24,23 @@ UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no publ
 
 @contextmanager
 def telling() -> Iterator[None]:
-    """Turn the mistakes of users that are raised inside into a message and exit status 2, and warnings into lines."""
+    """Print each user's error and warning of the block as a message; an error exits with status 2, without a traceback.
+
+    An exception that is not a user's error is raised again.
+    """
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _tell
             yield
-            if sys.stdout is not None:  # it was not closed before the start
+            if sys.stdout is not None:  # None: the shell closed it before the start
                 sys.stdout.flush()
-    except BrokenPipeError:  # the reader, say `head`, has seen enough
+    except BrokenPipeError:  # the reader of the pipe, e.g. `head`, has ended
         _give_up_output()
         sys.exit(1)
     except Exception as error:
-        message = _of_output(error) if (told := mistake(error)) is None else told
+        message = mistake(error)
+        if message is None:
+            message = _output_error(error)
         if message is None:
             raise
         if message and speaks():
@@ -47,13 +52,13 @@ def telling() -> Iterator[None]:
 
 @contextmanager
 def listed_approximations() -> Iterator[None]:
-    """Print warnings with their lists, such as the differences of a rule on a chip."""
-    tell = warnings.showwarning
+    """Print warnings in full, including lists such as a rule's differences on a chip."""
+    previous = warnings.showwarning
     warnings.showwarning = lambda message, *more, **named: _print_warning(str(message))
     try:
         yield
     finally:
-        warnings.showwarning = tell
+        warnings.showwarning = previous
 
 
 @contextmanager
@@ -67,19 +72,19 @@ def counted_approximations(backend: str, command: str) -> Iterator[None]:
     from neuro.run.compiled import ApproximationWarning
 
     approximations: list[str] = []
-    tell = warnings.showwarning
+    previous = warnings.showwarning
 
     def count(message: Warning | str, category: type[Warning], *more: Any, **named: Any) -> None:
         if issubclass(category, ApproximationWarning):
             approximations.append(str(message))
         else:
-            tell(message, category, *more, **named)
+            previous(message, category, *more, **named)
 
     warnings.showwarning = count
     try:
         yield
     finally:
-        warnings.showwarning = tell
+        warnings.showwarning = previous
     if approximations and speaks():
         from neuro.core.errors import some
 
@@ -90,13 +95,13 @@ def counted_approximations(backend: str, command: str) -> Iterator[None]:
 
 
 def _give_up_output() -> None:
-    """Throw away what could not be printed, which would be tried again at the end."""
+    """Send the rest of standard output to the null device; otherwise Python would flush it again at exit."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _of_output(error: Exception) -> str | None:
-    """What to report where standard output cannot be written, as on a full disk; None if it is something else."""
+def _output_error(error: Exception) -> str | None:
+    """Return the message for a failed write to standard output, e.g. on a full disk; None for other errors."""
     if not isinstance(error, OSError) or error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
         return None
     _give_up_output()
@@ -104,12 +109,12 @@ def _of_output(error: Exception) -> str | None:
 
 
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
-    """Print a warning for the user, without the place in our sources that raised it, and without its list."""
+    """Print a warning without the line of code that raised it; a list in the warning is replaced by its length."""
     _print_warning(_LIST.sub(_number_of_items, str(message)))
 
 
 def _number_of_items(items: re.Match[str]) -> str:
-    """Return the number of items in the list of a chip's differences, and where the list is printed."""
+    """Return the number of items in a list of differences, and the command that prints the list."""
     return f" {items[0].count(_ITEM)}, listed by neuro fit"
 
 
@@ -121,7 +126,7 @@ def _print_warning(text: str) -> None:
 
 
 def mistake(error: Exception) -> str | None:
-    """The message for the user; None if the error is a bug of ours."""
+    """Return the message for a user's error; None if the exception is a bug in neuro."""
     from neuro.core.errors import ModelError
 
     if isinstance(error, ModelError):
@@ -136,7 +141,7 @@ def mistake(error: Exception) -> str | None:
 
 
 def _usage(context: Any) -> str:
-    """How a command is called."""
+    """Return the usage of a command, e.g. "neuro run FILE [OPTIONS]"."""
     pieces = context.command.collect_usage_pieces(context)
     return " ".join(
         [context.command_path, *(piece.strip("{}") for piece in pieces if piece != "[OPTIONS]"), "[OPTIONS]"]
@@ -144,7 +149,7 @@ def _usage(context: Any) -> str:
 
 
 def _unknown_option(name: str, context: Any) -> str:
-    """The message for an option that a command does not have, with the nearest that it has."""
+    """Return the message for an unknown option, with the most similar options of the command."""
     from neuro.core.hints import alike
 
     known = [word.lstrip("-") for one in context.command.params for word in one.opts if word.startswith("--")]
@@ -154,7 +159,7 @@ def _unknown_option(name: str, context: Any) -> str:
 
 
 def usage(error: Exception) -> str:
-    """The message of a misused option, and where to read more; "" where the help of a group was printed instead."""
+    """Return the message for a wrong option or argument, with a hint; "" if the help of a group was printed instead."""
     text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
     if not text:
         return ""

@@ -1,4 +1,4 @@
-"""Options that several commands share, and what their text may be."""
+"""Options that several commands share, and the parsers of their values."""
 
 from __future__ import annotations
 
@@ -17,20 +17,29 @@ from neuro.core.progress import Bar
 
 
 @contextmanager
-def stoppable(left: str | Callable[[], str]) -> Iterator[Bar]:
-    """A bar; Ctrl-C takes it away, reports what is left of the work, and ends with status 130."""
+def stoppable(outcome: str | Callable[[], str]) -> Iterator[Bar]:
+    """Show a progress bar during the block; Ctrl-C removes the bar, prints the outcome and exits with status 130.
+
+    Args:
+        outcome: state of the files after an interrupt, such as "out.h5 is not written", or a function that returns it.
+            Notes of the exception are printed instead.
+    """
     with Bar() as bar:
         try:
             yield bar
         except KeyboardInterrupt as error:
             bar.stop()
             notes = getattr(error, "__notes__", ())
-            typer.echo(f"interrupted: {'; '.join(notes) or (left if isinstance(left, str) else left())}", err=True)
+            text = "; ".join(notes) or (outcome if isinstance(outcome, str) else outcome())
+            typer.echo(f"interrupted: {text}", err=True)
             raise typer.Exit(130) from None
 
 
 def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
-    """Refuse options and arguments of these names that were given, since they do nothing without what they need."""
+    """Raise an error if the command line has one of the named options, which have no effect without `needs`.
+
+    Example: ``refuse_unused(context, "a network with a world", "steps")`` refuses `--steps` for other networks.
+    """
     from neuro.core.errors import ModelError
 
     for each in context.command.params:
@@ -40,7 +49,7 @@ def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
 
 
 def group(name: str, about: str) -> typer.Typer:
-    """A command that has commands of its own, and without one of them prints its help."""
+    """Return a command with subcommands; without a subcommand, the command prints its help."""
     app = typer.Typer(name=name, add_completion=False, pretty_exceptions_enable=False)
 
     @app.callback(invoke_without_command=True, help=about)
@@ -52,11 +61,11 @@ def group(name: str, about: str) -> typer.Typer:
 
 
 def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command options for the fields of the settings that it takes, and call it with the settings.
+    """Replace each argument of a command that is a dataclass of settings by options for the fields of the dataclass.
 
     ``def train(file: Path, plan: TrainingPlan)`` gets an option for each field of `TrainingPlan` that `setting` made
-    with ``option=``: its value on the command line, its help from the meaning, its default. Other
-    dataclasses make their fields by `option`. All are passed by name.
+    with ``option=``. The option has the placeholder, the description and the default of the field. Fields of other
+    dataclasses are made by `option`. The command receives all arguments by name.
     """
     settings: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
@@ -70,14 +79,14 @@ def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
             parameters.append(each.replace(kind=each.KEYWORD_ONLY, annotation=kind))
 
     @wraps(command)
-    def called(**values: Any) -> Any:
+    def wrapper(**values: Any) -> Any:
         for name, kind in settings.items():
             values[name] = kind(**{option.name: values.pop(option.name) for option in _options_of(kind)})
         return command(**values)
 
-    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    called.__annotations__ = {each.name: each.annotation for each in parameters}
-    return called
+    wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    wrapper.__annotations__ = {each.name: each.annotation for each in parameters}
+    return wrapper
 
 
 def option(
@@ -88,13 +97,13 @@ def option(
     panel: str | None = None,
     **more: Any,
 ) -> Any:
-    """Make a field of a dataclass that `with_settings` gives an option.
+    """Return a field of a dataclass that `with_settings` turns into an option.
 
     Args:
-        words: name and placeholder of the option, such as "--for MS"; the name alone of a flag.
-        doc: its help.
-        default: its value if it is not given.
-        parser: makes a value of its text.
+        words: name and placeholder of the option, such as "--for MS"; a flag has only a name.
+        doc: help of the option.
+        default: value without the option.
+        parser: function that converts the text of the value.
         panel: heading of the group in the command's help; None for "Options".
         more: other metadata of the field.
     """
@@ -104,24 +113,24 @@ def option(
 
 
 def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
-    """Return the options of settings: a parameter of a command for each field that has an option."""
-    types, options = get_type_hints(kind), []
-    for one in fields(kind):
-        value: Any = list[str] if isinstance(one.default, tuple) else types[one.name]
-        words = one.metadata.get("typer")
-        if text := one.metadata.get("option"):
+    """Return a parameter of a command for each field of the settings that has an option."""
+    types, parameters = get_type_hints(kind), []
+    for each in fields(kind):
+        value_type: Any = list[str] if isinstance(each.default, tuple) else types[each.name]
+        option_info = each.metadata.get("typer")
+        if text := each.metadata.get("option"):
             *names, metavar = text.split()
-            doc = one.metadata["quantity"].doc
-            words = typer.Option(*names, metavar=metavar, help=f"{doc[0].upper()}{doc[1:]}.")
-        if words is not None:
-            annotation: Any = Annotated[value, words]
-            parameter = inspect.Parameter
-            options.append(parameter(one.name, parameter.KEYWORD_ONLY, default=one.default, annotation=annotation))
-    return options
+            doc = each.metadata["quantity"].doc
+            option_info = typer.Option(*names, metavar=metavar, help=f"{doc[0].upper()}{doc[1:]}.")
+        if option_info is not None:
+            annotation: Any = Annotated[value_type, option_info]
+            keyword_only = inspect.Parameter.KEYWORD_ONLY
+            parameters.append(inspect.Parameter(each.name, keyword_only, default=each.default, annotation=annotation))
+    return parameters
 
 
 def milliseconds(text: str) -> float:
-    """A time > 0 ms: a number, or one with its unit."""
+    """Parse a time > 0, such as "20" (ms) or "0.5 s"; return ms."""
     from neuro.core.errors import ModelError
     from neuro.core.units import converted, is_measure
 
@@ -138,7 +147,7 @@ def milliseconds(text: str) -> float:
 
 
 def moment(text: str) -> float:
-    """A point in time in ms: a number, or one with its unit."""
+    """Parse a point in time, such as "20" (ms) or "0.5 s"; return ms."""
     from neuro.core.errors import ModelError
     from neuro.core.quantities import in_ms
 
@@ -151,7 +160,7 @@ def moment(text: str) -> float:
 
 
 def whole(text: str, least: int) -> int:
-    """A whole number >= least."""
+    """Parse a whole number >= least."""
     try:
         number = int(text)
     except ValueError:
@@ -163,34 +172,37 @@ def whole(text: str, least: int) -> int:
 
 @contextmanager
 def resumable() -> Iterator[None]:
-    """Say where work is interrupted that it is kept, and leave with status 130."""
+    """On Ctrl-C during the block, print that the command can be resumed and exit with status 130."""
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
+        typer.echo("interrupted: run the same command again to resume", err=True)
         raise typer.Exit(130) from None
 
 
 def listed(text: str) -> list[str]:
-    """Names with commas between them, each once."""
+    """Parse different names with commas between them."""
     names = [name.strip() for name in text.split(",") if name.strip()]
     if not names or len(set(names)) < len(names):
-        raise typer.BadParameter(f"'{text}': expected names with commas between them, each once")
+        raise typer.BadParameter(f"'{text}': expected different names with commas between them")
     return names
 
 
 def at_least(least: int) -> Callable[[str], int]:
-    """Return a parser of whole numbers that are not less."""
+    """Return a parser of whole numbers >= least."""
     return lambda text: whole(text, least)
 
 
 def seeds(text: str) -> tuple[int, ...]:
-    """Whole numbers >= 0 with commas between them."""
+    """Parse whole numbers >= 0 with commas between them."""
     return tuple(whole(part, 0) for part in text.split(","))
 
 
 def assignments(texts: list[str]) -> dict[str, Any]:
-    """Parameters from `name=value` texts; a value is read as in the YAML file."""
+    """Parse texts `name=value` into parameters; values are read as in a network file.
+
+    Example: ``["w=1e-3", "delay=2 ms"]`` gives ``{"w": 0.001, "delay": "2 ms"}``.
+    """
     import yaml
 
     values: dict[str, Any] = {}
@@ -201,12 +213,12 @@ def assignments(texts: list[str]) -> dict[str, Any]:
         try:
             values[name] = number(yaml.safe_load(value))
         except yaml.YAMLError:
-            raise typer.BadParameter(f"'{text}': its value is not YAML", param_hint="'--set'") from None
+            raise typer.BadParameter(f"'{text}': expected a value in YAML", param_hint="'--set'") from None
     return values
 
 
 def number(value: Any) -> Any:
-    """The number that a word such as 1e-3 is everywhere but in YAML 1.1; anything else as it is."""
+    """Convert a text such as "1e-3", which YAML 1.1 does not read as a number; return other values unchanged."""
     try:
         return float(value) if isinstance(value, str) and value[-1:].isdigit() else value
     except ValueError:
@@ -214,35 +226,42 @@ def number(value: Any) -> Any:
 
 
 def network(text: str) -> Path:
-    """A file, or that of a published network by its name; a file of that name comes first."""
+    """Return the path of a network file, or of a published network; an existing file of the name has precedence."""
     from neuro.core.hints import near
     from neuro.model.language.including import published
 
     path = Path(text)
     if path.suffix or path.exists():
         return path
-    known = published()
-    if text not in known and (hint := near(text, known)):
+    files = published()
+    if text not in files and (hint := near(text, files)):
         raise typer.BadParameter(f"'{text}': no such file, and no published network of that name: {hint}")
-    return known.get(text, path)
+    return files.get(text, path)
 
 
 NetworkFile = Annotated[
-    Path, typer.Argument(metavar="FILE", parser=network, help="A network, as YAML, or the name of a published one.")
+    Path, typer.Argument(metavar="FILE", parser=network, help="Network file (YAML), or name of a published network.")
 ]
-Set = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="Override a parameter; repeatable.")]
+Set = Annotated[
+    list[str],
+    typer.Option(
+        "--set", metavar="NAME=VALUE", help="Parameter of the network, instead of the file's value; repeatable."
+    ),
+]
 Backend = Annotated[
-    str, typer.Option("--backend", metavar="NAME", help="What to run on: see 'neuro backends'; or a chip's table.")
+    str, typer.Option("--backend", metavar="NAME", help="Simulator or chip of 'neuro backends', or a chip's table.")
 ]
 Backends = Annotated[
     Any,
     typer.Option(
-        "--backends", metavar="A,B,...", parser=listed, help="What to run on; others are compared with the first."
+        "--backends", metavar="A,B,...", parser=listed, help="Simulators and chips; the first is the reference."
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of everything random.")]
-Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
-Steps = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Control steps in its world.")]
-Until = Annotated[float | None, typer.Option(metavar="R", help="Mean return of 100 episodes to stop at.")]
-NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, and open no browser.")]
-Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Threads to compute with.")]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of all random numbers.")]
+Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="Simulated time in ms.")]
+Steps = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Most control steps in the world.")]
+Until = Annotated[
+    float | None, typer.Option(metavar="R", help="Mean return of the last 100 episodes at which learning ends.")
+]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page without opening it.")]
+Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Number of threads.")]

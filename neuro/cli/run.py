@@ -1,4 +1,4 @@
-"""A network run, and what it left shown: `neuro run`, `plot` and `report`."""
+"""Running a network, and pictures and pages of its results: `neuro run`, `plot` and `report`."""
 
 from __future__ import annotations
 
@@ -43,22 +43,28 @@ if TYPE_CHECKING:
     from neuro.model.views import View
     from neuro.run.simulation import Simulation
 
-Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
-ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
-AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
-Episodes = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Episodes in its world.")]
-Frozen = Annotated[bool, typer.Option("--frozen", help="Act in its world without learning.")]
-CopiesOf = Annotated[int, typer.Option("--copies", metavar="N", parser=at_least(1), help="Worlds side by side.")]
-Pace = Annotated[
-    float | None, typer.Option("--pace", metavar="X", help="Times real time in its world; else as fast as it can.")
+Record = Annotated[
+    list[str], typer.Option(metavar="NAME", help="Population whose spikes are written, instead of all; repeatable.")
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that was interrupted or killed.")]
+ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file of the results.")]
+AllWeights = Annotated[
+    bool, typer.Option("--all-weights", help="Write static weights also of projections above a million synapses.")
+]
+Episodes = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Most episodes in the world.")]
+Frozen = Annotated[bool, typer.Option("--frozen", help="Act in the world without learning.")]
+CopiesOf = Annotated[
+    int, typer.Option("--copies", metavar="N", parser=at_least(1), help="Number of worlds that run side by side.")
+]
+Pace = Annotated[
+    float | None, typer.Option("--pace", metavar="X", help="Multiple of real time in the world; by default no limit.")
+]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was interrupted or killed.")]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", help="List all approximations of the backend, not only their number.")
+    bool, typer.Option("--verbose", help="Print each approximation of the backend, instead of their number.")
 ]
 SaveFrozen = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Also write the network in YAML with what it has learnt, as static synapses."),
+    typer.Option(metavar="FILE", help="YAML file of the network with its learnt weights as static synapses."),
 ]
 
 
@@ -83,9 +89,9 @@ def run(
     save_frozen: SaveFrozen = None,
     verbose: Verbose = False,
 ) -> None:
-    """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file.
+    """Run a network and write spikes, traces, weights and the network itself to one HDF5 file.
 
-    A network with a world acts there and learns until --for, --steps, --episodes or --until, whichever comes first.
+    A network with a world acts and learns there until --for, --steps, --episodes or --until, whichever is first.
     """
     from neuro.core.clock import Clock
     from neuro.core.outputs import check_output
@@ -96,7 +102,7 @@ def run(
     from neuro.model.language.writer import check_network_file
     from neuro.run.compiled import compile as compiled
 
-    together(backend)
+    share_among_processes(backend)
     net = load(file, params=assignments(set))
     keep_spikes(net, record)
     check_output(out, KIND)
@@ -105,50 +111,54 @@ def run(
     if net.world_section is not None:
         from neuro.cli.world import run_world, summary
 
-        given = context.get_parameter_source("duration")
-        if (given is not None and given.name == "COMMANDLINE") or (steps, episodes, until) == (None, None, None):
-            asked = max(1, math.ceil(duration / net.world_section.step - 1e-9))
-            steps = asked if steps is None else min(steps, asked)
+        source = context.get_parameter_source("duration")
+        if (source is not None and source.name == "COMMANDLINE") or (steps, episodes, until) == (None, None, None):
+            steps_of_duration = max(1, math.ceil(duration / net.world_section.step - 1e-9))
+            steps = steps_of_duration if steps is None else min(steps, steps_of_duration)
         ends: dict[str, Any] = {"steps": steps, "episodes": episodes, "until": until}
-        words: dict[str, Any] = {"record": record, "all_weights": all_weights, "save_frozen": save_frozen}
-        acts: dict[str, Any] = {"backend": backend, "seed": seed, "threads": threads, "copies": copies, "pace": pace}
-        words["compiling"] = partial(approximations, file, backend, verbose)
-        results, loop = run_world(net, out, ends=ends, frozen=frozen, resume=resume, **words, **acts)
+        outputs: dict[str, Any] = {"record": record, "all_weights": all_weights, "save_frozen": save_frozen}
+        loop_settings: dict[str, Any] = {"backend": backend, "seed": seed, "threads": threads}
+        loop_settings |= {"copies": copies, "pace": pace}
+        compiling = partial(approximations, file, backend, verbose)
+        results, loop = run_world(
+            net, out, ends=ends, frozen=frozen, resume=resume, compiling=compiling, **outputs, **loop_settings
+        )
         print_results(results, out)
         typer.echo(summary(loop.log))
-        tell_joules(loop.sim, "control step of the last block", round(loop.sim.time / net.world_section.step))
+        print_energy(loop.sim, "control step of the last block", round(loop.sim.time / net.world_section.step))
         if (account := loop.account) is not None:
             typer.echo(f"{account.misses:,} of {account.ticks:,} steps late; due to done: {account.response}", err=True)
         return
     refuse_unused(context, "a network with a world", "steps", "episodes", "until", "frozen", "copies", "pace", "resume")
     ticks = Clock(net.resolution).step(duration, "--for")
-    with stoppable(lambda: _left_of(out)) as bar:
+    with stoppable(lambda: _state_of_output(out)) as bar:
         bar.say("preparing")
         with approximations(file, backend, verbose):
             sim = compiled(net, backend=backend, seed=seed, threads=threads)
-        words = {"threads": threads, "record": record, "all_weights": all_weights}
-        began = time.perf_counter()
+        outputs = {"threads": threads, "record": record, "all_weights": all_weights}
+        start_s = time.perf_counter()
         if shared() or (out.exists() and not out.is_file()):
-            results, first_s = _at_the_end(sim, net, ticks, bar, out, words)
+            results, first_s = _run_then_write(sim, net, ticks, bar, out, outputs)
         else:
-            with sim.record_to(out, **words):
+            with sim.record_to(out, **outputs):
                 first_s = advance(sim, ticks, bar)
                 bar.say("writing")
             results = read(out)
-        taken = time.perf_counter() - began - first_s
-        silent = silent_inputs(sim)
+        elapsed_s = time.perf_counter() - start_s - first_s
+        silent_generators = silent_inputs(sim)
         if save_frozen is not None:
             sim.network(frozen=True).save(save_frozen)
     if speaks():
         print_results(results, out)
-        tell_silence(silent)
-        tell_joules(sim)
-        # What differs from run to run is not among what can be compared.
-        typer.echo(f"{duration:g} ms took {taken:.3g} s, {taken * 1000.0 / duration:.3g} x its own time", err=True)
+        warn_of_silence(silent_generators)
+        print_energy(sim)
+        # Standard output is the same for equal runs, so the time goes to standard error.
+        real_time_factor = elapsed_s * 1000.0 / duration
+        typer.echo(f"{duration:g} ms simulated in {elapsed_s:.3g} s: real-time factor {real_time_factor:.3g}", err=True)
 
 
 def approximations(file: Path | str, backend: str, verbose: bool) -> AbstractContextManager[None]:
-    """Return a context in which a network is compiled and the backend's approximations are counted, or listed."""
+    """Return a context that prints each approximation of the backend during compilation, or only their number."""
     from neuro.chips.known import CHIPS, is_table
 
     if verbose:
@@ -158,13 +168,16 @@ def approximations(file: Path | str, backend: str, verbose: bool) -> AbstractCon
     return counted_approximations(backend, shlex.join(["neuro", *command, backend]))
 
 
-def _at_the_end(
-    sim: Simulation, net: Network, steps: int, bar: Bar, out: Path, words: dict[str, Any]
+def _run_then_write(
+    sim: Simulation, net: Network, steps: int, bar: Bar, out: Path, outputs: dict[str, Any]
 ) -> tuple[Results, float]:
-    """Run, and write all at once, into a pipe or by one of several processes, which may be killed untidily.
+    """Run the network, then write all results at once.
+
+    A pipe cannot be written piece by piece. Of several processes one writes, and any may be killed during the run.
 
     Returns:
-        the results, of several processes without weights, and what `advance` gives.
+        the results, without weights in the processes that do not write, and the time of the first steps from
+        `advance`, in s.
     """
     from neuro.core.outputs import output
     from neuro.core.progress import advance
@@ -175,14 +188,14 @@ def _at_the_end(
     first_s = advance(sim, steps, bar)
     bar.say("writing")
     if not shared():
-        results = collect(sim, net, **words)
+        results = collect(sim, net, **outputs)
         with output(out, KIND) as part:
             write(results, part)
         return results, first_s
-    results = collect(sim, net, **words, weights=False)
-    weights = all_weights_of(sim, words["all_weights"])
+    results = collect(sim, net, **outputs, weights=False)
+    weights = all_weights_of(sim, outputs["all_weights"])
     if not speaks():
-        for _ in weights:  # each process has some of them, which it gives to the others
+        for _ in weights:  # each step sends this process's weights to the process that writes
             pass
         return results, first_s
     with output(out, KIND) as part:
@@ -190,15 +203,18 @@ def _at_the_end(
     return read(out), first_s
 
 
-def _left_of(out: Path) -> str:
-    """What an interrupted run has left."""
+def _state_of_output(out: Path) -> str:
+    """Describe the results that an interrupted run has written."""
     from neuro.files.results import recorded_in, unfinished
 
     return recorded_in(unfinished(out)) or f"{out} is not written"
 
 
-def together(backend: str) -> None:
-    """Let the processes of mpirun share the network where the backend can; one of them cleans up at the end."""
+def share_among_processes(backend: str) -> None:
+    """Distribute the network over the processes of mpirun if the backend supports this.
+
+    SIGTERM then ends a process by `SystemExit`, so that its unfinished files are deleted.
+    """
     import signal
 
     from neuro.core.system import processes, share
@@ -209,13 +225,13 @@ def together(backend: str) -> None:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
 
-def tell_joules(sim: Simulation, of: str = "", parts: int = 1) -> None:
-    """Print what the run takes on the chip that its backend emulates, in a line.
+def print_energy(sim: Simulation, of: str = "", parts: int = 1) -> None:
+    """Print one line with the energy and time of the run on the chip that the backend emulates, if it emulates one.
 
     Args:
-        sim: after its run.
-        of: one of the equal parts that the run has, such as "control step"; of the whole run if empty.
-        parts: how many.
+        sim: the simulation, after its run.
+        of: unit that the figures are per, such as "control step"; the whole run if empty.
+        parts: number of these units in the run.
     """
     from neuro.chips.known import CHIPS
     from neuro.core.errors import ModelError
@@ -229,21 +245,26 @@ def tell_joules(sim: Simulation, of: str = "", parts: int = 1) -> None:
 
 
 def silent_inputs(sim: Simulation) -> list[str]:
-    """The generators of spikes, if there are some and none of them has emitted any."""
+    """Return the names of the spike generators if none of them has emitted a spike, or else an empty list."""
     counts = sim.counts().populations
     inputs = [part.name for part in sim.program.populations if part.kind not in ("neuron", "current")]
     return [] if any(counts[name].spikes for name in inputs) else inputs
 
 
-def tell_silence(inputs: list[str]) -> None:
-    """Warn that what was counted, and is priced, is the network without input."""
+def warn_of_silence(inputs: list[str]) -> None:
+    """Warn that the counts and the energy are those of a network without input, if there are silent inputs."""
     if inputs:
-        message = f"the input emitted no spike ({', '.join(inputs)}): these are the figures of a network without input"
-        typer.echo(f"warning: {message}\n  hint: give it spikes or rates; a program may inject them", err=True)
+        message = f"no input emitted a spike ({', '.join(inputs)}): all figures are of a network without input"
+        hint = "set spikes or rates of the generators, or inject spikes from a program"
+        typer.echo(f"warning: {message}\n  hint: {hint}", err=True)
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:
-    """Ask for the spikes of the named populations; those of some generators are not kept of themselves."""
+    """Add probes for the spikes of the named generators, whose spikes are not recorded by default.
+
+    Raises:
+        ModelError: a population is unknown, or emits no spikes.
+    """
     from neuro.core.errors import ModelError, Where, a, unknown
     from neuro.model.neurons import CurrentGenerator, Generator
 
@@ -261,27 +282,26 @@ def keep_spikes(net: Network, names: list[str]) -> None:
 
 
 def print_results(results: Results, out: Path) -> None:
-    """Print rates, weights that learnt, what was recorded, and what to do next."""
+    """Print the rates, the learnt weights, the recorded quantities and the next commands."""
     from neuro.core.tables import console, table
 
     columns = ("population", "model", ">neurons", ">spikes", ">rate Hz")
     console().print(table(columns, rates(results)))
-    learnt = list(weights(results))
-    if learnt:
-        console().print(table(("projection", "synapse", ">synapses", ">weight", ">SD", ">from", ">to"), learnt))
+    if weight_rows := list(weights(results)):
+        console().print(table(("projection", "synapse", ">synapses", ">weight", ">SD", ">from", ">to"), weight_rows))
     typer.echo(recorded(results))
-    left_out = [name for name, part in results.projections.items() if part.weight is None and not part.drawn_by]
-    if left_out:
-        typer.echo(f"left out the static weights of {', '.join(left_out)}; --all-weights keeps them")
-    if drawn := [name for name, part in results.projections.items() if part.drawn_by]:
-        typer.echo(f"drawn by the backend, and without weights: the synapses of {', '.join(drawn)}")
+    omitted = [name for name, part in results.projections.items() if part.weight is None and not part.drawn_by]
+    if omitted:
+        typer.echo(f"static weights not written: {', '.join(omitted)}; --all-weights writes them")
+    if undisclosed := [name for name, part in results.projections.items() if part.drawn_by]:
+        typer.echo(f"weights not written, because the backend drew the synapses: {', '.join(undisclosed)}")
     typer.echo(f"{out}: {results.duration_ms:g} ms")
     if any(part.recorded for part in results.populations.values()) or results.traces:
         typer.echo(f"next: neuro plot {shlex.quote(str(out))}, or neuro report {shlex.quote(str(out))}")
 
 
 def rates(results: Results) -> Iterator[tuple[str, ...]]:
-    """A row for each population."""
+    """Yield a row for each population: name, model, neurons, spikes and rate."""
     from neuro.files.results import spike_columns
 
     for name, train in results.populations.items():
@@ -289,25 +309,26 @@ def rates(results: Results) -> Iterator[tuple[str, ...]]:
 
 
 def weights(results: Results) -> Iterator[tuple[str, ...]]:
-    """A row for each projection whose weights have changed: their mean, standard deviation and bounds at the end."""
+    """Yield a row for each projection that learnt: number, mean, standard deviation and range of the weights."""
     for name, part in results.projections.items():
         if part.weight is not None and part.weight.size and part.counts["learning_updates"]:
-            w = part.weight
-            spread = w.std() if w.min() < w.max() else 0.0  # of equal weights, rounding of the mean would show
-            figures = (f"{value:.4g}" for value in (w.mean(), spread, w.min(), w.max()))
-            yield name, part.synapse, f"{w.size:,}", *figures
+            weight = part.weight
+            low, high = weight.min(), weight.max()
+            spread = weight.std() if low < high else 0.0  # std of equal weights is not exactly 0
+            figures = (f"{value:.4g}" for value in (weight.mean(), spread, low, high))
+            yield name, part.synapse, f"{weight.size:,}", *figures
 
 
 def recorded(results: Results) -> str:
-    """What was recorded, in a line."""
+    """Return a line with the recorded spikes and states."""
     spikes = [name for name, part in results.populations.items() if part.recorded]
     parts = [f"spikes of {', '.join(spikes)}"] if spikes else []
-    parts += [f"{name} ({what(part)})" for name, part in results.traces.items()]
+    parts += [f"{name} ({trace_text(part)})" for name, part in results.traces.items()]
     return f"recorded: {'; '.join(parts) or 'nothing'}"
 
 
-def what(trace: Trace) -> str:
-    """What a probe recorded, in a few words."""
+def trace_text(trace: Trace) -> str:
+    """Describe the recording of a probe, e.g. "V_m of 3 neurons at 1,000 times"."""
     from neuro.core.errors import some
 
     of, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
@@ -319,28 +340,37 @@ def what(trace: Trace) -> str:
 
 
 class PictureFormat(StrEnum):
-    """Formats of pictures."""
+    """Picture formats."""
 
     png = "png"
     pdf = "pdf"
     svg = "svg"
 
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="Results that 'neuro run' wrote.")]
-Folder = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; beside FILE if not given.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="Results of 'neuro run'.")]
+Folder = Annotated[
+    Path | None, typer.Option("--out", metavar="FOLDER", help="Folder of the pictures; by default the folder of FILE.")
+]
 Between = Annotated[
-    tuple[str, str] | None, typer.Option("--between", metavar="BEGIN END", help="Only this stretch, in ms.")
+    tuple[str, str] | None,
+    typer.Option("--between", metavar="BEGIN END", help="Interval to draw, in ms; by default the whole run."),
 ]
 Of = Annotated[
     list[str],
     typer.Option(
         "--of",
         metavar="NAME",
-        help="Only this population, or some of its neurons: 'exc[:100]', 'grid[2:4, :]', 'exc[[3, 7]]'; repeatable.",
+        help="Population, or some of its neurons such as 'exc[:100]', 'grid[2:4, :]' or 'exc[[3, 7]]', instead of all; "
+        "repeatable.",
     ),
 ]
-Bin = Annotated[float | None, typer.Option("--bin", metavar="MS", parser=milliseconds, help="Bins of the rates.")]
-InFormat = Annotated[PictureFormat, typer.Option("--format", metavar="png|pdf|svg", help="Of the pictures.")]
+Bin = Annotated[
+    float | None,
+    typer.Option(
+        "--bin", metavar="MS", parser=milliseconds, help="Bin width of the rates in ms; by default a round one."
+    ),
+]
+InFormat = Annotated[PictureFormat, typer.Option("--format", metavar="png|pdf|svg", help="Format of the pictures.")]
 
 
 def plot(
@@ -351,37 +381,39 @@ def plot(
     bin: Bin = None,
     format: InFormat = PictureFormat.png,
 ) -> None:
-    """Draw the spikes, rates and traces of a run as pictures."""
+    """Draw pictures of a run: spikes, rates and traces."""
     from neuro import plots
     from neuro.core.errors import ModelError
     from neuro.files.results import read
     from neuro.model.views import View, view_of_text
 
     results = read(file)
-    stretch = None if between is None else tuple(moment(text) for text in between)
-    laid = {name: results.laid(name) for name in results.populations}
-    asked = [view_of_text(text, laid) for text in of]
-    shown = [part if isinstance(part, View) else part.name for part in asked] or None
-    whole = {part.name for part in asked if not isinstance(part, View)}
-    views = [part for part in asked if isinstance(part, View) and part.population.name not in whole]
-    named = {*whole, *(view.population.name for view in views)}
+    window = None if between is None else tuple(moment(text) for text in between)
+    populations = {name: results.laid(name) for name in results.populations}
+    parts = [view_of_text(text, populations) for text in of]
+    selection = [part if isinstance(part, View) else part.name for part in parts] or None
+    whole = {part.name for part in parts if not isinstance(part, View)}
+    views = [part for part in parts if isinstance(part, View) and part.population.name not in whole]
+    names = {*whole, *(view.population.name for view in views)}
     probes = [
-        name for name, trace in results.traces.items() if not of or (trace.population in named and _seen(trace, views))
+        name
+        for name, trace in results.traces.items()
+        if not of or (trace.population in names and _overlaps(trace, views))
     ]
     draw: dict[str, Callable[[], Figure]] = {}
     if of or any(train.recorded for train in results.populations.values()):
-        draw["raster"] = lambda: plots.raster(results, shown, window=stretch)
-        draw["rates"] = lambda: plots.rate(results, shown, bin=bin, window=stretch)
+        draw["raster"] = lambda: plots.raster(results, selection, window=window)
+        draw["rates"] = lambda: plots.rate(results, selection, bin=bin, window=window)
     if probes:
-        draw["traces"] = lambda: plots.trace(results, probes, of=views, window=stretch)
+        draw["traces"] = lambda: plots.trace(results, probes, of=views, window=window)
     if not draw:
-        raise ModelError(f"{file}: holds neither spikes nor traces", hint="'neuro run --record NAME' keeps spikes")
-    drawn = ((f"{file.stem}-{what}", picture()) for what, picture in draw.items())
-    write_pictures(drawn, file.parent if out is None else out, format)
+        raise ModelError(f"{file}: contains neither spikes nor traces", hint="'neuro run --record NAME' records spikes")
+    pictures = ((f"{file.stem}-{kind}", picture()) for kind, picture in draw.items())
+    write_pictures(pictures, file.parent if out is None else out, format)
 
 
 def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: PictureFormat) -> None:
-    """Write pictures by their names into a folder, which is made if it is not there, and report each."""
+    """Write named pictures into a folder and print the path of each; the folder is created if necessary."""
     from neuro.core.outputs import make_folder
     from neuro.core.pictures import write_picture
 
@@ -392,22 +424,24 @@ def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format:
         typer.echo(path)
 
 
-def _seen(trace: Trace, views: Sequence[View]) -> bool:
-    """Whether a trace has neurons of the views of its population, if there are any."""
-    mine = [view for view in views if view.population.name == trace.population]
-    if not mine or trace.single or trace.ids is None:
+def _overlaps(trace: Trace, views: Sequence[View]) -> bool:
+    """Return whether a trace has a neuron in one of the views of its population; without such views, True."""
+    own_views = [view for view in views if view.population.name == trace.population]
+    if not own_views or trace.single or trace.ids is None:
         return True
-    return bool(set(trace.ids.tolist()) & {neuron for view in mine for neuron in view.ids.tolist()})
+    return bool(set(trace.ids.tolist()) & {neuron for view in own_views for neuron in view.ids.tolist()})
 
 
-PageOut = Annotated[Path | None, typer.Option(metavar="FILE", help="The page to write; FILE with .html if not given.")]
-ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="A chip, or a table's file, of the bill.")]
+PageOut = Annotated[Path | None, typer.Option(metavar="FILE", help="HTML page; by default FILE with the ending .html.")]
+ChipName = Annotated[
+    str, typer.Option("--chip", metavar="NAME", help="Chip, or file of a chip's table, whose energy is reported.")
+]
 
 ENDINGS = (".html", ".htm")
 
 
 def report(file: File, out: PageOut = None, chip: ChipName = "loihi") -> None:
-    """Write one page that shows a run: spikes, rates, traces, weights, counts and what a chip would take."""
+    """Write an HTML page about a run: spikes, rates, traces, weights, counts and the energy on a chip."""
     from neuro.chips.known import chip as known
     from neuro.core.errors import ModelError
     from neuro.core.outputs import check_output, output
@@ -417,7 +451,7 @@ def report(file: File, out: PageOut = None, chip: ChipName = "loihi") -> None:
     path = file.with_suffix(".html") if out is None else out
     check_output(path, PAGE)
     if path.suffix.lower() not in ENDINGS:
-        raise ModelError(f"--out {path}: a report is a page of HTML: expected a name ending in .html")
+        raise ModelError(f"--out {path}: expected a name ending in .html")
     known(chip)
     results = read(file)
     with output(path, PAGE) as part:

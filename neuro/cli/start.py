@@ -1,4 +1,4 @@
-"""What the package ships: folders to start from (`neuro new`) and files of the pages (`neuro example`)."""
+"""Templates of folders (`neuro new`) and the example files of the documentation (`neuro example`)."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from typing import Annotated
 import typer
 
 
-def shipped(what: str) -> dict[str, Traversable]:
-    """What there is of a kind, by name.
+def shipped(kind: str) -> dict[str, Traversable]:
+    """Return the templates or the examples of this package by name.
 
     Args:
-        what: "templates", which are folders, or "examples", which are files.
+        kind: "templates", which are folders, or "examples", which are files.
     """
-    return by_name(files("neuro.cli").joinpath(what))
+    return by_name(files("neuro.cli").joinpath(kind))
 
 
 def by_name(folder: Traversable) -> dict[str, Traversable]:
-    """What lies in a folder, but for what Python leaves there."""
+    """Return the files and folders in a folder by name, except `__pycache__`."""
     entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
     return {entry.name: entry for entry in entries if entry.name != "__pycache__"}
 
 
 def about(file: Traversable) -> str:
-    """What a network says of itself in its first line, a comment, or a script in its docstring."""
+    """Return the first sentence of a file: of a network's leading comment, or of a script's docstring."""
     first = file.read_text("utf-8").partition("\n")[0]
     return first.removeprefix("# ").removeprefix('"""').partition(". ")[0].removesuffix(".")
 
 
 RECORDINGS = {
-    "shapes.zip": "36 short recordings of a cross, a ring and a square before an event camera, a data set",
-    "walk.dat": "a figure walks past an event camera: 1 s, 64 x 48 px",
+    "shapes.zip": "36 short event-camera recordings of a cross, a ring and a square, in class folders",
+    "walk.dat": "event-camera recording of a walking figure: 1 s, 64 x 48 px",
 }
-"""What examples are that cannot say it themselves, as networks do in their first line."""
+"""Descriptions of the binary examples. Those of networks are read from their first line."""
 
-Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="The files to write.")]
-ListExamples = Annotated[bool, typer.Option("--list", help="List the files that there are.")]
+Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of example files; see --list.")]
+ListExamples = Annotated[bool, typer.Option("--list", help="List all example files.")]
 
 
 def example(names: Names = [], list_all: ListExamples = False) -> None:  # noqa: B006
-    """Write files that the pages use to the current folder; what stands there is never replaced."""
+    """Copy example files of the documentation to the current folder, without replacing existing files."""
     from neuro.core.errors import ModelError, unknown
     from neuro.core.outputs import Kind, output
     from neuro.core.tables import console, table
@@ -56,7 +56,7 @@ def example(names: Names = [], list_all: ListExamples = False) -> None:  # noqa:
     known = shipped("examples")
     if list_all:
         rows = [(name, RECORDINGS[name] if name in RECORDINGS else about(file)) for name, file in known.items()]
-        console().print(table(("example", "is"), rows))
+        console().print(table(("example", "description"), rows))
         return
     if not names:
         raise ModelError("which example? expected the names of files", hint="neuro example net.yaml, or --list")
@@ -74,15 +74,15 @@ def example(names: Names = [], list_all: ListExamples = False) -> None:  # noqa:
 
 
 def check_free(path: Path, content: bytes) -> None:
-    """Refuse the place of another file.
+    """Check that writing the content replaces no other file.
 
     Raises:
-        ModelError: a file of that name has other content.
+        ModelError: the path exists with different content.
     """
     from neuro.core.errors import ModelError
 
     if path.is_symlink() or (path.exists() and not (path.is_file() and path.read_bytes() == content)):
-        raise ModelError(f"{path}: exists and is not the example", hint="go to an empty folder: mkdir try && cd try")
+        raise ModelError(f"{path}: exists with different content", hint="use an empty folder: mkdir try && cd try")
 
 
 NETWORK = "network.yaml"
@@ -99,7 +99,7 @@ next:
   cd {}
   python learn.py
   python -m pytest     # needs pytest: pip install pytest
-  neuro recognise watch model.h5 RECORDING     # a page on which it decides while events arrive
+  neuro recognise watch model.h5 RECORDING     # a page with the decision as events arrive
 """,
     "train.py": """\
 next:
@@ -109,63 +109,68 @@ next:
   neuro agent watch agent.h5 world:Room --out episode.html
 """,
 }
-"""What to do with a template, by the file that says what it is."""
+"""Next commands for a template, by the file whose first line describes the template."""
 _FIRST = "balanced-network"
 _RECORDINGS = {"classifier": "shapes.zip", "event-camera": "walk.dat"}
-"""The example that a template needs beside its own files."""
+"""Examples that are copied into the folder of a template."""
 _NAME = re.compile(r"[A-Za-z][\w.-]*", re.ASCII)
 
-Folder = Annotated[Path | None, typer.Argument(metavar="NAME", help="The folder to make.")]
+Folder = Annotated[Path | None, typer.Argument(metavar="NAME", help="Folder to create.")]
 Template = Annotated[
-    str | None, typer.Option(metavar="NAME", help="What to begin with: see --list.", show_default="that of NAME")
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Template of the folder; see --list.",
+        show_default="the folder's name if a template has it, or else balanced-network",
+    ),
 ]
 ListTemplates = Annotated[bool, typer.Option("--list", help="List the templates.")]
 
 
 def new(name: Folder = None, template: Template = None, list_all: ListTemplates = False) -> None:
-    """Write a folder to start from: a network with comments, a script that runs it, and a test of it.
+    """Create a folder to start from: a commented network, a script that runs the network, and a test.
 
-    A folder that is called as a template, as by 'neuro new classifier', is made from it, others from balanced-network.
+    'neuro new classifier' uses the template classifier, because the folder has the template's name.
     """
     from neuro.core.errors import ModelError, unknown
     from neuro.core.hints import alike
     from neuro.core.tables import console, table
 
-    known = shipped("templates")
+    templates = shipped("templates")
     if list_all:
-        rows = [(word, about(folder / _head(folder))) for word, folder in known.items()]
-        console().print(table(("template", "is"), rows))
+        rows = [(word, about(folder / _head(folder))) for word, folder in templates.items()]
+        console().print(table(("template", "description"), rows))
         return
     if name is None:
         raise ModelError("which folder? expected the name of one to make", hint="neuro new my-network, or --list")
-    close = [] if template or name.name in known else alike(name.name, list(known))
-    template = template or (name.name if name.name in known else _FIRST)
-    if template not in known:
-        raise unknown("template", template, known)
+    similar = [] if template or name.name in templates else alike(name.name, list(templates))
+    template = template or (name.name if name.name in templates else _FIRST)
+    if template not in templates:
+        raise unknown("template", template, templates)
     check_name(name)
-    contents = by_name(known[template])
+    contents = by_name(templates[template])
     if template in _RECORDINGS:
         contents[_RECORDINGS[template]] = shipped("examples")[_RECORDINGS[template]]
     with filled(name) as part:
         for file, content in contents.items():
             (part / file).write_bytes(content.read_bytes())
-    meant = f"; did you mean 'neuro new {close[0]}'?" if close else ""
-    typer.echo(f"{name}: made from {template}{meant}")
+    question = f"; did you mean 'neuro new {similar[0]}'?" if similar else ""
+    typer.echo(f"{name}: made from {template}{question}")
     typer.echo(f"files: {', '.join(contents)}")
     world = " --with world.py" if {NETWORK, "world.py"} <= set(contents) else ""
-    typer.echo(NEXT[_head(known[template])].format(shlex.quote(str(name)), world), nl=False)
+    typer.echo(NEXT[_head(templates[template])].format(shlex.quote(str(name)), world), nl=False)
 
 
 def _head(template: Traversable) -> str:
-    """The file that says what a template is."""
+    """Return the name of the file whose first line describes the template."""
     return next(name for name in NEXT if (template / name).is_file())
 
 
 def check_name(path: Path) -> None:
-    """Refuse a name that a shell, a script or a later option would stumble over.
+    """Check that a folder's name needs no quotes in a shell and does not look like an option.
 
     Raises:
-        ModelError: the folder's own name has other than letters, digits, `_`, `-` and `.`, or begins with no letter.
+        ModelError: the name has a character that is no letter, digit, `_`, `-` or `.`, or does not begin with a letter.
     """
     from neuro.core.errors import ModelError
 
@@ -179,10 +184,10 @@ def check_name(path: Path) -> None:
 
 @contextmanager
 def filled(folder: Path) -> Iterator[Path]:
-    """A folder to fill, which takes its name when the block ends well; nothing is left where it does not.
+    """Provide a temporary folder that is renamed to the folder if the block succeeds, and deleted otherwise.
 
     Raises:
-        Unwritable: something that is not an empty folder has its name, or it cannot be made.
+        Unwritable: the path exists and is not an empty folder, or cannot be written.
     """
     from neuro.core.outputs import Unwritable, make_folder
 
@@ -195,7 +200,7 @@ def filled(folder: Path) -> Iterator[Path]:
     make_folder(part)
     try:
         yield part
-        part.replace(folder)  # an empty folder gives way, one that was filled meanwhile does not
+        part.replace(folder)  # fails if the folder has been filled in the meantime
     except OSError as error:
         raise Unwritable(folder, f"cannot be written: {error.strerror}") from None
     finally:

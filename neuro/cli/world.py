@@ -1,4 +1,4 @@
-"""A network in its world: what `neuro run` does where the description has a `world`."""
+"""`neuro run` of a network whose file has a section `world`."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ def run_world(
     all_weights: bool,
     save_frozen: Path | None,
     compiling: Callable[[], AbstractContextManager[None]],
-    **words: Any,
+    **settings: Any,
 ) -> tuple[Results, ClosedLoop]:
-    """Run the closed loop and write its results, with the episodes beside the spikes of the last block.
+    """Run the closed loop and write its results: all episodes, and the spikes of the last block.
 
     Args:
         net: the network.
-        out: the file of results.
-        ends: when to end, as of `ClosedLoop.run`.
-        frozen: whether nothing learns.
-        resume: whether to go on with an unfinished run.
-        record: names of the populations whose spikes to write; all if empty.
-        all_weights: whether to write all weights, as of `collect`.
-        save_frozen: where the network goes with what it has learnt, if anywhere.
-        compiling: gives the context in which the network is compiled, see `neuro.cli.run.approximations`.
-        words: as of `closed_loop`.
+        out: file of the results.
+        ends: limits of the run, `steps`, `episodes` and `until` of `ClosedLoop.run`.
+        frozen: whether to run without learning.
+        resume: whether to continue an unfinished run.
+        record: names of the populations whose spikes are written; all if empty.
+        all_weights: whether to write all weights, as in `collect`.
+        save_frozen: file of the network with its learnt weights as static synapses; None for no file.
+        compiling: returns the context of the compilation, see `neuro.cli.run.approximations`.
+        settings: further arguments of `closed_loop`.
 
     Raises:
-        ModelError: the loop cannot be made or cannot go on, or an unfinished run lies beside `out`.
+        ModelError: the loop cannot be made or continued, or `out` has an unfinished run and `resume` is False.
     """
     from neuro.cli.options import stoppable
     from neuro.core.errors import ModelError
@@ -53,26 +53,29 @@ def run_world(
     from neuro.run.collect import files_of
 
     if shared():
-        raise ModelError("a network in its world runs in one process: found several, of mpirun", hint="--copies N")
+        raise ModelError(
+            "found several processes of mpirun: expected one process for a network with a world",
+            hint="--copies N runs several copies of the world",
+        )
     learns = not frozen
-    with stoppable(lambda: _left(loop, out, learns)) as bar:
+    with stoppable(lambda: _state_of_output(loop, out, learns)) as bar:
         bar.say("preparing")
         with compiling():
-            loop = closed_loop(net, learns=learns, record=True, **words)
+            loop = closed_loop(net, learns=learns, record=True, **settings)
         if learns:
             import hashlib
 
             digest = hashlib.blake2b(b"".join(files_of(net).values()), digest_size=16).hexdigest()
-            identity = {"network": digest, "backend": words["backend"], "threads": words["threads"]}
+            identity = {"network": digest, "backend": settings["backend"], "threads": settings["threads"]}
             checkpoint = loop.checkpoint(out, identity)
             if checkpoint.path.exists() and not resume:
                 message = f"{checkpoint.path} has an unfinished run"
-                raise ModelError(message, hint="--resume goes on with it; delete it to begin anew")
+                raise ModelError(message, hint="--resume continues the run; delete the file to start again")
             loop.run(**ends, out=out, belongs_to=identity, progress=True)
         else:
             loop.run(**ends, progress=True)
         bar.say("writing")
-        results = loop.results(threads=words["threads"], record=record, all_weights=all_weights)
+        results = loop.results(threads=settings["threads"], record=record, all_weights=all_weights)
         with output(out, KIND) as part:
             write(results, part)
         if save_frozen is not None:
@@ -83,7 +86,7 @@ def run_world(
 
 
 def summary(log: Log) -> str:
-    """Return what came of the episodes, in a line."""
+    """Return a line with the numbers of episodes and steps, and the mean return of the last 100 episodes."""
     if not len(log):
         return "no episode ended"
     n = min(len(log), 100)
@@ -91,8 +94,8 @@ def summary(log: Log) -> str:
     return f"{len(log):,} episodes, {log.steps[-1]:,} steps; mean return of the last {n}: {log.mean(n):g}{solved}"
 
 
-def _left(loop: ClosedLoop, out: Path, learns: bool) -> str:
-    """Say what an interrupted run has left."""
+def _state_of_output(loop: ClosedLoop, out: Path, learns: bool) -> str:
+    """Describe the results and the checkpoint that an interrupted run has written."""
     if learns and Path(f"{out}.training").exists():
-        return f"{loop.steps:,} steps; the same command with --resume goes on from the last whole block"
+        return f"{loop.steps:,} steps; the same command with --resume continues from the last complete block"
     return f"{out} is not written"

@@ -92,7 +92,7 @@ def test_a_broken_app_troubles_only_its_callers(neuro, app, source):
     answer = neuro("extra")
     assert (answer.status, answer.out) == (2, "")
     assert answer.err.startswith("error: command 'extra' cannot be loaded from extra_app:app: ")
-    assert answer.err.endswith("\n  hint: install again the package that brings it\n")
+    assert answer.err.endswith("\n  hint: reinstall the package of this command\n")
 
 
 def test_an_app_cannot_take_our_names(neuro, app, monkeypatch):

@@ -138,8 +138,8 @@ def test_silent_input_is_told(run, network):
         status, _, err = run.func(command, *RUN, *words)
         assert status == 0
         assert err.startswith(
-            "warning: the input emitted no spike (noise): these are the figures of a network without input\n"
-            "  hint: give it spikes or rates; a program may inject them\n"
+            "warning: no input emitted a spike (noise): all figures are of a network without input\n"
+            "  hint: set spikes or rates of the generators, or inject spikes from a program\n"
         )
 
 

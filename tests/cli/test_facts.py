@@ -46,7 +46,7 @@ def test_models_lists_all_in_few_lines(neuro):
     words = answer.replace(",", " ").split()
     names = [name for kind, title in KINDS.items() for name in (kind, *catalogue()[title])]
     assert [word for word in words if word in names] == names
-    assert answer.endswith("neuro models NAME describes one, neuro models --long all\n")
+    assert answer.endswith("neuro models --long: all models in full\n")
 
 
 def test_models_lists_a_kind(neuro):

@@ -117,7 +117,7 @@ def test_a_chip_without_arithmetic(neuro, file):
     answer = neuro("fit", file(FITS), "--chip", "truenorth")
     assert answer.status == 0
     assert answer.out.startswith(
-        "the arithmetic of IBM TrueNorth is not known here: its rounding is not reported\n\n'fits' on "
+        "no rounding is reported, because the arithmetic of IBM TrueNorth is not known\n\n'fits' on "
     )
 
 
@@ -144,7 +144,7 @@ def test_a_table_of_ones_own(neuro, file, tmp_path):
     assert answer.out.endswith("\n\n'fits' fits on my\n")
     ran = neuro("run", name, "--backend", "my.yaml", "--for", "100", "--out", "out.h5")
     assert ran.status == 0
-    assert "\n100 ms took " in ran.err
+    assert "\n100 ms simulated in " in ran.err
     assert neuro("check", name, "--backend", "my.yaml").out.startswith("net.yaml: ok on my.yaml: 7 neurons")
     compared = neuro("compare", name, "--backends", "event,my.yaml", "--for", "100", "--json")
     assert list(json.loads(compared.out)["backends"]) == ["event", "my.yaml"]

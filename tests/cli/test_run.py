@@ -43,7 +43,7 @@ def test_the_tables(neuro, network):
     ]
 
 
-TOOK = r"{} ms took [\d.e-]+ s, [\d.e+-]+ x its own time\n"
+TOOK = r"{} ms simulated in [\d.e-]+ s: real-time factor [\d.e+-]+\n"
 RUN = ("run", "net.yaml", "--backend", "reference", "--for", "50")
 
 
@@ -124,7 +124,7 @@ def test_record_keeps_what_is_named(neuro, network):
 def test_weights_that_follow_from_the_network_are_left_out(neuro, network, monkeypatch):
     monkeypatch.setattr("neuro.run.collect.SMALL", 1)
     answer = neuro(*RUN)
-    assert "left out the static weights of current_exc, exc_one; --all-weights keeps them\n" in answer.out
+    assert "static weights not written: current_exc, exc_one; --all-weights writes them\n" in answer.out
     kept = read("out.h5").projections
     assert kept["exc_one"].weight is None
     assert kept["exc_one"].synapses == 2
