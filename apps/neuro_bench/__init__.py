@@ -1,8 +1,8 @@
-"""Benchmarks of the field: tasks, spiking networks and what is not spiking, each tuned with the same tries.
+"""Benchmarks: spiking networks and non-spiking methods on public tasks, each tuned with the same number of tries.
 
 from neuro_bench import Examples, Fold, Request, Task, run
 
-A task or a method of one's own is a subclass of `Task` or `Method`, registered by `neuro.register`.
+A new task or method is a subclass of `Task` or `Method`, registered by `neuro.register`.
 """
 
 from neuro_bench.costs import Costs

@@ -1,4 +1,4 @@
-"""Opponents by gradients that do not spike: a small convolutional network, a GRU, and the first in 8 bits."""
+"""Non-spiking networks trained by gradients: a small CNN in float32 and in 8 bits, and a GRU."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AT_ONCE = 256
 
 
 class CNN(Method):
-    """Three convolutions with pooling, and a layer of classes."""
+    """Three convolutions with pooling and a dense layer with an output for each class."""
 
     called_by = "cnn"
     title = "convolutional network, float32 (torch)"
@@ -36,7 +36,7 @@ class CNN(Method):
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Network:
         """Learn from examples; see `Method`."""
-        return Network(summed(self._members(train, settings, seed)), "float32")
+        return Network(ensemble(self._members(train, settings, seed)), "float32")
 
     def _members(self, train: Examples, settings: Mapping[str, Any], seed: int) -> list[Any]:
         check_installed(self, "torch")
@@ -60,19 +60,20 @@ class CNN(Method):
 
 
 class QuantisedCNN(CNN):
-    """The same network; weights and what comes into each layer are rounded to 8 bits after training."""
+    """The CNN with weights and inputs of each layer rounded to 8 bits after training."""
 
     called_by = "cnn-int8"
     title = "the convolutional network in 8 bits, quantised after training"
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Network:
-        """Learn from examples, then quantise by their largest values; see `Method`."""
-        shown = train.take(np.arange(min(train.recordings, AT_ONCE)), 1)
-        return Network(summed([quantised(one, shown) for one in self._members(train, settings, seed)]), "int8")
+        """Train on examples, then quantise with the largest activations of the first ones; see `Method`."""
+        calibration = train.take(np.arange(min(train.recordings, AT_ONCE)), 1)
+        modules = [quantise(module, calibration) for module in self._members(train, settings, seed)]
+        return Network(ensemble(modules), "int8")
 
 
 class GRU(Method):
-    """Gated recurrent units that see a column of the frames after the other."""
+    """Gated recurrent units whose input is one column of the frames after another."""
 
     called_by = "gru"
     title = "gated recurrent units over the columns, float32 (torch)"
@@ -94,62 +95,62 @@ class GRU(Method):
                 states, _ = self.gru(x.flatten(1, 2).transpose(1, 2))
                 return self.out(states.mean(dim=1))
 
-        return Network(learnt(Recurrent, train, settings, seed), "float32")
+        return Network(train_classifier(Recurrent, train, settings, seed), "float32")
 
 
 def members(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> list[Any]:
-    """Sequences that have learnt, from other first weights each; batch normalisation is made part of convolutions."""
+    """Train `settings["members"]` modules with different initial weights; batch normalisation is fused into weights."""
     from torch import nn
     from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-    found = []
+    modules = []
     for k in range(settings["members"]):
         layers: list[Any] = []
-        for layer in learnt(make, train, settings, seed + 1000 * k):
+        for layer in train_classifier(make, train, settings, seed + 1000 * k):
             if isinstance(layer, nn.BatchNorm2d):
                 layers[-1] = fuse_conv_bn_eval(layers[-1], layer)
             else:
                 layers.append(layer)
-        found.append(nn.Sequential(*layers).eval())
-    return found
+        modules.append(nn.Sequential(*layers).eval())
+    return modules
 
 
-def summed(modules: list[Any]) -> Any:
-    """A module that says the sum of what others say."""
+def ensemble(modules: list[Any]) -> Any:
+    """Return a module whose output is the sum of the outputs of the given modules."""
     from torch import nn
 
     class Sum(nn.ModuleList):
         def forward(self, x: Tensor) -> Any:
-            return sum(one(x) for one in self)
+            return sum(module(x) for module in self)
 
     return Sum(modules)
 
 
-def learnt(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
-    """A module that has learnt: cross-entropy, batches of 32, frames shifted and warped at random.
+def train_classifier(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
+    """Train a classifier by cross-entropy in batches of 32, with random shifts and warps of the frames.
 
-    An epoch shows each recording once, in one version after the other.
+    An epoch has each recording once. Version k mod `versions` of the recordings is used in epoch k.
     """
     import torch
 
     def loss(module: Any, chosen: Any, epoch: int, rng: np.random.Generator) -> Tensor:
         version = chosen + epoch % train.versions * train.recordings
-        frames = warped(train.frames[version], settings["shift"], settings.get("warp", 0.0), rng)
+        frames = warp_frames(train.frames[version], settings["shift"], settings.get("warp", 0.0), rng)
         return torch.nn.functional.cross_entropy(module(frames), torch.from_numpy(train.labels[version]))
 
-    return optimised(make, loss, train.recordings, 32, settings, seed)
+    return train_module(make, loss, train.recordings, 32, settings, seed)
 
 
-def optimised(make: Any, loss: Any, count: int, batch: int, settings: Mapping[str, Any], seed: int) -> nn.Module:
-    """A module that has learnt by AdamW, in one cycle of the learning rate.
+def train_module(make: Any, loss: Any, count: int, batch: int, settings: Mapping[str, Any], seed: int) -> nn.Module:
+    """Train a module by AdamW with a one-cycle learning rate.
 
     Args:
-        make: makes the module.
-        loss: of the module, the indices of a batch, the epoch, and a generator of random numbers.
-        count: of what is learnt from, each once in an epoch.
-        batch: how many at once.
+        make: function that returns the untrained module.
+        loss: function of the module, the indices of a batch, the epoch and a random generator.
+        count: number of examples, each used once in an epoch.
+        batch: number of examples in a batch.
         settings: `rate`, `decay` and `epochs`.
-        seed: of all that is random.
+        seed: seed of the initial weights, the order of examples and the augmentation.
     """
     import torch
 
@@ -172,113 +173,128 @@ def optimised(make: Any, loss: Any, count: int, batch: int, settings: Mapping[st
     return module.eval()
 
 
-def warped(frames: Any, most: int, warp: float, rng: np.random.Generator) -> Tensor:
-    """Frames that are also turned (rad), made larger and sheared (shares) at random by up to `warp`; nearest pixels."""
+def warp_frames(frames: Any, most: int, warp: float, rng: np.random.Generator) -> Tensor:
+    """Shift, rotate, scale and shear frames at random, with nearest-neighbour sampling.
+
+    Args:
+        frames: shape (examples, channels, rows, columns).
+        most: largest shift, in pixels.
+        warp: largest rotation in rad, and largest relative change of size and shear; 0 for shifts only.
+        rng: random generator.
+    """
     import torch
 
     if not warp:
-        return torch.from_numpy(shifted(frames, most, rng))
+        return torch.from_numpy(shift_frames(frames, most, rng))
     n, _, rows, columns = frames.shape
-    turn, larger, shear = rng.uniform(-warp, warp, (3, n))
-    moves = rng.uniform(-2.0 * most, 2.0 * most, (n, 2)) / (columns, rows)
-    cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + larger
-    rule = np.stack([cos * larger, shear - sin, moves[:, 0], sin, cos * larger, moves[:, 1]], axis=1)
+    angle, growth, shear = rng.uniform(-warp, warp, (3, n))
+    shift = rng.uniform(-2.0 * most, 2.0 * most, (n, 2)) / (columns, rows)
+    cos, sin, scale = np.cos(angle), np.sin(angle), 1.0 + growth
+    affine = np.stack([cos * scale, shear - sin, shift[:, 0], sin, cos * scale, shift[:, 1]], axis=1)
     grid = torch.nn.functional.affine_grid(
-        torch.from_numpy(rule.reshape(n, 2, 3).astype(np.float32)), list(frames.shape), align_corners=False
+        torch.from_numpy(affine.reshape(n, 2, 3).astype(np.float32)), list(frames.shape), align_corners=False
     )
     return torch.nn.functional.grid_sample(torch.from_numpy(frames), grid, mode="nearest", align_corners=False)
 
 
-def shifted(frames: Any, most: int, rng: np.random.Generator) -> Any:
-    """Frames moved at random along rows and columns, with 0 where nothing comes in."""
+def shift_frames(frames: Any, most: int, rng: np.random.Generator) -> Any:
+    """Shift frames at random along rows and columns by at most `most` pixels; empty pixels are 0."""
     if not most:
         return frames
     rows, columns = frames.shape[2:]
     padded = np.pad(frames, ((0, 0), (0, 0), (most, most), (most, most)))
-    moves = rng.integers(0, 2 * most + 1, (len(frames), 2))
-    return np.stack([one[:, r : r + rows, c : c + columns] for one, (r, c) in zip(padded, moves, strict=True)])
+    corners = rng.integers(0, 2 * most + 1, (len(frames), 2))
+    return np.stack([frame[:, r : r + rows, c : c + columns] for frame, (r, c) in zip(padded, corners, strict=True)])
 
 
 class Network:
-    """A module of torch that says a class.
+    """A trained torch module that classifies examples.
 
     Args:
-        module: it.
-        kind: of its numbers, as in `neuro_bench.costs`.
+        module: the module, with an output for each class.
+        kind: number format, "float32" or "int8", of which the energy depends.
     """
 
     def __init__(self, module: nn.Module, kind: str) -> None:
         self.module, self._kind = module, kind
 
-    def predict(self, shown: Any) -> Any:
-        """The class of each of `Examples`."""
+    def predict(self, data: Any) -> Any:
+        """Return the class of each example."""
         import torch
 
         with torch.no_grad():
-            parts = torch.split(torch.from_numpy(shown.frames), AT_ONCE)
+            parts = torch.split(torch.from_numpy(data.frames), AT_ONCE)
             return torch.cat([self.module(part).argmax(dim=1) for part in parts]).numpy()
 
-    def costs(self, shown: Any) -> Costs:
-        """Counted layer by layer, where neither the weight nor what comes in is 0, as NeuroBench does."""
+    def costs(self, data: Any) -> Costs:
+        """Count the multiply-accumulates of each layer whose weight and input are both not 0, as NeuroBench does."""
         from torch import nn
 
-        counted = dict.fromkeys(("macs", "dense", "zeros", "activations"), 0.0)
+        totals = dict.fromkeys(("macs", "dense", "zeros", "activations"), 0.0)
 
-        def synapses(layer: Any, given: Any, out: Any) -> None:
-            counted["macs"] += _effective(layer, given[0], out)
-            counted["dense"] += _effective(layer, given[0], out, whole=True)
+        def count_synapses(layer: Any, inputs: Any, out: Any) -> None:
+            totals["macs"] += _effective(layer, inputs[0], out)
+            totals["dense"] += _effective(layer, inputs[0], out, dense=True)
 
-        def activations(layer: Any, given: Any, out: Any) -> None:
-            counted["zeros"] += float((out == 0).sum())
-            counted["activations"] += out.numel()
+        def count_activations(layer: Any, inputs: Any, out: Any) -> None:
+            totals["zeros"] += float((out == 0).sum())
+            totals["activations"] += out.numel()
 
         hooks = []
         for layer in self.module.modules():
             if isinstance(layer, (nn.Linear, nn.Conv2d, nn.GRU)):
-                hooks.append(layer.register_forward_hook(synapses))
+                hooks.append(layer.register_forward_hook(count_synapses))
             elif isinstance(layer, nn.ReLU):
-                hooks.append(layer.register_forward_hook(activations))
-        self.predict(shown)
+                hooks.append(layer.register_forward_hook(count_activations))
+        self.predict(data)
         for hook in hooks:
             hook.remove()
-        each = list(self.module.parameters())
-        weights = [one for one in each if one.dim() > 1]
-        count, zeros = sum(one.numel() for one in weights), sum(int((one == 0).sum()) for one in weights)
-        size = sum(one.numel() for one in each)
-        macs = counted["macs"] / len(shown)
+        parameters = list(self.module.parameters())
+        weights = [each for each in parameters if each.dim() > 1]
+        count, zeros = sum(each.numel() for each in weights), sum(int((each == 0).sum()) for each in weights)
+        size = sum(each.numel() for each in parameters)
+        macs, dense = totals["macs"] / len(data), totals["dense"] / len(data)
         return Costs(
             parameters=size,
             footprint_bytes=4 * size - (3 * count if self._kind == "int8" else 0),  # biases stay in 32 bits
             connection_sparsity=round(zeros / count, 4),
-            activation_sparsity=counted["zeros"] / counted["activations"] if counted["activations"] else 0.0,
+            activation_sparsity=totals["zeros"] / totals["activations"] if totals["activations"] else 0.0,
             effective_macs=macs,
-            dense=counted["dense"] / len(shown),
-            joules=arithmetic(self._kind, macs, counted["dense"] / len(shown)),
+            dense=dense,
+            joules=arithmetic(self._kind, macs, dense),
         )
 
 
-def _effective(layer: Any, given: Tensor, out: Any, whole: bool = False) -> float:
-    """Products of a layer whose factors are not 0: what it gives if these are 1 and it has no bias."""
+def _effective(layer: Any, inputs: Tensor, out: Any, dense: bool = False) -> float:
+    """Count the products of a layer whose weight and input are both not 0, or all products if `dense`.
+
+    The count is the sum of the layer's outputs without bias when all factors that are not 0 are replaced by 1.
+    """
     import torch
     from torch.nn import functional as f
 
     def ones(values: Tensor) -> Tensor:
         return (
-            torch.ones_like(values) if whole else (values != 0).to(torch.float64 if values.dim() < 4 else torch.float32)
+            torch.ones_like(values) if dense else (values != 0).to(torch.float64 if values.dim() < 4 else torch.float32)
         )
 
     if isinstance(layer, torch.nn.Conv2d):
-        made = f.conv2d(ones(given), ones(layer.weight), None, layer.stride, layer.padding)
-        return float(made.double().sum())
+        products = f.conv2d(ones(inputs), ones(layer.weight), None, layer.stride, layer.padding)
+        return float(products.double().sum())
     if isinstance(layer, torch.nn.Linear):
-        return float((ones(given).double() @ ones(layer.weight).double().T).sum())
+        return float((ones(inputs).double() @ ones(layer.weight).double().T).sum())
     states = out[0][:, :-1]
     inward, back = ones(layer.weight_ih_l0).double().sum(dim=0), ones(layer.weight_hh_l0).double().sum(dim=0)
-    return float((ones(given).double() @ inward).sum() + (ones(states).double() @ back).sum())
+    return float((ones(inputs).double() @ inward).sum() + (ones(states).double() @ back).sum())
 
 
-def quantised(module: Any, shown: Examples) -> nn.Module:
-    """The layers of a sequence in 8 bits: a grid of weights for each output, one for what comes in."""
+def quantise(module: Any, data: Examples) -> nn.Module:
+    """Round a sequence of layers to 8 bits: weights with one scale for each output, inputs with one for each layer.
+
+    Args:
+        module: the trained layers.
+        data: examples whose largest activations set the scales of the inputs.
+    """
     import torch
     from torch import nn
 
@@ -290,14 +306,14 @@ def quantised(module: Any, shown: Examples) -> nn.Module:
         def forward(self, x: Tensor) -> Tensor:
             return (x / self.scale).round().clamp(-127, 127) * self.scale
 
-    made, x = [], torch.from_numpy(shown.frames)
+    layers, x = [], torch.from_numpy(data.frames)
     with torch.no_grad():
         for layer in copy.deepcopy(module):
             if isinstance(layer, (nn.Linear, nn.Conv2d)):
-                made.append(Rounding(float(x.abs().max())))
+                layers.append(Rounding(float(x.abs().max())))
                 rows = layer.weight.flatten(1).abs().amax(dim=1).clamp_min(1e-12) / 127.0
                 scale = rows.reshape(-1, *[1] * (layer.weight.dim() - 1))
                 layer.weight.copy_((layer.weight / scale).round() * scale)
-            made.append(layer)
+            layers.append(layer)
             x = layer(x)
-    return nn.Sequential(*made).eval()
+    return nn.Sequential(*layers).eval()

@@ -1,4 +1,4 @@
-"""Run the field's benchmarks: spiking networks beside what is not spiking, on the same data with the same tries."""
+"""Compare spiking and non-spiking methods on benchmark tasks, with the same data and number of tries."""
 
 from __future__ import annotations
 
@@ -21,45 +21,58 @@ def tasks() -> None:
     from neuro.apps import console, table
     from neuro_bench.running import METHODS, TASKS
 
-    rows = [(name, one.title, ", ".join(one.splits), one.metric) for name, one in TASKS.items()]
-    console().print(table(("task", "is", "splits", "metric"), rows))
-    for name, one in TASKS.items():
-        typer.echo(f"{name}: {one.source}; licence: {one.licence}")  # addresses stay whole
-    listed = [(name, one.title, one.kind, "yes" if one.spiking else "no") for name, one in METHODS.items()]
-    console().print(table(("method", "is", "for", "spikes"), listed))
+    task_rows = [(name, task.title, ", ".join(task.splits), task.metric) for name, task in TASKS.items()]
+    console().print(table(("task", "description", "splits", "metric"), task_rows))
+    for name, task in TASKS.items():
+        typer.echo(f"{name}: {task.source}; licence: {task.licence}")  # no table, which would break addresses
+    method_rows = [(name, each.title, each.kind, "yes" if each.spiking else "no") for name, each in METHODS.items()]
+    console().print(table(("method", "description", "for", "spikes"), method_rows))
 
 
 @app.command("run")
 def run_method(
-    task: Annotated[str, typer.Argument(metavar="TASK", help="See 'neuro bench tasks'.")],
-    method: Annotated[str, Option("--method", metavar="NAME", help="See 'neuro bench tasks'.")],
-    data: Annotated[Path | None, Option("--data", metavar="PATH", help="The data; none are downloaded.")] = None,
-    split: Annotated[str | None, Option("--split", metavar="NAME", help="Which folds, such as speakers.")] = None,
-    out: Annotated[Path | None, Option("--out", metavar="FILE", help="TASK-SPLIT-METHOD.json if not given.")] = None,
+    task: Annotated[str, typer.Argument(metavar="TASK", help="Task of 'neuro bench tasks'.")],
+    method: Annotated[str, Option("--method", metavar="NAME", help="Method of 'neuro bench tasks'.")],
+    data: Annotated[
+        Path | None, Option("--data", metavar="PATH", help="File or folder of the data; nothing is downloaded.")
+    ] = None,
+    split: Annotated[
+        str | None,
+        Option("--split", metavar="NAME", help="Split into folds, e.g. speakers; default: the task's first."),
+    ] = None,
+    out: Annotated[
+        Path | None, Option("--out", metavar="FILE", help="JSON file of the result; by default TASK-SPLIT-METHOD.json.")
+    ] = None,
     tries: Annotated[
         int,
         Option(
-            "--tries", metavar="N", parser=at_least(1), help="Settings to try in each fold, by its validation part."
+            "--tries",
+            metavar="N",
+            parser=at_least(1),
+            help="Number of settings tried in each fold; the validation part selects one.",
         ),
     ] = 1,
-    seeds: Annotated[tuple, Option("--seeds", metavar="A,B,...", parser=seeds, help="Each on all folds.")] = "0",  # type: ignore[assignment, type-arg]
+    seeds: Annotated[
+        tuple,  # type: ignore[type-arg]
+        Option("--seeds", metavar="A,B,...", parser=seeds, help="Seeds of the method, each for all folds."),
+    ] = "0",  # type: ignore[assignment]
     first_folds: Annotated[
-        int | None, Option("--first-folds", metavar="N", parser=at_least(1), help="Only so many folds, the first.")
+        int | None, Option("--first-folds", metavar="N", parser=at_least(1), help="Number of folds; by default all.")
     ] = None,
-    split_seed: Annotated[int, Option("--split-seed", metavar="N", min=0, help="Of folds that are drawn.")] = 0,
-    threads: Annotated[int, Option("--threads", metavar="N", min=1, help="Threads to compute with.")] = 1,
+    split_seed: Annotated[int, Option("--split-seed", metavar="N", min=0, help="Seed of random folds.")] = 0,
+    threads: Annotated[int, Option("--threads", metavar="N", min=1, help="Number of threads.")] = 1,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Run a method on the folds of a task, print its row and write all figures as JSON.
+    """Train and test a method on the folds of a task; print a table row and write all figures as JSON.
 
-    --set changes a setting in all tries: --set hidden=256.
+    --set changes a setting of the method in all tries: --set hidden=256.
     """
     from importlib.util import find_spec
 
     from neuro_bench import report
     from neuro_bench.running import KEPT, Request, run
 
-    asked = Request(
+    request = Request(
         task=task,
         method=method,
         data=data,
@@ -70,19 +83,19 @@ def run_method(
         changes=assignments(set),
         split_seed=split_seed,
     )
-    made, _ = asked.made()
-    file = out or Path(f"{task}-{made.split}-{method}.json")
-    kept = file.with_suffix(".folds")
+    task_object, _ = request.made()
+    file = out or Path(f"{task}-{task_object.split}-{method}.json")
+    unfinished = file.with_suffix(".folds")
     check_output(file, report.RESULT)
-    check_output(kept, KEPT.kind)
+    check_output(unfinished, KEPT.kind)
     if find_spec("torch") is not None:
         import torch
 
         torch.set_num_threads(threads)
     with resumable(), Bar() as bar:
-        found = run(asked, lambda what, done, total: bar.show(done, total, what), kept)
-    report.write(found, file)
-    kept.unlink()
+        result = run(request, lambda label, n_done, n_total: bar.show(n_done, n_total, label), unfinished)
+    report.write(result, file)
+    unfinished.unlink()
     report.show([report.read(file)])
     typer.echo(f"{file}: written")
 
@@ -91,7 +104,7 @@ def run_method(
 def compare(
     results: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Results of 'run', of one task.")],
 ) -> None:
-    """Print results of one task as a table; its first line says who wins."""
+    """Print the results of one task as a table; the first line names the best method."""
     from neuro_bench import report
 
     report.show([report.read(file) for file in results])

@@ -1,20 +1,20 @@
-"""What a model takes for one example: counts in NeuroBench's words, and joules with the source of each row.
+"""Costs of a model per example: NeuroBench's counts, and joules with their sources.
 
-Joules of multiply-accumulates are a lower bound where only the arithmetic is counted; those of processors are measured:
+Two rows count the energy of the arithmetic only, which is a lower bound; the rows of processors are measured:
 
-| row | of a multiply-accumulate | source |
+| row | joules of a multiply-accumulate (MAC) | source |
 | --- | --- | --- |
-| int8 arithmetic | 0.2 + 0.03 pJ, those whose factors are not 0 | Horowitz, ISSCC 2014, figure 1.1.9: 45 nm, 0.9 V |
-| float32 arithmetic | 3.7 + 0.9 pJ, likewise; a sum alone 0.9 | the same |
-| microcontroller, int8 | 0.33 nJ, all of them | MLPerf Tiny 0.7, closed, STMicroelectronics, see below |
-| CPU core, float32 | 8.6 nJ, all of them | Degnan et al., IEEE Trans. VLSI Syst. 24:58, 2015, as in `cpu.yaml` |
+| int8 arithmetic | 0.2 + 0.03 pJ for each MAC without a factor 0 | Horowitz, ISSCC 2014, figure 1.1.9: 45 nm, 0.9 V |
+| float32 arithmetic | 3.7 + 0.9 pJ for each MAC without a factor 0; 0.9 pJ for a sum | the same |
+| microcontroller, int8 | 0.33 nJ for each MAC | MLPerf Tiny 0.7, closed, STMicroelectronics, see below |
+| CPU core, float32 | 8.6 nJ for each MAC | Degnan et al., IEEE Trans. VLSI Syst. 24:58, 2015, as in `cpu.yaml` |
 
-The microcontroller is a Cortex-M33 (NUCLEO-U575ZI-Q), on which 4.151 mJ were measured for ResNet-8, which has 12.5 M of
-them; on a Cortex-M4 (NUCLEO-L4R5ZI) it was 12.298 mJ, so 0.98 nJ.
+The microcontroller is a Cortex-M33 (NUCLEO-U575ZI-Q), with 4.151 mJ measured for ResNet-8, which has 12.5 M MACs. A
+Cortex-M4 (NUCLEO-L4R5ZI) needed 12.298 mJ, so 0.98 nJ for each MAC.
 
-By Horowitz 64 bits of an 8 kB cache take 10 pJ more and of DRAM 1,300 pJ or more. Loihi and SpiNNaker are bills by
-`neuro.chips`, whose tables cite a source for each figure, with routing and static power; a chip that refuses the
-network has none.
+According to Horowitz, reading 64 bits adds 10 pJ from an 8 kB cache and 1,300 pJ or more from DRAM. The joules of Loihi
+and SpiNNaker are bills of `neuro.chips`, with routing and static power, whose tables cite a source for each figure. A
+chip that refuses the network has no bill.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ if TYPE_CHECKING:
     import neuro
 
 PICOJOULES = {"int8": 0.23, "float32": 4.6, "float32 sum": 0.9}
-"""Of the arithmetic of a multiply-accumulate, or of a sum."""
+"""Energy of the arithmetic of a multiply-accumulate, or of a sum, in pJ."""
 CHIPS = {"loihi": "Loihi", "spinnaker": "SpiNNaker"}
-"""What spiking networks are priced on."""
+"""Chips on which spiking networks are priced."""
 PROCESSORS = {"int8": ("microcontroller, int8", 330.0), "float32": ("CPU core, float32", 8600.0)}
-"""By type what computes it, and pJ of a multiply-accumulate there."""
+"""Processor for each number format, and its energy of a multiply-accumulate in pJ."""
 BY_SPIKES = ("synaptic_op", "spike_in_tile", "hop_east_west", "hop_north_south", "packet")
-"""Costs of a chip that grow with the spikes."""
+"""Costs of a chip that are proportional to the number of spikes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Costs:
-    """What a model takes for one example, in NeuroBench's words.
+    """Costs of a model for one example, with NeuroBench's names of the metrics.
 
-    A value of a series is an example, and so is a step of a regression. None: not known.
+    In a series each value is an example, in a regression each step. None stands for an unknown cost.
 
     Attributes:
-        parameters: numbers that were learnt.
-        footprint_bytes: of the weights, of a spiking network also of what describes the neurons.
+        parameters: number of learnt parameters.
+        footprint_bytes: memory of the weights, and of the neurons' parameters in a spiking network.
         connection_sparsity: share of the weights that are 0.
         activation_sparsity: share of the activations that are 0.
-        effective_macs: multiply-accumulates whose factors are both not 0.
-        effective_acs: accumulates of weights that are not 0, by spikes.
-        dense: operations if nothing were 0.
-        joules: of one example, by what it is computed on.
-        joules_of_spikes: the part of these that grows with the spikes.
-        refused: why a chip cannot run it, by the chip; it is in no bill.
-        unpriced: names of the costs that are missing from `joules`, as no figure is published, by what has some.
+        effective_macs: number of multiply-accumulates whose factors are both not 0.
+        effective_acs: number of accumulates of weights that are not 0, caused by spikes.
+        dense: number of operations if no weight or activation were 0.
+        joules: energy of one example, by processor or chip.
+        joules_of_spikes: part of the energy that is proportional to the number of spikes, by chip.
+        refused: reason why a chip cannot run the model, by chip.
+        unpriced: names of the costs without a published figure, which `joules` lacks, by chip.
     """
 
     parameters: int | None
@@ -70,7 +70,7 @@ class Costs:
     unpriced: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def as_words(self) -> dict[str, Any]:
-        """All of it as plain data."""
+        """Return all costs as plain data."""
         return asdict(self)
 
 
@@ -78,87 +78,89 @@ UNKNOWN = Costs(
     parameters=None, footprint_bytes=None, connection_sparsity=None, activation_sparsity=None, effective_macs=None,
     effective_acs=None, dense=None,
 )  # fmt: skip
-"""Of what nobody counted."""
+"""Costs of a model whose operations are not counted."""
 
 
 def arithmetic(kind: str, macs: float, dense: float) -> dict[str, float]:
-    """Joules of multiply-accumulates of a type of `PICOJOULES`, under the names of what they are of.
+    """Return the joules of multiply-accumulates, of the arithmetic alone and on a processor, by name of the row.
 
     Args:
-        kind: the type.
-        macs: those whose factors are both not 0, which the arithmetic alone is counted for.
-        dense: all, which a processor does.
+        kind: number format, a key of `PROCESSORS`.
+        macs: number of those whose factors are both not 0; only these count as arithmetic.
+        dense: number of all; a processor computes all.
     """
-    name, each = PROCESSORS[kind]
-    return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs, name: each * 1e-12 * dense}
+    processor, picojoules = PROCESSORS[kind]
+    return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs, processor: picojoules * 1e-12 * dense}
 
 
-def product_costs(parameters: int, footprint_bytes: int, macs: float, dense: float, **words: Any) -> Costs:
-    """Costs of a model of float32 multiply-accumulates alone.
+def product_costs(parameters: int, footprint_bytes: int, macs: float, dense: float, **others: Any) -> Costs:
+    """Return the costs of a model that computes only float32 multiply-accumulates.
 
     Args:
-        parameters: numbers that were learnt.
-        footprint_bytes: of the weights.
-        macs: multiply-accumulates of an example whose factors are both not 0.
-        dense: all of them.
-        words: other attributes of `Costs`.
+        parameters: number of learnt parameters.
+        footprint_bytes: memory of the weights.
+        macs: number of multiply-accumulates of an example whose factors are both not 0.
+        dense: number of all multiply-accumulates of an example.
+        others: other attributes of `Costs`.
     """
     counts: Any = {"effective_macs": macs, "dense": dense, "joules": arithmetic("float32", macs, dense)}
-    return Costs(parameters=parameters, footprint_bytes=footprint_bytes, **counts, **words)
+    return Costs(parameters=parameters, footprint_bytes=footprint_bytes, **counts, **others)
 
 
 def spiking_costs(
-    sim: neuro.Simulation, taken: Any, examples: int, *, steps: int | None = None, clock: bool = True
+    sim: neuro.Simulation, counts: Any, examples: int, *, steps: int | None = None, clock: bool = True
 ) -> Costs:
-    """By NeuroBench's counts, and the bills of the chips that can run the network.
+    """Return the costs of a spiking network: NeuroBench's counts, and the bills of the chips that can run it.
 
     Args:
         sim: the network.
-        taken: what so many examples took.
-        examples: how many.
-        steps: of one; all that were run, divided by the examples, if not given.
-        clock: whether real time has a meaning, which it lacks where a step has no time of its own.
+        counts: the simulation's counts for all these examples, from `Simulation.taken`.
+        examples: number of examples.
+        steps: steps of one example; by default the steps of the run divided by the number of examples.
+        clock: whether to include real time, which has no meaning where a step has no duration.
     """
     from neuro.chips import neurobench
 
-    found = neurobench(sim.program, taken.raw_counts, samples=examples, steps=steps)
-    ops = found["synaptic_operations"]
+    metrics = neurobench(sim.program, counts.raw_counts, samples=examples, steps=steps)
+    operations = metrics["synaptic_operations"]
     return Costs(
-        parameters=found["parameter_count"],
-        **{word: found[word] for word in ("footprint_bytes", "connection_sparsity", "activation_sparsity")},
-        **{word: ops[word] for word in ("effective_macs", "effective_acs", "dense")},
-        **on_chips(sim, taken, examples, clock),
+        parameters=metrics["parameter_count"],
+        **{name: metrics[name] for name in ("footprint_bytes", "connection_sparsity", "activation_sparsity")},
+        **{name: operations[name] for name in ("effective_macs", "effective_acs", "dense")},
+        **on_chips(sim, counts, examples, clock),
     )
 
 
-def on_chips(sim: neuro.Simulation, taken: Any, examples: int, clock: bool = True) -> dict[str, Any]:
-    """The words `joules`, `joules_of_spikes`, `refused` and `unpriced` of a spiking network; see `spiking_costs`."""
+def on_chips(sim: neuro.Simulation, counts: Any, examples: int, clock: bool = True) -> dict[str, Any]:
+    """Return `joules`, `joules_of_spikes`, `refused` and `unpriced` of a spiking network; see `spiking_costs`."""
     from neuro.chips import chip, place, quantise
 
-    joules, moved, refused, unpriced = {}, {}, {}, {}
+    joules, joules_of_spikes, refused, unpriced = {}, {}, {}, {}
     for target, title in CHIPS.items():
         problems = (*quantise(sim.program, chip(target)).problems, *place(sim.program, chip(target)).problems)
-        if why := [f"{each.what}: {each.why}" for each in problems if each.refused]:
-            refused[title] = why[0]
+        if reasons := [f"{each.what}: {each.why}" for each in problems if each.refused]:
+            refused[title] = reasons[0]
             continue
-        bill = sim.energy(target, of=taken).per(examples, "example")
-        for name, one in (("as fast as it can", bill), ("in real time", bill.real_time))[: 2 if clock else 1]:
-            joules[f"{title}, {name}"] = one.total_j
-            if one.missing:
-                unpriced[f"{title}, {name}"] = list(one.missing)
-            moved[f"{title}, {name}"] = sum(value for what, value in one.by_cost().items() if what in BY_SPIKES)
-    return {"joules": joules, "joules_of_spikes": moved, "refused": refused, "unpriced": unpriced}
+        fastest = sim.energy(target, of=counts).per(examples, "example")
+        for pace, bill in (("as fast as it can", fastest), ("in real time", fastest.real_time))[: 2 if clock else 1]:
+            name = f"{title}, {pace}"
+            joules[name] = bill.total_j
+            if bill.missing:
+                unpriced[name] = list(bill.missing)
+            joules_of_spikes[name] = sum(value for cost, value in bill.by_cost().items() if cost in BY_SPIKES)
+    return {"joules": joules, "joules_of_spikes": joules_of_spikes, "refused": refused, "unpriced": unpriced}
 
 
 def break_even(joules: float, of_spikes: float, opponent: float) -> float:
-    """By which factor the spikes may change until a spiking network takes as much as its opponent; 0: even silent more.
+    """Return the factor of the number of spikes at which a spiking network needs as much energy as its opponent.
 
-    Times and updates stay as they are, so it is an estimate: with more spikes a chip also takes longer.
+    A network of 5 uJ, 2 uJ of them for spikes, against 9 uJ: factor 3. The factor is 0 if the network would need more
+    energy even without spikes. The result is an estimate, because more spikes also lengthen a step.
 
     Args:
-        joules: of an example.
-        of_spikes: the part that grows with the spikes.
-        opponent: joules of an example of the other.
+        joules: energy of an example.
+        of_spikes: part of this energy that is proportional to the number of spikes.
+        opponent: energy of an example on the opponent.
     """
     if not of_spikes:
         return math.inf if joules <= opponent else 0.0

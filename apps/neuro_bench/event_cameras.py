@@ -1,4 +1,4 @@
-"""Recorded spikes as tasks: N-MNIST, POKER-DVS and DVS Gesture of event cameras, and the Spiking Heidelberg Digits."""
+"""Tasks with recorded spikes: N-MNIST, POKER-DVS and DVS Gesture from event cameras, and Spiking Heidelberg Digits."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from neuro_events import recordings
 
 
 class Recorded(Task):
-    """Base of these: which class a recording shows.
+    """Base class for the classification of event-camera recordings.
 
-    Artificial networks see frames of counts for each polarity, log(1 + count); spiking ones the events of the same time
-    in steps, several of a pixel in a step as one.
+    Non-spiking networks get frames with log(1 + number of events) for each pixel and polarity. Spiking networks get the
+    events of the same interval as spikes; several events of a pixel in one step are one spike.
 
     Class attributes:
-        step: ms.
-        steps: of a recording, from its first event on; what comes later is left out, what is missing is silent.
-        frames: that artificial networks see, each of as many steps.
-        side: of the square that is seen, from the first pixel on, in neurons.
-        scale: px in a row and in a column that are one neuron.
-        part: folder of the recordings, where there are several, such as Train and Test.
+        step: length of a step, ms.
+        steps: number of steps, from the first event on. Later events are dropped; short recordings end in silence.
+        frames: number of frames, all of the same length.
+        side: side of the used square in neurons; the square begins at pixel (0, 0).
+        scale: side in px of the square of pixels that share a neuron.
+        part: folder of the recordings in data sets with several, such as Train and Test; None for all.
     """
 
     step: ClassVar[float] = 5.0
@@ -37,38 +37,38 @@ class Recorded(Task):
     part: ClassVar[str | None] = None
 
     def folds(self) -> Sequence[Fold]:
-        """Five random ones.
+        """Return five random folds.
 
         Raises:
             EventFileError: a recording is damaged.
-            ModelError: there are too few, one has no class, or no event within the square.
+            ModelError: there are too few recordings, or a recording has no class or no event in the square.
         """
-        found = recordings(str(self.data), part=self.part)
-        labels = np.asarray(found.labels)
+        dataset = recordings(str(self.data), part=self.part)
+        labels = np.asarray(dataset.labels)
         if (labels < 0).any():
-            nameless = found[int(np.flatnonzero(labels < 0)[0])].name
-            raise ModelError(f"{self.data}: {nameless} has no class: expected folders of classes", hint=self.source)
-        counts = np.zeros((len(found), self.steps, 2, self.side, self.side), dtype=np.uint16)
-        for k in range(len(found)):
-            events = found[k].load()
+            unlabelled = dataset[int(np.flatnonzero(labels < 0)[0])].name
+            raise ModelError(f"{self.data}: {unlabelled} has no class: expected folders of classes", hint=self.source)
+        counts = np.zeros((len(dataset), self.steps, 2, self.side, self.side), dtype=np.uint16)
+        for k in range(len(dataset)):
+            events = dataset[k].load()
             x, y, t = (
                 events.x // self.scale,
                 events.y // self.scale,
                 (events.t - events.t[:1]) // round(1e3 * self.step),
             )
-            seen = (t < self.steps) & (x < self.side) & (y < self.side)
-            if not seen.any():
-                message = f"{self.data}: {found[k].name} has no event in the first {self.side * self.scale} px"
+            inside = (t < self.steps) & (x < self.side) & (y < self.side)
+            if not inside.any():
+                message = f"{self.data}: {dataset[k].name} has no event in the first {self.side * self.scale} px"
                 raise ModelError(f"{message}: expected recordings of '{self.called_by}'", hint=self.source)
-            np.add.at(counts[k], (t[seen], events.p[seen], y[seen], x[seen]), 1)
-        frames = counts.reshape(len(found), self.frames, -1, 2, self.side, self.side).sum(axis=2, dtype=np.float32)
-        frames = np.log1p(frames.reshape(len(found), -1, self.side, self.side))
-        examples = Examples(frames, labels, found.classes, Spikes.of_dense(counts, self.step))
+            np.add.at(counts[k], (t[inside], events.p[inside], y[inside], x[inside]), 1)
+        frames = counts.reshape(len(dataset), self.frames, -1, 2, self.side, self.side).sum(axis=2, dtype=np.float32)
+        frames = np.log1p(frames.reshape(len(dataset), -1, self.side, self.side))
+        examples = Examples(frames, labels, dataset.classes, Spikes.of_dense(counts, self.step))
         return random_folds(examples, 5, self.seed)
 
 
 class NMNIST(Recorded):
-    """Which digit was seen, from the first of three saccades."""
+    """Classification of digits from the first of three saccades."""
 
     called_by = "n-mnist"
     title = "N-MNIST, the first 105 ms"
@@ -81,7 +81,7 @@ class NMNIST(Recorded):
 
 
 class PokerDVS(Recorded):
-    """Which of four symbols a card shows that is moved by fast."""
+    """Classification of four symbols on fast-moving cards."""
 
     called_by = "poker-dvs"
     title = "POKER-DVS, 20 ms"
@@ -94,7 +94,7 @@ class PokerDVS(Recorded):
 
 
 class DVSGesture(Recorded):
-    """Which gesture of the arms was made, from its first 1.5 s."""
+    """Classification of arm gestures from the first 1.5 s."""
 
     called_by = "dvs-gesture"
     title = "DVS Gesture, the first 1.5 s, 4 x 4 px as one"
@@ -108,15 +108,16 @@ class DVSGesture(Recorded):
 
 FILES = ("shd_train.h5", "shd_test.h5")
 CHANNELS, POOLED = 700, 5
-"""Of the cochlea; neighbours that are one."""
+"""Number of channels of the cochlea, and of neighbouring channels that share a neuron."""
 STEP, STEPS, COLUMNS = 10.0, 100, 50
-"""ms of a step; steps of a recording, the first second; columns of the frames of counts."""
+"""Length of a step in ms, steps in the first second of a recording, and columns of a frame."""
 
 
 class SHD(Task):
-    """Which digit was heard, of 20, by the official parts; a tenth of what is learnt from chooses the settings.
+    """Classification of 20 spoken digits with the official training and test part.
 
-    Spiking networks see 140 channels, each at most one spike in 10 ms; artificial ones counts in 20 ms, log(1 + count).
+    A tenth of the training part is the validation part. Spiking networks get 140 channels with at most one spike in
+    10 ms. Non-spiking networks get log(1 + number of spikes) in bins of 20 ms.
     """
 
     called_by = "shd"
@@ -126,10 +127,10 @@ class SHD(Task):
     splits = ("official",)
 
     def folds(self) -> Sequence[Fold]:
-        """The official one.
+        """Return the official fold.
 
         Raises:
-            ModelError: a file is missing, or is not such a file.
+            ModelError: a file is missing or has another format.
         """
         assert self.data is not None
         parts = [_read(self.data / name) for name in FILES]
@@ -140,14 +141,14 @@ class SHD(Task):
         counts = spikes.reshape(len(labels), COLUMNS, STEPS // COLUMNS, rows).sum(axis=2, dtype=np.float32)
         frames = np.log1p(counts.transpose(0, 2, 1)[:, None])
         examples = Examples(frames, labels, classes, Spikes.of_dense(spikes[:, :, None, None], STEP))
-        tested = np.arange(len(labels)) >= sizes[0]
-        held = np.zeros(len(labels), dtype=np.bool_)
-        held[np.random.default_rng((self.seed, 2)).permutation(sizes[0])[: max(1, sizes[0] // 10)]] = True
-        return Folds(examples, [("official", ~tested & ~held, held, tested)])
+        test = np.arange(len(labels)) >= sizes[0]
+        validation = np.zeros(len(labels), dtype=np.bool_)
+        validation[np.random.default_rng((self.seed, 2)).permutation(sizes[0])[: max(1, sizes[0] // 10)]] = True
+        return Folds(examples, [("official", ~test & ~validation, validation, test)])
 
 
 def _read(path: Path) -> tuple[Any, Ints, tuple[str, ...]]:
-    """Counts of spikes, shape (recordings, steps, channels), labels and names of classes of a file."""
+    """Return spike counts of a file, shape (recordings, steps, channels), labels and names of the classes."""
     import h5py
 
     record_input(path)
@@ -162,9 +163,9 @@ def _read(path: Path) -> tuple[Any, Ints, tuple[str, ...]]:
         raise ModelError(message, hint=SHD.source) from None
     spikes = np.zeros((len(labels), STEPS, CHANNELS // POOLED), dtype=np.uint8)
     for k, (time, unit) in enumerate(zip(times, units, strict=True)):
-        at, channel = (1000.0 * time.astype(np.float64) / STEP).astype(np.int64), unit.astype(np.int64)
-        seen = at < STEPS
+        step, channel = (1000.0 * time.astype(np.float64) / STEP).astype(np.int64), unit.astype(np.int64)
+        inside = step < STEPS
         if len(channel) and not 0 <= channel.min() <= channel.max() < CHANNELS:
             raise ModelError(f"{path}: recording {k} has channel {channel.max()}: expected 0 to {CHANNELS - 1}")
-        np.add.at(spikes[k], (at[seen], channel[seen] // POOLED), 1)
+        np.add.at(spikes[k], (step[inside], channel[inside] // POOLED), 1)
     return spikes, labels.astype(np.int64), classes

@@ -1,4 +1,4 @@
-"""Opponents on plain features: the values of all frames in a row."""
+"""Non-spiking classifiers on features: logistic regression and boosting on all frames, and HATS."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from neuro_events import Events
 from neuro_events.representations import hats
 
 
-def _rows(shown: Examples, pooled: int = 1) -> Any:
-    """The features of each example, means of squares of so many rows and columns."""
-    n, channels, rows, columns = shown.frames.shape
-    cut = shown.frames[:, :, : rows - rows % pooled, : columns - columns % pooled]
+def _rows(data: Examples, pooled: int = 1) -> Any:
+    """Return the frames of each example as a row, averaged over squares of `pooled` x `pooled` pixels."""
+    n, channels, rows, columns = data.frames.shape
+    cut = data.frames[:, :, : rows - rows % pooled, : columns - columns % pooled]
     means = cut.reshape(n, channels, rows // pooled, pooled, columns // pooled, pooled).mean(axis=(3, 5))
     return means.reshape(n, -1)
 
 
 class LogisticRegression(Method):
-    """A weight for each feature and class."""
+    """Logistic regression: a weight for each feature and class."""
 
     called_by = "logistic"
     title = "logistic regression on all frames (scikit-learn)"
@@ -46,7 +46,7 @@ class LogisticRegression(Method):
 
 
 class GradientBoosting(Method):
-    """Trees that correct each other."""
+    """Gradient-boosted decision trees."""
 
     called_by = "boosting"
     title = "gradient boosting on pooled frames (scikit-learn)"
@@ -73,9 +73,9 @@ class GradientBoosting(Method):
 
 
 class HATS(Method):
-    """Averages of what the surroundings of each spike were, over cells of neurons, and a linear machine.
+    """Histograms of averaged time surfaces (HATS) over cells of neurons, and a linear support vector machine.
 
-    As `neuro recognise --method hats`; a sheet of the input is a polarity.
+    The features are those of `neuro recognise --method hats`. A sheet of the input is a polarity.
     """
 
     called_by = "hats"
@@ -91,43 +91,43 @@ class HATS(Method):
         from sklearn.svm import LinearSVC
 
         if train.spikes.shape[0] > 2:
-            found = f"method 'hats': the input has {train.spikes.shape[0]} sheets"
-            raise ModelError(f"{found}: expected the two polarities of an event camera, or one sheet")
+            message = f"method 'hats': the input has {train.spikes.shape[0]} sheets"
+            raise ModelError(f"{message}: expected the two polarities of an event camera, or one sheet")
         learner = make_pipeline(Normalizer(), LinearSVC(C=settings["C"], max_iter=10_000, random_state=seed))
         return _HATS(learner.fit(surfaces(train, settings), train.labels), settings)
 
 
-def recordings(shown: Examples) -> Iterator[Events]:
-    """The spikes of each example as events of a camera: a sheet is a polarity, and a step has one time."""
-    spikes = shown.spikes
+def recordings(data: Examples) -> Iterator[Events]:
+    """Yield the spikes of each example as camera events: a sheet is a polarity, a step has one time."""
+    spikes = data.spikes
     p, y, x = (each.astype(np.uint16) for each in np.unravel_index(spikes.neuron, spikes.shape))
     t, size = (1e3 * spikes.step * spikes.at).astype(np.int64), spikes.shape[:0:-1]
-    ends = np.searchsorted(spikes.example, np.arange(len(shown) + 1)).tolist()
+    ends = np.searchsorted(spikes.example, np.arange(len(data) + 1)).tolist()
     for own in (slice(*each) for each in pairwise(ends)):
         yield Events(t=t[own], x=x[own], y=y[own], p=p[own].astype(np.uint8), sensor_size=size)
 
 
-def surfaces(shown: Examples, settings: Mapping[str, Any]) -> Any:
-    """The histograms of each example's spikes in a row."""
+def surfaces(data: Examples, settings: Mapping[str, Any]) -> Any:
+    """Return the histograms of each example as a row."""
     tau = round(1e3 * settings["tau"])
     words: Any = {"cell": settings["cell"], "radius": settings["radius"], "window_us": tau, "tau_us": tau}
-    return np.stack([hats(events, **words).ravel() for events in recordings(shown)])
+    return np.stack([hats(events, **words).ravel() for events in recordings(data)])
 
 
 class _HATS:
     def __init__(self, learner: Any, settings: Mapping[str, Any]) -> None:
         self.settings, self._learner = settings, learner
 
-    def predict(self, shown: Examples) -> Any:
-        """The class of each."""
-        return self._learner.predict(surfaces(shown, self.settings))
+    def predict(self, data: Examples) -> Any:
+        """Return the class of each example."""
+        return self._learner.predict(surfaces(data, self.settings))
 
-    def costs(self, shown: Examples) -> Costs:
-        """Products of the machine, and one for each neuron of a spike's surroundings, whose age weighs it."""
+    def costs(self, data: Examples) -> Costs:
+        """Count the products of the classifier, and one for each neuron in the neighbourhood of each spike."""
         weights = self._learner[-1].coef_
-        seen = len(shown.spikes.at) / len(shown) * (2 * self.settings["radius"] + 1) ** 2
-        effective = seen + float((surfaces(shown, self.settings) != 0).sum() / len(shown)) * len(weights)
-        dense = seen + weights.size
+        neighbours = len(data.spikes.at) / len(data) * (2 * self.settings["radius"] + 1) ** 2
+        effective = neighbours + float((surfaces(data, self.settings) != 0).sum() / len(data)) * len(weights)
+        dense = neighbours + weights.size
         size = weights.size + len(weights)
         return product_costs(size, 8 * size, effective, dense)
 
@@ -136,17 +136,17 @@ class _Classifier:
     def __init__(self, learner: Any, pooled: int, weights: Any = None) -> None:
         self._learner, self._pooled, self._weights = learner, pooled, weights
 
-    def predict(self, shown: Examples) -> Any:
-        """The class of each."""
-        return self._learner.predict(_rows(shown, self._pooled))
+    def predict(self, data: Examples) -> Any:
+        """Return the class of each example."""
+        return self._learner.predict(_rows(data, self._pooled))
 
-    def costs(self, shown: Examples) -> Costs:
-        """Of a linear one its products; what trees take is not counted."""
+    def costs(self, data: Examples) -> Costs:
+        """Count the products of a linear classifier; the costs of trees are unknown."""
         if self._weights is None:
             return UNKNOWN
         size = self._weights.size + len(self._weights)
         used = (self._weights != 0).sum(axis=0)
-        effective = float(((_rows(shown, self._pooled) != 0) * used).sum() / len(shown))
+        effective = float(((_rows(data, self._pooled) != 0) * used).sum() / len(data))
         zeros = 1.0 - np.count_nonzero(self._weights) / self._weights.size
         footprint, dense = self._weights.itemsize * size, float(self._weights.size)
         return product_costs(size, footprint, effective, dense, connection_sparsity=zeros)

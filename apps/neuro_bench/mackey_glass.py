@@ -1,4 +1,4 @@
-"""Mackey-Glass: a chaotic series that goes on by itself, on an own series by NeuroBench's equations."""
+"""Prediction of the chaotic Mackey-Glass series, computed from NeuroBench's equation."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ PARAMETERS = {
     22: (119, 0.5455960), 23: (106, 0.8622247), 24: (97, 0.3259660), 25: (98, 0.8297825), 26: (104, 1.0033490),
     27: (112, 0.6491406), 28: (119, 1.0957495), 29: (131, 0.9256179), 30: (139, 0.2713639),
 }  # fmt: skip
-"""By tau the Lyapunov time and the constant past, as NeuroBench lists them (datasets/mackey_glass_parameters.csv)."""
+"""Lyapunov time and constant history for each tau, from NeuroBench's datasets/mackey_glass_parameters.csv."""
 POINTS = 75
-"""Of a Lyapunov time."""
+"""Number of points in a Lyapunov time."""
 TRAIN, TEST = 10, 10
-"""Lyapunov times to learn from, and to go on for, as NeuroBench splits."""
+"""Length of the training and of the test part in Lyapunov times, as in NeuroBench."""
 TUNING, APART = 3, 24
-"""Further series of the same tau that settings are chosen by, and the Lyapunov time from which they begin."""
+"""Number of further series of the same tau for the choice of settings, and the Lyapunov time at which they begin."""
 POINTS_OF_ALL = (APART + TRAIN * TUNING + TEST) * POINTS
-"""Of a series that is computed."""
+"""Number of points of a computed series."""
 REPEATS = 5
-"""Series a tau, each half a Lyapunov time later than the one before, as NeuroBench's, which has 30."""
+"""Number of series for each tau, which begin half a Lyapunov time apart as in NeuroBench (there 30)."""
 SUBSTEPS = 20
-"""Of the integration, in a unit of time."""
+"""Number of integration steps in a unit of time."""
 
 
 class MackeyGlass(Task):
-    """How a series goes on: the method continues it for ten Lyapunov times by itself.
+    """Autoregressive prediction of a series for ten Lyapunov times.
 
-    The series are our own, by NeuroBench's equations and parameters, since its files are not shipped; with ``--data``
-    a folder of its mg_TAU.npy, they are its own. A figure is comparable with its leaderboard only then.
+    By default the series are computed from NeuroBench's equation and parameters, because its files are not shipped.
+    With ``--data FOLDER`` they are read from NeuroBench's files mg_TAU.npy. Only then is a result comparable with
+    NeuroBench's leaderboard.
     """
 
     kind = "series"
@@ -49,55 +50,55 @@ class MackeyGlass(Task):
     splits = (*(f"tau{tau}" for tau in PARAMETERS), "all")
 
     def folds(self) -> Sequence[Fold]:
-        """Five series for each tau, with the same further series to choose settings by.
+        """Return five folds for each tau, which share the validation series.
 
         Raises:
-            ModelError: a file of the data is missing or too short.
+            ModelError: a data file is missing or too short.
         """
         taus = list(PARAMETERS) if self.split == "all" else [int(self.split.removeprefix("tau"))]
         train, test, folds = TRAIN * POINTS, TEST * POINTS, []
         for tau in taus:
-            values, own = self._series(tau), solution(tau, POINTS_OF_ALL)[APART * POINTS :]
-            tuned = [own[k * train : (k + 1) * train] for k in range(TUNING)]
-            asked = [own[k * train :][:test] for k in range(1, TUNING + 1)]
+            values, tuning_values = self._series(tau), solution(tau, POINTS_OF_ALL)[APART * POINTS :]
+            tuning_train = [tuning_values[k * train : (k + 1) * train] for k in range(TUNING)]
+            tuning_test = [tuning_values[k * train :][:test] for k in range(1, TUNING + 1)]
             for repeat in range(REPEATS):
-                seen, name = values[repeat * POINTS // 2 :], f"tau {tau} series {repeat + 1}"
-                folds.append(Fold(name, tuned, asked, seen[:train], seen[train : train + test]))
+                series, name = values[repeat * POINTS // 2 :], f"tau {tau} series {repeat + 1}"
+                folds.append(Fold(name, tuning_train, tuning_test, series[:train], series[train : train + test]))
         return folds
 
     def _series(self, tau: int) -> Series:
-        wanted = (TRAIN + TEST) * POINTS + (REPEATS - 1) * POINTS // 2 + 1
+        n_points = (TRAIN + TEST) * POINTS + (REPEATS - 1) * POINTS // 2 + 1
         if self.data is None:
-            return solution(tau, POINTS_OF_ALL)[:wanted]
+            return solution(tau, POINTS_OF_ALL)[:n_points]
         file = self.data / f"mg_{tau}.npy"
         try:
             values: Series = np.asarray(np.load(file, allow_pickle=False), dtype=np.float64).reshape(-1)
         except (OSError, ValueError) as error:
             raise ModelError(f"{file}: cannot be read: {error}: expected a series of NeuroBench") from None
-        if len(values) < wanted:
-            raise ModelError(f"{file}: {len(values)} values: expected at least {wanted}")
+        if len(values) < n_points:
+            raise ModelError(f"{file}: {len(values)} values: expected at least {n_points}")
         return values
 
-    def score(self, predicted: Any, wanted: Any) -> float:
-        """Symmetric mean absolute percentage error: 200 mean(|p - w| / (|p| + |w|)), 0 to 200."""
-        p, w = np.asarray(predicted, dtype=np.float64), np.asarray(wanted)
-        if p.shape != w.shape or not np.isfinite(p).all():
+    def score(self, predicted: Any, expected: Any) -> float:
+        """Return the symmetric mean absolute percentage error, 200 mean(|p - e| / (|p| + |e|)), from 0 to 200."""
+        p, e = np.asarray(predicted, dtype=np.float64), np.asarray(expected)
+        if p.shape != e.shape or not np.isfinite(p).all():
             return 200.0
-        return 200.0 * float(np.mean(np.abs(p - w) / (np.abs(p) + np.abs(w))))
+        return 200.0 * float(np.mean(np.abs(p - e) / (np.abs(p) + np.abs(e))))
 
 
 @cache
 def solution(tau: int, points: int, substeps: int = SUBSTEPS) -> Series:
-    """The solution of x' = 0.2 x(t - tau) / (1 + x(t - tau)^10) - 0.1 x, 75 points in a Lyapunov time, from t = 0.
+    """Integrate x' = 0.2 x(t - tau) / (1 + x(t - tau)^10) - 0.1 x from t = 0; return 75 points in a Lyapunov time.
 
-    Runge-Kutta of fourth order with an even step that divides the delay; the delayed value between two steps is the
-    cubic through their values and slopes, so the error falls with the fourth power of the step. The points are read by
-    the same cubic.
+    The method is Runge-Kutta of fourth order with a step that divides the delay. Delayed values between two steps, and
+    the returned points, are read from the cubic Hermite interpolant, so the error falls with the fourth power of the
+    step.
 
     Args:
-        tau: the delay, one of `PARAMETERS`.
-        points: how many.
-        substeps: steps in a unit of time.
+        tau: the delay, a key of `PARAMETERS`.
+        points: number of points.
+        substeps: number of integration steps in a unit of time.
     """
     lyapunov, past = PARAMETERS[tau]
     h, lag = 1.0 / substeps, tau * substeps
@@ -106,7 +107,7 @@ def solution(tau: int, points: int, substeps: int = SUBSTEPS) -> Series:
     x[0] = past
 
     def delayed(k: int) -> tuple[float, float, float]:
-        """At the beginning, middle and end of the step from k, the value a delay ago."""
+        """Return the delayed value at the beginning, middle and end of step k."""
         a = k - lag
         if a < 0:
             return past, past, past

@@ -1,6 +1,6 @@
-"""Methods for regression: a linear filter, a perceptron on the same counts, and a spiking network with a leaky readout.
+"""Methods for regression: a Wiener filter, a perceptron on the same counts, and a spiking network with leaky readout.
 
-All are causal: what they say of a step follows from the spikes until it.
+All methods are causal: the value at a step depends only on the spikes up to this step.
 """
 
 from __future__ import annotations
@@ -11,29 +11,31 @@ from typing import Any, ClassVar
 import numpy as np
 
 import neuro
-from neuro_bench.artificial import Network, optimised
+from neuro_bench.artificial import Network, train_module
 from neuro_bench.costs import Costs, product_costs, spiking_costs
 from neuro_bench.spiking import CHIP, INPUT, OUTPUT
 from neuro_bench.task import Floats, Method, Recording, check_installed
 from neuro_train.data import probe
 
 AT_ONCE = 10_000
-"""Steps."""
+"""Number of steps processed together."""
 PRICED_STEPS = 1_000
-"""Steps that the bill is the mean of."""
+"""Number of steps over which costs are averaged."""
 SILENT = 100.0
-"""Threshold of the readout in standard deviations of its target, which nothing reaches."""
+"""Threshold of the readout neurons in standard deviations of the target, too high to be reached."""
 FORGOTTEN = 5.0
-"""Time constants until a network does not know how it began."""
+"""Time in time constants after which the initial state has no effect."""
 
 
 class Windows:
-    """Counts of spikes in the last windows before each step, one behind the other.
+    """Spike counts in the consecutive windows before each step.
+
+    Example: with width 5 and 10 lags, a step has the counts of the last 5 steps, of the 5 steps before, and so on.
 
     Args:
         recording: the spikes.
-        width: steps of a window.
-        lags: windows.
+        width: length of a window in steps.
+        lags: number of windows.
     """
 
     def __init__(self, recording: Recording, width: int, lags: int) -> None:
@@ -46,19 +48,19 @@ class Windows:
         return len(self._sums) - 1
 
     def at(self, steps: Any) -> Floats:
-        """Those of some steps, (steps, lags x channels)."""
+        """Return the counts at the given steps, shape (steps, lags x channels)."""
         ends = np.maximum(steps[:, None] + 1 - self._back, 0)
         return np.asarray(-np.diff(self._sums[ends], axis=1).reshape(len(steps), self.size), np.float32)
 
     def parts(self) -> Any:
-        """All, so many steps at once: the steps, and their counts."""
+        """Yield blocks of at most `AT_ONCE` steps with their counts, until all steps are done."""
         for first in range(0, len(self), AT_ONCE):
             steps = np.arange(first, min(first + AT_ONCE, len(self)))
             yield steps, self.at(steps)
 
 
 class Wiener(Method):
-    """The sum of the counts with a weight for each channel, window and value, by ridge regression."""
+    """Weighted sum of the counts, with a weight for each channel, window and value from ridge regression."""
 
     kind = "regression"
     called_by = "wiener"
@@ -67,38 +69,38 @@ class Wiener(Method):
     space = {"width": (5, 10, 20), "lags": (5, 10, 15), "ridge": (1e-4, 1e-3, 1e-2, 1e-1)}
 
     def fit(self, train: Recording, settings: Mapping[str, Any], seed: int) -> _Linear:
-        """Learn by the normal equations; see `Method`."""
+        """Solve the normal equations; see `Method`."""
         windows = Windows(train, settings["width"], settings["lags"])
-        gram, wanted = np.zeros((windows.size + 1, windows.size + 1)), 0.0
+        gram, moments = np.zeros((windows.size + 1, windows.size + 1)), 0.0
         for steps, counts in windows.parts():
             x = np.concatenate((counts, np.ones((len(counts), 1), np.float32)), axis=1)
             gram += x.T @ x
-            wanted = wanted + x.T @ train.targets[steps]
+            moments = moments + x.T @ train.targets[steps]
         strength = settings["ridge"] * np.trace(gram[:-1, :-1]) / windows.size
-        gram[np.diag_indices(windows.size)] += max(float(strength), 1e-12)  # the offset is free
-        return _Linear(np.linalg.solve(gram, wanted), settings)
+        gram[np.diag_indices(windows.size)] += max(float(strength), 1e-12)  # the offset is not penalised
+        return _Linear(np.linalg.solve(gram, moments), settings)
 
 
 class _Linear:
     def __init__(self, weights: Any, settings: Mapping[str, Any]) -> None:
         self._weights, self._settings = weights, settings
 
-    def _parts(self, shown: Recording) -> Any:
-        return (counts for _, counts in Windows(shown, self._settings["width"], self._settings["lags"]).parts())
+    def _parts(self, data: Recording) -> Any:
+        return (counts for _, counts in Windows(data, self._settings["width"], self._settings["lags"]).parts())
 
-    def predict(self, shown: Recording) -> Any:
-        """The values of each step."""
-        return np.concatenate([counts @ self._weights[:-1] + self._weights[-1] for counts in self._parts(shown)])
+    def predict(self, data: Recording) -> Any:
+        """Return the values of each step."""
+        return np.concatenate([counts @ self._weights[:-1] + self._weights[-1] for counts in self._parts(data)])
 
-    def costs(self, shown: Recording) -> Costs:
-        """Products of counts that are not 0; what it takes to count is not counted, as by NeuroBench."""
+    def costs(self, data: Recording) -> Costs:
+        """Count the products of counts that are not 0; like NeuroBench, ignore the operations for the counts."""
         used, size = (self._weights[:-1] != 0).sum(axis=1), self._weights[:-1].size
-        macs = sum(float(((counts != 0) * used).sum()) for counts in self._parts(shown)) / len(shown)
+        macs = sum(float(((counts != 0) * used).sum()) for counts in self._parts(data)) / len(data)
         return product_costs(self._weights.size, 4 * self._weights.size, macs, float(size))
 
 
 class Perceptron(Method):
-    """Two hidden layers of the sizes of NeuroBench's artificial network for this task, on counts of the last 0.2 s."""
+    """Perceptron on counts of the last 0.2 s, with two hidden layers of the sizes in NeuroBench's network."""
 
     kind = "regression"
     called_by = "mlp"
@@ -116,52 +118,52 @@ class Perceptron(Method):
     }
 
     def fit(self, train: Recording, settings: Mapping[str, Any], seed: int) -> _Decoder:
-        """Learn by gradients; see `Method`."""
+        """Train by gradients; see `Method`."""
         check_installed(self, "torch")
         import torch
         from torch import nn
 
         windows = Windows(train, settings["width"], settings["lags"])
-        middle, size = _scale(train)
-        wanted = (train.targets - middle) / size
+        mean, std = _mean_and_std(train)
+        targets = (train.targets - mean) / std
 
         def make() -> Any:
             first, second = settings["first"], settings["second"]
             hidden = (nn.Linear(windows.size, first), nn.ReLU(), nn.Linear(first, second), nn.ReLU())
-            return nn.Sequential(*hidden, nn.Dropout(settings["dropout"]), nn.Linear(second, wanted.shape[1]))
+            return nn.Sequential(*hidden, nn.Dropout(settings["dropout"]), nn.Linear(second, targets.shape[1]))
 
         def loss(module: Any, chosen: Any, epoch: int, rng: Any) -> Any:
-            said = module(torch.from_numpy(windows.at(chosen)))
-            return nn.functional.mse_loss(said, torch.from_numpy(wanted[chosen]))
+            outputs = module(torch.from_numpy(windows.at(chosen)))
+            return nn.functional.mse_loss(outputs, torch.from_numpy(targets[chosen]))
 
-        module = optimised(make, loss, len(train), settings["batch"], settings, seed)
-        return _Decoder(module, settings, middle, size)
+        module = train_module(make, loss, len(train), settings["batch"], settings, seed)
+        return _Decoder(module, settings, mean, std)
 
 
 class _Decoder(Network):
-    """A module that says values of a step by counts of windows, in standard deviations."""
+    """A module that maps the counts of windows to standardised values of a step."""
 
-    def __init__(self, module: Any, settings: Mapping[str, Any], middle: Floats, size: Floats) -> None:
+    def __init__(self, module: Any, settings: Mapping[str, Any], mean: Floats, std: Floats) -> None:
         super().__init__(module, "float32")
-        self._settings, self._middle, self._size = settings, middle, size
+        self._settings, self._mean, self._std = settings, mean, std
 
-    def predict(self, shown: Recording) -> Any:
-        """The values of each step."""
+    def predict(self, data: Recording) -> Any:
+        """Return the values of each step."""
         import torch
 
-        windows = Windows(shown, self._settings["width"], self._settings["lags"])
+        windows = Windows(data, self._settings["width"], self._settings["lags"])
         with torch.no_grad():
-            said = torch.cat([self.module(torch.from_numpy(counts)) for _, counts in windows.parts()])
-        return self._middle + self._size * said.numpy()
+            outputs = torch.cat([self.module(torch.from_numpy(counts)) for _, counts in windows.parts()])
+        return self._mean + self._std * outputs.numpy()
 
 
-def _scale(train: Recording) -> tuple[Floats, Floats]:
-    """Mean and standard deviation of each target."""
+def _mean_and_std(train: Recording) -> tuple[Floats, Floats]:
+    """Return the mean and the standard deviation of each target."""
     return train.targets.mean(axis=0), np.maximum(train.targets.std(axis=0), 1e-12)
 
 
 class LIFReadout(Method):
-    """A hidden layer of LIF neurons, and leaky neurons that never fire, whose potentials are the values."""
+    """Spiking network with a hidden layer of LIF neurons; potentials of non-firing leaky neurons are the outputs."""
 
     kind = "regression"
     called_by = "lif-readout"
@@ -181,7 +183,7 @@ class LIFReadout(Method):
     }
 
     def network(self, train: Recording, settings: Mapping[str, Any]) -> neuro.Network:
-        """The network before it learns; the first weights are drawn so that potentials vary as far as a threshold."""
+        """Build the untrained network; the initial weights let potentials vary by about one threshold."""
         h, channels = train.step, train.spikes.shape[1]
         net = neuro.Network(self.called_by, resolution=h)
         cell: Any = {"t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
@@ -189,9 +191,9 @@ class LIFReadout(Method):
         net.population("hidden", settings["hidden"], neuro.iaf_psc_delta(tau_m=settings["tau"], V_th=1.0, **cell))
         leaky = neuro.iaf_psc_delta(tau_m=settings["tau_out"], V_th=SILENT, **cell)
         net.population(OUTPUT, train.targets.shape[1], leaky)
-        a_step = max(0.1, float(train.spikes.sum()) / len(train))
+        spikes_per_step = max(0.1, float(train.spikes.sum()) / len(train))
         for name, source, target, std in (
-            ("in_hidden", INPUT, "hidden", (a_step * settings["tau"] / (2.0 * h)) ** -0.5),
+            ("in_hidden", INPUT, "hidden", (spikes_per_step * settings["tau"] / (2.0 * h)) ** -0.5),
             ("hidden_out", "hidden", OUTPUT, 0.1),
         ):
             weight = neuro.normal(mean=0.0, std=std)
@@ -199,23 +201,26 @@ class LIFReadout(Method):
         return net
 
     def fit(self, train: Recording, settings: Mapping[str, Any], seed: int) -> _Readout:
-        """Learn by surrogate gradients; see `Method`."""
+        """Train by surrogate gradients; see `Method`."""
         check_installed(self, "torch")
         from neuro_train.plan import TrainingPlan
         from neuro_train.trainer import learn
 
         before = int(FORGOTTEN * max(settings["tau"], settings["tau_out"]) / train.step)
-        middle, size = _scale(train)
-        scaled = Recording(train.spikes, (train.targets - middle) / size, train.step)
-        words: Any = {name: settings[name] for name in ("epochs", "rate", "decay", "slope", "batch")}
+        mean, std = _mean_and_std(train)
+        standardised = Recording(train.spikes, (train.targets - mean) / std, train.step)
+        options: Any = {name: settings[name] for name in ("epochs", "rate", "decay", "slope", "batch")}
         duration = (before + settings["steps"]) * train.step
-        plan = TrainingPlan(input=INPUT, output=OUTPUT, loss="mse", duration=duration, seed=seed, **words)
-        trained = learn(self.network(train, settings), stretches(scaled, settings["steps"], before), plan)
-        return _Readout(trained.net, seed, middle, size)
+        plan = TrainingPlan(input=INPUT, output=OUTPUT, loss="mse", duration=duration, seed=seed, **options)
+        trained = learn(self.network(train, settings), stretches(standardised, settings["steps"], before), plan)
+        return _Readout(trained.net, seed, mean, std)
 
 
 def stretches(recording: Recording, steps: int, before: int) -> Any:
-    """A recording as recordings of so many steps for `neuro train`, each after so many for which nothing is asked."""
+    """Cut a recording into training examples of `steps` steps, each after `before` steps without targets.
+
+    The steps without targets let the network forget its initial state. Their targets are NaN.
+    """
     from neuro_torch import Events
     from neuro_train.data import BatchData
 
@@ -230,23 +235,23 @@ def stretches(recording: Recording, steps: int, before: int) -> Any:
 
 
 class _Readout:
-    def __init__(self, net: neuro.Network, seed: int, middle: Floats, size: Floats) -> None:
-        self.net, self._seed, self._middle, self._size = net, seed, middle, size
+    def __init__(self, net: neuro.Network, seed: int, mean: Floats, std: Floats) -> None:
+        self.net, self._seed, self._mean, self._std = net, seed, mean, std
 
-    def _run(self, backend: str, shown: Recording) -> Any:
-        """Show a recording from its beginning to its end."""
+    def _run(self, backend: str, data: Recording) -> Any:
+        """Run the network with the whole recording as input."""
         sim = neuro.compile(self.net, backend=backend, seed=self._seed)
-        step, channel = shown.spikes.nonzero()
-        sim.inject(INPUT, (step + 1.0) * shown.step, channel)
-        sim.run(len(shown) * shown.step)
+        step, channel = data.spikes.nonzero()
+        sim.inject(INPUT, (step + 1.0) * data.step, channel)
+        sim.run(len(data) * data.step)
         return sim
 
-    def predict(self, shown: Recording) -> Any:
-        """The values of each step."""
-        return self._middle + self._size * self._run("event", shown).trace(probe(OUTPUT))[1]
+    def predict(self, data: Recording) -> Any:
+        """Return the values of each step."""
+        return self._mean + self._std * self._run("event", data).trace(probe(OUTPUT))[1]
 
-    def costs(self, shown: Recording) -> Costs:
-        """By NeuroBench's counts, and the bills of chips, of the first steps."""
-        n = min(PRICED_STEPS, len(shown))
-        sim = self._run(CHIP, shown.take(slice(n)))
+    def costs(self, data: Recording) -> Costs:
+        """Return NeuroBench's counts and the bills of chips, averaged over the first steps."""
+        n = min(PRICED_STEPS, len(data))
+        sim = self._run(CHIP, data.take(slice(n)))
         return spiking_costs(sim, sim.taken(), n)

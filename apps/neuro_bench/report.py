@@ -1,4 +1,4 @@
-"""Results as tables and files; the first line of a comparison says who wins."""
+"""Results as files and tables; the first line of a comparison names the best method."""
 
 from __future__ import annotations
 
@@ -15,57 +15,57 @@ from neuro_bench.running import FORMAT
 
 RESULT = sealed("a result of 'neuro bench run'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 SAME = ("tries", "seeds", "folds", "split_seed")
-"""What results of one table have in common, beside task, split and data."""
+"""Fields of the request that all results of a table must share, besides task, split and data."""
 COUNTS = {
     "parameters": "weights", "footprint_bytes": "bytes", "connection_sparsity": "0 w.", "activation_sparsity": "0 act.",
     "effective_macs": "MACs", "effective_acs": "ACs",
 }  # fmt: skip
-"""Costs in the table, and their titles there."""
+"""Costs in the table, and the titles of their columns."""
 
 
-def write(found: Mapping[str, Any], path: Path) -> None:
+def write(result: Mapping[str, Any], path: Path) -> None:
     """Write a result as JSON."""
-    write_text(path, json.dumps(_finite(found), indent=1), RESULT)
+    write_text(path, json.dumps(_finite(result), indent=1), RESULT)
 
 
 def read(path: Path) -> dict[str, Any]:
-    """A result from its file.
+    """Read a result from its file.
 
     Raises:
-        ModelError: it is none.
+        ModelError: the file cannot be read or is not a result of 'neuro bench run'.
     """
     try:
-        found = json.loads(path.read_text("utf-8"))
+        result = json.loads(path.read_text("utf-8"))
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:
-        found = {}
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        result = {}
+    if not isinstance(result, dict) or result.get("format") != FORMAT:
         raise ModelError(f"{path}: expected a result of 'neuro bench run'")
-    return found
+    return result
 
 
 def compared(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Results of one table, the best first.
+    """Sort the results of one table, best first.
 
     Raises:
-        ModelError: they are of other tasks, splits or data, or were not tuned with the same tries.
+        ModelError: the results differ in task, split or data, or in a field of `SAME`.
     """
     first = results[0]
     for other in results[1:]:
         pairs = [(f"task {word}", "task", word) for word in ("name", "split", "metric")]
         pairs += [(word, "asked", word) for word in SAME]
-        same = [(what, first[part][word], other[part][word]) for what, part, word in pairs]
-        for what, one, another in (*same, ("data", first.get("data"), other.get("data"))):
+        values = [(label, first[part][word], other[part][word]) for label, part, word in pairs]
+        for label, one, another in (*values, ("data", first.get("data"), other.get("data"))):
             if one != another:
-                message = f"results differ in {what}: {one} and {another}: expected the same in one table"
+                message = f"results differ in {label}: {one} and {another}: expected the same in one table"
                 raise ModelError(message)
     sign = -1.0 if first["task"]["higher"] else 1.0
     return sorted(results, key=lambda one: sign * one["mean"])
 
 
 def verdict(results: Sequence[Mapping[str, Any]]) -> str:
-    """Who wins, in a line: the best of all, and the best of the other kind."""
+    """Return a line that names the best method, and the best of the other kind (spiking or non-spiking)."""
     best = results[0]
     spiking, kinds = best["method"]["spiking"], {True: "spiking", False: "non-spiking"}
     name, unit = best["method"]["name"], best["task"]["metric"]
@@ -90,40 +90,43 @@ def _score(result: Mapping[str, Any]) -> str:
 
 
 def _number(value: float, result: Mapping[str, Any]) -> str:
-    """With two decimals, three where the best possible is 1."""
+    """Format a score with two decimals, or three for R2."""
     return f"{value:.{3 if result['task']['metric'].startswith('R2') else 2}f}"
 
 
 def show(results: Sequence[Mapping[str, Any]]) -> None:
-    """Print the verdict, where there are several, and the table."""
+    """Print the table of results, after a line with the best method if there are several results."""
     ordered = compared(results)
     first = ordered[0]
-    asked, task = first["asked"], first["task"]
+    request, task = first["asked"], first["task"]
     if len(ordered) > 1:
         console().print(verdict(ordered), soft_wrap=True)
     rows = [row(one) for one in ordered]
     head = ("method", "spikes", f">{task['metric']}", *(f">{word}" for word in (*COUNTS.values(), "ms", "cpu s")))
-    tried = f"{asked['tries']} {'try' if asked['tries'] == 1 else 'tries'} each"
+    tries = f"{request['tries']} {'try' if request['tries'] == 1 else 'tries'} each"
     folds = f"{len(first['folds'])} trainings tested"
-    console().print(table(head, rows, title=f"{task['title']}; {task['split']} folds; {folds}; {tried}"))
+    console().print(table(head, rows, title=f"{task['title']}; {task['split']} folds; {folds}; {tries}"))
     for line in sensitivity(ordered):
         console().print(line, soft_wrap=True)
     machines = list(dict.fromkeys(name for one in ordered for name in one["costs"]["joules"]))
     if machines:
         bills = [[one["method"]["name"], *(_uj(one["costs"], each) for each in machines)] for one in ordered]
-        console().print(table(("method", *(f">{each}" for each in machines)), bills, title="uJ of an example"))
+        console().print(table(("method", *(f">{each}" for each in machines)), bills, title="uJ per example"))
     for one in ordered:
         name, costs = one["method"]["name"], one["costs"]
         for machine, missing in costs.get("unpriced", {}).items():
             console().print(
-                f"{name}: {machine}: > without {', '.join(missing)}: no figure is published", soft_wrap=True
+                f"{name}: {machine}: without {', '.join(missing)} (no published figure), hence >", soft_wrap=True
             )
         for chip, why in costs.get("refused", {}).items():
-            console().print(f"{name}: {chip} refuses it: {why}", soft_wrap=True)
+            console().print(f"{name}: refused by {chip}: {why}", soft_wrap=True)
 
 
 def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
-    """For the best spiking network, beside the best other, up to which rate of spikes it takes fewer joules."""
+    """Compare the energy of the best spiking network with that of the best other method.
+
+    Each line states the factor of the number of spikes up to which the spiking network needs less energy.
+    """
     spiking = next((one for one in results if one["method"]["spiking"]), None)
     other = next((one for one in results if not one["method"]["spiking"] and one["costs"]["joules"]), None)
     if spiking is None or other is None:
@@ -132,16 +135,14 @@ def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
     for chip, of_spikes in costs.get("joules_of_spikes", {}).items():
         for name, joules in against.items():
             times = break_even(costs["joules"][chip], of_spikes, joules)
-            what = f"{spiking['method']['name']} on {chip} against {other['method']['name']} on {name}"
-            till = (
-                f"fewer joules up to {times:.3g} times its spikes" if times else "more joules, even if it were silent"
-            )
-            lines.append(f"{what}: {till}")
+            contest = f"{spiking['method']['name']} on {chip} against {other['method']['name']} on {name}"
+            answer = f"fewer joules up to {times:.3g} times its spikes" if times else "more joules, even without spikes"
+            lines.append(f"{contest}: {answer}")
     return lines
 
 
 def row(result: Mapping[str, Any]) -> tuple[str, ...]:
-    """A line of the table."""
+    """Return a row of the table."""
     costs, each = result["costs"], [one["ms_an_example"] for one in result["folds"]]
     return (
         result["method"]["name"],
@@ -154,13 +155,13 @@ def row(result: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _uj(costs: Mapping[str, Any], machine: str) -> str:
-    """Microjoules of an example on a machine, behind ">" where a cost has no published figure."""
+    """Format the energy of an example on a machine in uJ, with ">" if a cost has no published figure."""
     joules = costs["joules"].get(machine)
     return "-" if joules is None else "> " * (machine in costs.get("unpriced", {})) + f"{1e6 * joules:.3g}"
 
 
 def _finite(value: Any) -> Any:
-    """The same with None for what is no finite number, which JSON has no word for."""
+    """Replace infinities and NaN by None, because JSON has neither."""
     if isinstance(value, Mapping):
         return {name: _finite(one) for name, one in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""A method on the folds of a task: the same tries for every method, chosen by validation, tested once."""
+"""Running a method on the folds of a task: settings are chosen on the validation part and tested once."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from neuro_bench.task import Fold, Method, Task, tries
 
 
 def _registry(
-    base: type[Any], kind: str, parts: tuple[type[Any], ...], group: str, method: str, words: tuple[str, ...]
+    base: type[Any], kind: str, parts: tuple[type[Any], ...], group: str, method: str, attributes: tuple[str, ...]
 ) -> Registry[Any]:
-    """Return a registry of subclasses; it refuses a class that lacks a word or a method."""
+    """Return a registry of subclasses that refuses a class without one of the class attributes or the method."""
 
     def complete(part: Any) -> Any:
-        for word in words:
-            if not getattr(part, word):
-                raise TypeError(f"{base.__name__.lower()} '{part.__name__}' has no {word}: expected a text")
+        for attribute in attributes:
+            if not getattr(part, attribute):
+                raise TypeError(f"{base.__name__.lower()} '{part.__name__}' has no {attribute}: expected a text")
         if getattr(part, method) is getattr(base, method):
             raise TypeError(f"{base.__name__.lower()} '{part.__name__}' has no method {method}")
         return part
@@ -73,18 +73,18 @@ KEPT = JobResults("the folds of an unfinished 'neuro bench run'", "neuro bench f
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What is asked for: all that a result follows from, beside the data and the version.
+    """A benchmark run. Equal requests on equal data with the same version give the same result.
 
     Attributes:
-        task: a name of `TASKS`.
-        method: a name of `METHODS`.
-        data: path of the data, None where the task makes them.
-        split: of the task, its first if None.
-        tries: settings that are tried in each fold, with the first seed.
-        seeds: of the method, each on all folds.
-        folds: the first so many only; all if None.
-        changes: settings that are otherwise than the method's, in all tries.
-        split_seed: of folds that are drawn.
+        task: name of a task in `TASKS`.
+        method: name of a method in `METHODS`.
+        data: path of the data; None if the task computes its data.
+        split: split of the task; None for its first.
+        tries: number of settings tried in each fold, with the first seed.
+        seeds: seeds of the method, each for all folds.
+        folds: number of folds, from the first; None for all.
+        changes: settings of the method that are changed in all tries.
+        split_seed: seed of random folds.
     """
 
     task: str
@@ -98,15 +98,15 @@ class Request:
     split_seed: int = 0
 
     def made(self) -> tuple[Task, Method]:
-        """The task and the method.
+        """Create the task and the method.
 
         Raises:
-            ModelError: there is none of that name, they do not suit each other, or a setting is unknown or
-                of another kind.
+            ModelError: the task or the method is unknown, the method is for another kind of task, or a setting is
+                unknown or has another type.
         """
-        for what, name, known in (("task", self.task, TASKS), ("method", self.method, METHODS)):
-            if name not in known:
-                raise unknown(what, name, known)
+        for role, name, registry in (("task", self.task, TASKS), ("method", self.method, METHODS)):
+            if name not in registry:
+                raise unknown(role, name, registry)
         kind, method = TASKS[self.task], METHODS[self.method]()
         if kind.kind != method.kind:
             suits = ", ".join(name for name in METHODS if METHODS[name].kind == kind.kind)
@@ -124,25 +124,26 @@ class Request:
 
 def run(
     request: Request,
-    report: Callable[[str, int, int], None] = lambda what, done, total: None,
+    report: Callable[[str, int, int], None] = lambda label, n_done, n_total: None,
     kept: Path | None = None,
 ) -> dict[str, Any]:
     """Run a method on all folds of a task.
 
     Args:
-        request: what is asked for.
-        report: called with what is done, how much of it, and of how much.
-        kept: a file of the folds that are done, from which the same request goes on; None: none.
+        request: the task, the method and their options.
+        report: called before each fold with its label, the number of finished folds and the number of all folds.
+        kept: file of the finished folds, from which the same request resumes; None for no file.
 
     Returns:
-        Ready for JSON: the request, each fold's settings, tries, score and costs, mean and 95 % interval, provenance.
+        data for JSON: the request, the settings, tries, score and costs of each fold, the mean score with its 95 %
+        confidence interval, and the provenance.
 
     Raises:
-        ModelError: as of `Request.made` and of the task.
+        ModelError: see `Request.made` and the folds of the task.
     """
     task, method = request.made()
     folds = task.folds()[: request.folds]
-    asked: dict[str, Any] = {
+    options: dict[str, Any] = {
         "data": None if request.data is None else str(request.data),
         "tries": request.tries,
         "seeds": list(request.seeds),
@@ -150,24 +151,24 @@ def run(
         "changes": dict(request.changes or {}),
         "split_seed": request.split_seed,
     }
-    made = provenance()
-    of = {"task": request.task, "split": task.split, "method": request.method, **asked}
-    of |= {word: made[word] for word in ("neuro", "commit", "inputs")}
-    found: list[dict[str, Any]] = [] if kept is None else KEPT.read(kept, of).get("folds", [])
-    each = [(seed, k) for seed in request.seeds for k in range(len(folds))]
-    for seed, k in each[len(found) :]:
+    source = provenance()
+    identity = {"task": request.task, "split": task.split, "method": request.method, **options}
+    identity |= {field: source[field] for field in ("neuro", "commit", "inputs")}
+    results: list[dict[str, Any]] = [] if kept is None else KEPT.read(kept, identity).get("folds", [])
+    trainings = [(seed, k) for seed in request.seeds for k in range(len(folds))]
+    for seed, k in trainings[len(results) :]:
         fold = folds[k]
-        report(f"{fold.name}, seed {seed}", len(found), len(each))
-        if len(found) >= len(folds):  # another seed: the settings that were chosen for this fold
-            known = found[k]["settings"]
-        else:  # or those of a fold with the same series to choose by
-            same = (j for j in range(len(found)) if task.kind == "series" and folds[j].validation is fold.validation)
-            known = next((found[j]["settings"] for j in same), None)
-        tried = tries(method, asked["changes"], request.tries, seed) if known is None else [known]
-        found.append(_fold(task, method, fold, tried, seed))
+        report(f"{fold.name}, seed {seed}", len(results), len(trainings))
+        if len(results) >= len(folds):  # a further seed: use the settings that the first seed chose for this fold
+            settings = results[k]["settings"]
+        else:  # the first seed: folds with the same validation series share their settings
+            same = (j for j in range(len(results)) if task.kind == "series" and folds[j].validation is fold.validation)
+            settings = next((results[j]["settings"] for j in same), None)
+        candidates = tries(method, options["changes"], request.tries, seed) if settings is None else [settings]
+        results.append(_run_fold(task, method, fold, candidates, seed))
         if kept is not None:
-            KEPT.write(kept, of, {"folds": found})
-    scores = [each["score"] for each in found]
+            KEPT.write(kept, identity, {"folds": results})
+    scores = [each["score"] for each in results]
     mean, low, high = interval(scores)
     data = None if request.data is None else Path(request.data).absolute()
     return {
@@ -177,57 +178,64 @@ def run(
             "split": task.split,
             "metric": task.metric,
             "higher": task.higher,
-            **{word: getattr(task, word) for word in ("title", "licence", "source")},
+            **{field: getattr(task, field) for field in ("title", "licence", "source")},
         },
         "method": {"name": request.method, "title": method.title, "spiking": method.spiking},
-        "asked": asked,
-        "data": sorted(made["inputs"][name] for name in made["inputs"] if data and Path(name).is_relative_to(data)),
+        "asked": options,
+        "data": sorted(source["inputs"][name] for name in source["inputs"] if data and Path(name).is_relative_to(data)),
         "mean": mean,
         "interval": [low, high],
-        "folds": found,
-        "costs": _mean_costs([each["costs"] for each in found]),
-        "cpu_s": sum(each["cpu_s"] for each in found),
-        "provenance": made,
+        "folds": results,
+        "costs": _mean_costs([each["costs"] for each in results]),
+        "cpu_s": sum(each["cpu_s"] for each in results),
+        "provenance": source,
     }
 
 
-def _fold(task: Task, method: Method, fold: Fold, tried: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
-    began = time.process_time()
-    told: list[dict[str, Any]] = []
+def _run_fold(
+    task: Task, method: Method, fold: Fold, candidates: Sequence[dict[str, Any]], seed: int
+) -> dict[str, Any]:
+    """Choose the best settings by the score on the validation part, train with them, and test."""
+    start_s = time.process_time()
+    validated: list[dict[str, Any]] = []
 
-    def size(part: Any) -> Any:
+    def question(part: Any) -> Any:
+        """Return the argument of `predict`: of a series the number of values, of other parts the inputs."""
         return len(part) if task.kind == "series" else part
 
     parts = [(fold.train, fold.validation)]
     if task.kind == "series":
         parts = list(zip(fold.train, fold.validation, strict=True))
-    if len(tried) > 1:
-        for settings in tried:
-            each = [task.score(method.fit(seen, settings, seed).predict(size(next)), next) for seen, next in parts]
-            told.append({"settings": settings, "validation": float(np.mean(each))})
+    if len(candidates) > 1:
+        for settings in candidates:
+            scores = []
+            for train, validation in parts:
+                predicted = method.fit(train, settings, seed).predict(question(validation))
+                scores.append(task.score(predicted, validation))
+            validated.append({"settings": settings, "validation": float(np.mean(scores))})
         sign = 1.0 if task.higher else -1.0
-        best: dict[str, Any] = max(told, key=lambda one: sign * float(one["validation"]))["settings"]
+        best: dict[str, Any] = max(validated, key=lambda one: sign * float(one["validation"]))["settings"]
     else:
-        best = tried[0]
+        best = candidates[0]
     model = method.fit(fold.both, best, seed)
-    answered = time.process_time()
-    predicted = model.predict(size(fold.test))
-    spent = time.process_time()
+    test_start_s = time.process_time()
+    predicted = model.predict(question(fold.test))
+    test_s = time.process_time() - test_start_s
     return {
         "fold": fold.name,
         "seed": seed,
         "score": task.score(predicted, fold.test),
         "n": len(fold.test),
         "settings": best,
-        "tries": told,
-        "costs": model.costs(size(fold.test)).as_words(),
-        "ms_an_example": 1000.0 * (spent - answered) / len(fold.test),
-        "cpu_s": time.process_time() - began,
+        "tries": validated,
+        "costs": model.costs(question(fold.test)).as_words(),
+        "ms_an_example": 1000.0 * test_s / len(fold.test),
+        "cpu_s": time.process_time() - start_s,
     }
 
 
 def interval(scores: Sequence[float]) -> tuple[float, float, float]:
-    """Mean of scores, and its 95 % interval by Student's t; of one score no interval, so NaN."""
+    """Return the mean score and its 95 % confidence interval by Student's t; the interval of one score is NaN."""
     from scipy.stats import t
 
     mean, n = float(np.mean(scores)), len(scores)
@@ -237,15 +245,16 @@ def interval(scores: Sequence[float]) -> tuple[float, float, float]:
     return mean, mean - half, mean + half
 
 
-def _mean_costs(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name in each[0]:
-        values = [one[name] for one in each]
-        if name == "refused":  # by a chip in one fold, so there is no bill of all
-            found[name] = {key: why for one in values for key, why in one.items()}
+def _mean_costs(costs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Average the costs of the folds; a chip that refuses one fold has no mean, and None stays None."""
+    means: dict[str, Any] = {}
+    for name in costs[0]:
+        values = [one[name] for one in costs]
+        if name == "refused":
+            means[name] = {key: why for one in values for key, why in one.items()}
         elif isinstance(values[0], Mapping):
             shared = (key for key in values[0] if all(key in one for one in values))
-            found[name] = {key: float(np.mean([one[key] for one in values])) for key in shared}
+            means[name] = {key: float(np.mean([one[key] for one in values])) for key in shared}
         else:
-            found[name] = None if None in values else float(np.mean(values))
-    return found
+            means[name] = None if None in values else float(np.mean(values))
+    return means

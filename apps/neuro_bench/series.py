@@ -1,15 +1,15 @@
-"""Methods for series: spiking populations and the same functions without spikes, an echo state network, the mean.
+"""Methods for series: spiking populations, the same functions without spikes, an echo state network, and the mean.
 
-The spiking populations have a readout of the last values. A value is a current into all neurons of a population, whose
-offsets differ, so each fires from another value on, and the further the value is above that, the sooner. Which neurons
-fire, and when, distinguishes as many values as there are neurons times steps (time to first spike: Thorpe, Delorme and
-Van Rullen, Neural Networks 14:715, 2001). A neuron that has fired is silent until a clock's spikes empty all neurons
-for the next value, so the spikes follow from the value alone.
+The spiking populations encode a value as a current into all neurons of a population. The neurons have different
+offsets, so each fires above a threshold value of its own, and fires earlier the further the value is above. The set of
+spikes and their times distinguish as many values as there are neurons times steps (time to first spike: Thorpe, Delorme
+and Van Rullen, Neural Networks 14:715, 2001). A neuron that has fired stays silent until spikes of a clock reset all
+neurons before the next value. The spikes therefore depend on the present value only.
 
-A spike counts for the steps that are left, as by a synaptic current that flows until then, so each neuron adds a
-staircase of the value. A smooth function is a sum of these, and ridge regression says the next value from such
-functions of the last so many values (as in Eliasmith and Anderson, Neural Engineering, MIT Press 2003). Both are
-linear, so the readout is one weight for each neuron and delay, added at each spike.
+A spike counts with the number of steps after it, like a synaptic current that flows until the reset. The output of a
+neuron is thus a staircase function of the value. Sums of such staircases approximate smooth functions. Ridge regression
+predicts the next value from such functions of the last values (as in Eliasmith and Anderson, Neural Engineering, MIT
+Press 2003). Both steps are linear, so the readout has one weight for each neuron and delay, added at each spike.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from neuro_bench.costs import PICOJOULES, Costs, product_costs, spiking_costs
 from neuro_bench.task import Method, Series
 
 EMPTYING, SHOWN = 2, 16
-"""Steps until the neurons are empty and the current has come, and steps that neurons may fire in."""
+"""Number of steps for the reset and the arrival of the current, and number of steps in which neurons may fire."""
 STEPS = EMPTYING + SHOWN
 TAU = 4.0
-"""ms, of the membrane; a step is 1 ms."""
+"""Membrane time constant in ms; a step is 1 ms."""
 DEEP = 1e4
-"""Thresholds below 0 that a neuron is left at by its spike, from where no current brings it back in time."""
+"""Depth of the reset below 0, in thresholds, from which a neuron cannot fire again before the clock's reset."""
 MARGIN = 1.15
-"""What can be said reaches this much further from the middle of the values that were seen than these."""
+"""Range of predicted values relative to the range of the training values."""
 PRICED_VALUES = 75
-"""Values that costs are the mean of, at most."""
+"""Largest number of values over which costs are averaged."""
 Floats = npt.NDArray[np.float64]
 LEAST: Floats = -1.0 / np.expm1(-np.arange(1.0, SHOWN + 1.0) / TAU)
-"""Of a threshold: the least current for a spike in the first step, in the second, and so on."""
+"""Smallest current, in thresholds, for a spike in the first step, in the second step, and so on."""
 NONE = np.zeros(0, dtype=np.int64)
 
 
 class PopulationCode(Method):
-    """Populations of LIF neurons with a readout by least squares, which then hear their own predictions."""
+    """Populations of LIF neurons with a least-squares readout, which predict with their own predictions as input."""
 
     kind = "series"
     called_by = "population-code"
@@ -60,70 +60,81 @@ class PopulationCode(Method):
     }
 
     def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> _Coded:
-        """Learn to say the next value; see `Method`."""
+        """Fit the prediction of the next value; see `Method`."""
         return _Coded(train, settings, seed)
 
 
 class _Cells:
-    """Populations of a seed, one for each member, for values from -1 to 1; the same for all series."""
+    """Populations that encode values from -1 to 1, one for each member; they depend on the seed, not on the series."""
 
     def __init__(self, count: int, members: int, seed: int) -> None:
-        words: Any = {"tau_m": TAU, "C_m": TAU, "t_ref": 0.0, "E_L": 0.0, "V_th": 1.0, "V_reset": -DEEP, "V_min": -DEEP}
-        first = [np.random.default_rng((seed, k, 5)).random() for k in range(members)]
-        self.at = 2.0 * (np.arange(count) + np.array(first)[:, None]) / count - 1.0
+        cell: Any = {"tau_m": TAU, "C_m": TAU, "t_ref": 0.0, "E_L": 0.0, "V_th": 1.0, "V_reset": -DEEP, "V_min": -DEEP}
+        shifts = [np.random.default_rng((seed, k, 5)).random() for k in range(members)]
+        self.at = 2.0 * (np.arange(count) + np.array(shifts)[:, None]) / count - 1.0  # threshold value of each neuron
         self._seed, gain, size = seed, _gain(count), members * count
         emptying = np.array([[-2.0 * DEEP], [DEEP * math.exp(-1.0 / TAU)]])  # first all to V_min, then all to 0
         net = neuro.Network("population-code", resolution=1.0)
         value = net.population("value", size, neuro.dc_generator(amplitude=0.0))
         clock = net.population("clock", EMPTYING, neuro.spike_generator())
-        cells = net.population("cells", size, neuro.iaf_psc_delta(I_e=LEAST[-1] - gain * self.at.ravel(), **words))
+        cells = net.population("cells", size, neuro.iaf_psc_delta(I_e=LEAST[-1] - gain * self.at.ravel(), **cell))
         net.connect(value, cells, neuro.one_to_one(), weight=gain, delay=1.0)
         net.connect(clock, cells, neuro.all_to_all(), weight=np.tile(emptying, size), delay=1.0)
         self.sim = neuro.compile(net)
         self._amplitude = self.sim.port("value", "amplitude")
         self._stepper = self.sim.stepper(1.0, ["clock"], ["cells"])
 
-    def left(self, values: Floats) -> Floats:
-        """The share of the steps that are left from each neuron's spike on, or 0, (members, neurons), at its value."""
+    def remaining_shares(self, values: Floats) -> Floats:
+        """Return the share of the steps from each neuron's spike on, shape (members, neurons); 0 without a spike.
+
+        A spike in the last of 16 steps gives 1/16, in the first step 1.
+
+        Args:
+            values: value of each member.
+        """
         self._amplitude.set(np.repeat(values, self.at.shape[1]))
         for step in range(EMPTYING):
             self._stepper.step((np.array([1]), np.array([step])))
-        fired, said = np.zeros(self.at.size), np.zeros(self.at.shape)
+        spike_counts, steps_since_spike = np.zeros(self.at.size), np.zeros(self.at.shape)
         for _ in range(SHOWN):
-            fired += self._stepper.step((NONE, NONE))[0][0]
-            said += fired.reshape(said.shape)
-        return said / SHOWN
+            spike_counts += self._stepper.step((NONE, NONE))[0][0]
+            steps_since_spike += spike_counts.reshape(steps_since_spike.shape)
+        return steps_since_spike / SHOWN
 
     def decoders(self, functions: int, steep: float) -> list[Floats]:
-        """For each member weights that make smooth functions of the value from what is left, (neurons, functions).
+        """Return for each member the weights (neurons, functions) that turn remaining shares into smooth functions.
 
-        They make hyperbolic tangents but for a constant, blurred by the little that a staircase extends over: the
-        weight of a neuron is the change of the function from the middle between it and the neuron before to that
-        between it and the next.
+        The functions are hyperbolic tangents, up to a constant and blurred by the width of a staircase. The weight of a
+        neuron is the change of the function between the midpoints to its two neighbours.
         """
-        found = []
+        weights = []
         for k, at in enumerate(self.at):
             middles = np.concatenate(([-1.0], (at[1:] + at[:-1]) / 2.0, [1.0]))
-            found.append(np.diff(tangents(functions, steep, (self._seed, k))(middles), axis=0))
-        return found
+            weights.append(np.diff(tangents(functions, steep, (self._seed, k))(middles), axis=0))
+        return weights
 
 
-def tangents(functions: int, steep: float, drawn: tuple[int, int]) -> Callable[[Floats], Floats]:
-    """Hyperbolic tangents of values from -1 to 1, (values, functions), which a seed and a member draw."""
-    rng = np.random.default_rng((*drawn, 6))
+def tangents(functions: int, steep: float, stream: tuple[int, int]) -> Callable[[Floats], Floats]:
+    """Return random hyperbolic tangents: a function from values in [-1, 1] to an array (values, functions).
+
+    Args:
+        functions: number of functions.
+        steep: mean slope of the functions.
+        stream: seed and member, which determine centres and slopes.
+    """
+    rng = np.random.default_rng((*stream, 6))
     centre, slope = rng.uniform(-1.0, 1.0, functions), steep * rng.uniform(0.5, 1.4, functions)
     return lambda values: np.tanh((values[:, None] - centre) * slope)
 
 
 def _gain(count: int) -> float:
-    """Current of a value, for which the steps of all neurons' staircases divide the values most evenly.
+    """Return the current per value for which the edges of all neurons' staircases are spaced most evenly.
 
-    A neuron fires in a step from its own value on and LEAST / gain further. Taken modulo the distance of two neurons
-    these are the steps at which the spikes change; the error grows with the sum of the cubes of their distances.
+    A neuron fires in a given step if the value exceeds its threshold value by LEAST / gain. Modulo the distance of two
+    neurons, these are the values at which the spikes change. The error grows with the sum of the cubes of their gaps.
     """
-    gains, apart = np.linspace(5.0, 20.0, 4001), 2.0 / count
-    steps = np.sort(np.mod(LEAST / gains[:, None], apart), axis=1)
-    gaps = np.diff(steps, append=steps[:, :1] + apart)
+    gains, distance = np.linspace(5.0, 20.0, 4001), 2.0 / count
+    edges = np.sort(np.mod(LEAST / gains[:, None], distance), axis=1)
+    gaps = np.diff(edges, append=edges[:, :1] + distance)
     return float(gains[np.argmin((gaps**3).sum(axis=1))])
 
 
@@ -131,121 +142,133 @@ _cells = lru_cache(maxsize=4)(_Cells)
 
 
 @lru_cache(maxsize=4)
-def _left(cells: _Cells, values: bytes) -> Floats:
-    """What is left at each of many values, which all members are shown, (members, values, neurons)."""
-    return np.stack([cells.left(np.full(len(cells.at), each)) for each in np.frombuffer(values)], axis=1)
+def _shares_of_values(cells: _Cells, values: bytes) -> Floats:
+    """Return the remaining shares for each value of a series, shape (members, values, neurons)."""
+    return np.stack([cells.remaining_shares(np.full(len(cells.at), each)) for each in np.frombuffer(values)], axis=1)
 
 
 class _Coded:
-    """The populations and their readouts of a series; the mean of what they say goes on."""
+    """The populations with readouts fitted to a series; the prediction is the mean of the members' predictions."""
 
     def __init__(self, train: Series, settings: Mapping[str, Any], seed: int) -> None:
         cells = self._cells = _cells(settings["cells"], settings["members"], seed)
-        seen, self._middle, self._reach = scaled(train)
-        left, delays = _left(cells, seen.tobytes()), settings["delays"]
-        self._weights = np.empty((len(left), delays, settings["cells"]))
-        self._offsets = np.empty((len(left), 1))
+        series, self._middle, self._scale = scaled(train)
+        shares, delays = _shares_of_values(cells, series.tobytes()), settings["delays"]
+        self._weights = np.empty((len(shares), delays, settings["cells"]))
+        self._offsets = np.empty((len(shares), 1))
         for k, decoders in enumerate(cells.decoders(settings["functions"], settings["steep"])):
-            weights, self._offsets[k] = ridge(left[k] @ decoders, seen, delays, settings["ridge"])
+            weights, self._offsets[k] = ridge(shares[k] @ decoders, series, delays, settings["ridge"])
             self._weights[k] = weights @ decoders.T
-        self._coming = np.tile(self._offsets, delays)
-        for k in range(len(seen) - delays, len(seen)):
-            self._coming = self._heard(self._coming, left[:, k])
+        self._sums = np.tile(self._offsets, delays)
+        for k in range(len(series) - delays, len(series)):
+            self._sums = self._add_value(self._sums, shares[:, k])
 
-    def _heard(self, coming: Floats, left: Floats) -> Floats:
-        """The sums of the next predictions, (members, delays), after a value; the first of them is over.
+    def _add_value(self, sums: Floats, shares: Floats) -> Floats:
+        """Drop the sum of the present prediction and add a value's spikes to the sums of the next ones.
 
-        Each spike adds its weight, for the steps that are left, to all of them.
+        Args:
+            sums: sums of the next predictions, shape (members, delays).
+            shares: remaining shares of the value's spikes, shape (members, neurons).
         """
-        added: Floats = (self._weights @ left[:, :, None])[:, :, 0]
-        return np.concatenate((coming[:, 1:], self._offsets), axis=1) + added
+        contributions: Floats = (self._weights @ shares[:, :, None])[:, :, 0]
+        return np.concatenate((sums[:, 1:], self._offsets), axis=1) + contributions
 
-    def predict(self, shown: int) -> Series:
-        """The next values, each of a member from its spikes that say those before it."""
-        coming, said = self._coming, np.empty((shown, len(self._offsets)))
-        for k in range(shown):
-            said[k] = np.clip(coming[:, 0], -1.0, 1.0)
-            coming = self._heard(coming, self._cells.left(said[k]))
-        return np.asarray(self._middle + self._reach * said.mean(axis=1))
+    def predict(self, data: int) -> Series:
+        """Return the next values; each member predicts a value from its spikes for its previous predictions."""
+        sums, predictions = self._sums, np.empty((data, len(self._offsets)))
+        for k in range(data):
+            predictions[k] = np.clip(sums[:, 0], -1.0, 1.0)
+            sums = self._add_value(sums, self._cells.remaining_shares(predictions[k]))
+        return np.asarray(self._middle + self._scale * predictions.mean(axis=1))
 
-    def costs(self, shown: int) -> Costs:
-        """The bills of chips for the neurons, and the sums of the readout, by the first values that are said."""
-        sim, shown = self._cells.sim, min(shown, PRICED_VALUES)
+    def costs(self, data: int) -> Costs:
+        """Return the bills of chips for the neurons and the readout's sums, averaged over the first predictions."""
+        sim, n = self._cells.sim, min(data, PRICED_VALUES)
         sim.reset()
-        self.predict(shown)
-        taken: Any = sim.taken()
-        costs: Any = spiking_costs(sim, taken, shown, steps=STEPS, clock=False)
+        self.predict(n)
+        counts: Any = sim.taken()
+        costs: Any = spiking_costs(sim, counts, n, steps=STEPS, clock=False)
         members, delays, cells = self._weights.shape
-        fired = taken.counts.populations["cells"].spikes / shown
-        readout = delays * (fired + members * SHOWN)  # a spike's weights, and the currents' flow
-        sums, named = PICOJOULES["float32 sum"] * 1e-12 * readout, "{}, and the readout's sums".format
-        made: Costs = replace(
+        spikes = counts.counts.populations["cells"].spikes / n
+        readout = delays * (spikes + members * SHOWN)  # sums of the spikes' weights, and of the currents in each step
+        sums, renamed = PICOJOULES["float32 sum"] * 1e-12 * readout, "{}, and the readout's sums".format
+        with_readout: Costs = replace(
             costs,
             parameters=self._weights.size,
             footprint_bytes=costs.footprint_bytes + self._weights.nbytes,
             effective_macs=float(members * cells),  # the current into each neuron
             effective_acs=costs.effective_acs + readout,
             dense=costs.dense + members * cells + self._weights.size,
-            joules={named(k): v + sums for k, v in costs.joules.items()},
-            joules_of_spikes={named(k): v + sums for k, v in costs.joules_of_spikes.items()},
-            unpriced={named(k): v for k, v in costs.unpriced.items()},
+            joules={renamed(k): v + sums for k, v in costs.joules.items()},
+            joules_of_spikes={renamed(k): v + sums for k, v in costs.joules_of_spikes.items()},
+            unpriced={renamed(k): v for k, v in costs.unpriced.items()},
         )
-        return made
+        return with_readout
 
 
 def scaled(train: Series) -> tuple[Series, float, float]:
-    """A series from -1 to 1 with a margin, and the value that is 0 and how far 1 is from it."""
+    """Scale a series to [-1, 1] with a margin; return it with the middle and the scale: series = middle + scale x."""
     low, high = float(train.min()), float(train.max())
-    middle, reach = (low + high) / 2.0, MARGIN * (high - low) / 2.0
-    return (train - middle) / reach, middle, reach
+    middle, scale = (low + high) / 2.0, MARGIN * (high - low) / 2.0
+    return (train - middle) / scale, middle, scale
 
 
-def ridge(features: Floats, seen: Series, delays: int, strength: float) -> tuple[Floats, float]:
-    """Weights of the features of the last values that say the next, (delays, features), and an offset."""
-    rows = np.arange(delays - 1, len(seen) - 1)
+def ridge(features: Floats, series: Series, delays: int, strength: float) -> tuple[Floats, float]:
+    """Fit the next value by ridge regression on the features of the last values.
+
+    Args:
+        features: features of each value, shape (values, features).
+        series: the values.
+        delays: number of last values.
+        strength: penalty, relative to the number of observations times weights.
+
+    Returns:
+        weights, shape (delays, features), the last value first, and the offset.
+    """
+    rows = np.arange(delays - 1, len(series) - 1)
     x = np.stack([features[rows - j] for j in range(delays)], axis=1).reshape(len(rows), -1)
-    middle, size = x.mean(axis=0), x.std(axis=0) + 1e-9
-    mean = float(seen[rows + 1].mean())
-    z, y = (x - middle) / size, seen[rows + 1] - mean
-    wide = z.shape[1] > len(rows)
+    x_mean, x_std = x.mean(axis=0), x.std(axis=0) + 1e-9
+    y_mean = float(series[rows + 1].mean())
+    z, y = (x - x_mean) / x_std, series[rows + 1] - y_mean
+    wide = z.shape[1] > len(rows)  # the dual form solves the smaller system
     gram = z @ z.T if wide else z.T @ z
     gram += strength * z.size * np.eye(len(gram))
-    weights = (z.T @ np.linalg.solve(gram, y) if wide else np.linalg.solve(gram, z.T @ y)) / size
-    return weights.reshape(delays, -1), mean - float(middle @ weights)
+    weights = (z.T @ np.linalg.solve(gram, y) if wide else np.linalg.solve(gram, z.T @ y)) / x_std
+    return weights.reshape(delays, -1), y_mean - float(x_mean @ weights)
 
 
 WARM_UP = 45
-"""Values before the readout learns: 0.6 Lyapunov times, as NeuroBench's."""
+"""Number of values before the fit of the readout: 0.6 Lyapunov times, as in NeuroBench."""
 REACH = 3.0
-"""Standard deviations of the series on both sides of its mean, beyond which nothing is predicted."""
+"""Bound of predictions, in standard deviations of the series from its mean."""
 
 
 class Members:
-    """Models of one series that go on each by itself; said is their mean, which tends to that of the series.
+    """Models of one series that predict independently; the prediction is the mean of theirs.
 
     Args:
-        models: one or more.
+        models: one or more models.
     """
 
     def __init__(self, models: Sequence[Any]) -> None:
         self._models = models
 
-    def predict(self, shown: int) -> Series:
-        """The next values, the mean of what the members say."""
-        return np.asarray(np.mean([model.predict(shown) for model in self._models], axis=0))
+    def predict(self, data: int) -> Series:
+        """Return the mean of the members' next values."""
+        return np.asarray(np.mean([model.predict(data) for model in self._models], axis=0))
 
-    def costs(self, shown: int) -> Costs:
-        """Those of the first, as often as there are members."""
-        one: Costs = self._models[0].costs(shown)
+    def costs(self, data: int) -> Costs:
+        """Return the costs of the first member times the number of members."""
+        one: Costs = self._models[0].costs(data)
         n = len(self._models)
-        words = ("parameters", "footprint_bytes", "effective_macs", "effective_acs", "dense")
+        fields = ("parameters", "footprint_bytes", "effective_macs", "effective_acs", "dense")
         joules = {name: n * value for name, value in one.joules.items()}
-        counts: Any = {word: n * getattr(one, word) for word in words}
+        counts: Any = {field: n * getattr(one, field) for field in fields}
         return replace(one, joules=joules, **counts)
 
 
 class EchoState(Method):
-    """A drawn recurrent network with a readout by ridge regression, which then hears its own predictions."""
+    """Random recurrent network with a readout from ridge regression, which predicts with its predictions as input."""
 
     kind = "series"
     called_by = "echo-state"
@@ -261,54 +284,54 @@ class EchoState(Method):
     }
 
     def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> Members:
-        """Learn to say the next value; see `Method`."""
+        """Fit the prediction of the next value; see `Method`."""
         units, members = settings["units"], []
         for k in range(settings["members"]):
             rng = np.random.default_rng((seed, k, 4))
-            inside = rng.uniform(-1.0, 1.0, (units, units)) * (rng.random((units, units)) < settings["connected"])
-            inside *= settings["radius"] / max(float(np.abs(np.linalg.eigvals(inside)).max()), 1e-12)
-            inward = rng.uniform(-1.0, 1.0, (units, 2)) * [1.0, settings["scale"]]
-            members.append(_Reservoir(inside, inward, settings, train))
+            recurrent = rng.uniform(-1.0, 1.0, (units, units)) * (rng.random((units, units)) < settings["connected"])
+            recurrent *= settings["radius"] / max(float(np.abs(np.linalg.eigvals(recurrent)).max()), 1e-12)
+            input_weights = rng.uniform(-1.0, 1.0, (units, 2)) * [1.0, settings["scale"]]
+            members.append(_Reservoir(recurrent, input_weights, settings, train))
         return Members(members)
 
 
 class _Reservoir:
-    def __init__(self, inside: Any, inward: Any, settings: Mapping[str, Any], train: Series) -> None:
-        self._inside, self._inward, self._leak = inside, inward, settings["leak"]
+    def __init__(self, recurrent: Any, input_weights: Any, settings: Mapping[str, Any], train: Series) -> None:
+        self._recurrent, self._input, self._leak = recurrent, input_weights, settings["leak"]
         self._mean, self._std = float(train.mean()), float(train.std())
-        seen = (train - self._mean) / self._std
-        state, states = np.zeros(len(inside)), np.empty((len(train), len(inside) + 2))
-        for k, value in enumerate(seen):
+        series = (train - self._mean) / self._std
+        state, states = np.zeros(len(recurrent)), np.empty((len(train), len(recurrent) + 2))
+        for k, value in enumerate(series):
             state = self._next(state, value)
             states[k] = np.append(state, (value, 1.0))
-        x, y = states[WARM_UP:-1], seen[WARM_UP + 1 :]
+        x, y = states[WARM_UP:-1], series[WARM_UP + 1 :]
         gram = x.T @ x + settings["ridge"] * np.eye(x.shape[1])
         self._out = np.linalg.solve(gram, x.T @ y)
-        self._state, self._value = state, float(seen[-1])
+        self._state, self._value = state, float(series[-1])
 
     def _next(self, state: Any, value: float) -> Any:
-        driven = np.tanh(self._inside @ state + self._inward[:, 0] + self._inward[:, 1] * value)
+        driven = np.tanh(self._recurrent @ state + self._input[:, 0] + self._input[:, 1] * value)
         return (1.0 - self._leak) * state + self._leak * driven
 
-    def predict(self, shown: int) -> Series:
-        """The next values, each from the one that it said before."""
-        state, value, said = self._state, self._value, np.empty(shown)
-        for k in range(shown):
+    def predict(self, data: int) -> Series:
+        """Return the next values, each computed from the previous prediction."""
+        state, value, predictions = self._state, self._value, np.empty(data)
+        for k in range(data):
             value = float(np.append(state, (value, 1.0)) @ self._out)
-            said[k] = value = float(np.clip(value, -REACH, REACH))
+            predictions[k] = value = float(np.clip(value, -REACH, REACH))
             state = self._next(state, value)
-        return self._mean + self._std * said
+        return self._mean + self._std * predictions
 
-    def costs(self, shown: int) -> Costs:
-        """Products of the drawn connections and of the readout, for a value."""
-        weights = (self._inside, self._inward, self._out)
+    def costs(self, data: int) -> Costs:
+        """Count the products of the recurrent connections and of the readout for a value."""
+        weights = (self._recurrent, self._input, self._out)
         size = sum(each.size for each in weights)
         macs = float(sum(np.count_nonzero(each) for each in weights))
         return product_costs(self._out.size, 8 * size, macs, float(size), connection_sparsity=1.0 - macs / size)
 
 
 class TanhRidge(Method):
-    """The functions, delays, members and settings of `PopulationCode`, computed exactly in place of by spikes."""
+    """The functions, delays, members and settings of `PopulationCode`, computed exactly instead of by spikes."""
 
     kind = "series"
     called_by = "tanh-ridge"
@@ -317,42 +340,42 @@ class TanhRidge(Method):
     space = PopulationCode.space
 
     def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> Members:
-        """Learn to say the next value; see `Method`."""
+        """Fit the prediction of the next value; see `Method`."""
         return Members([_Tangents(train, settings, (seed, k)) for k in range(settings["members"])])
 
 
 class _Tangents:
-    def __init__(self, train: Series, settings: Mapping[str, Any], drawn: tuple[int, int]) -> None:
-        self._functions = tangents(settings["functions"], settings["steep"], drawn)
-        seen, self._middle, self._reach = scaled(train)
-        delays, made = settings["delays"], self._functions(seen)
-        self._weights, self._offset = ridge(made, seen, delays, settings["ridge"])
-        self._made = made[: -delays - 1 : -1]  # the last value first, as the weights
+    def __init__(self, train: Series, settings: Mapping[str, Any], stream: tuple[int, int]) -> None:
+        self._functions = tangents(settings["functions"], settings["steep"], stream)
+        series, self._middle, self._scale = scaled(train)
+        delays, features = settings["delays"], self._functions(series)
+        self._weights, self._offset = ridge(features, series, delays, settings["ridge"])
+        self._features = features[: -delays - 1 : -1]  # the last value first, as in the weights
 
-    def predict(self, shown: int) -> Series:
-        """The next values, each from those that it said before."""
-        made, said = self._made, np.empty(shown)
-        for k in range(shown):
-            said[k] = np.clip(self._offset + np.sum(self._weights * made), -1.0, 1.0)
-            made = np.concatenate((self._functions(said[k : k + 1]), made[:-1]))
-        return self._middle + self._reach * said
+    def predict(self, data: int) -> Series:
+        """Return the next values, each computed from the previous predictions."""
+        features, predictions = self._features, np.empty(data)
+        for k in range(data):
+            predictions[k] = np.clip(self._offset + np.sum(self._weights * features), -1.0, 1.0)
+            features = np.concatenate((self._functions(predictions[k : k + 1]), features[:-1]))
+        return self._middle + self._scale * predictions
 
-    def costs(self, shown: int) -> Costs:
-        """Products of the readout and of the functions' slopes, for a value; tangents are not counted."""
+    def costs(self, data: int) -> Costs:
+        """Count the products of the readout and of the functions' slopes for a value; tanh itself is not counted."""
         macs = float(self._weights.size + self._weights.shape[1])
         size = self._weights.size
         return product_costs(size, 8 * (size + 2 * self._weights.shape[1] + 1), macs, macs)
 
 
 class SeriesMean(Method):
-    """The mean of the series: what a method has to beat."""
+    """The mean of the training series, the baseline that a method must beat."""
 
     kind = "series"
     called_by = "mean"
     title = "the mean of what was seen"
 
     def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> _Mean:
-        """Keep the mean."""
+        """Compute the mean."""
         return _Mean(float(np.mean(train)))
 
 
@@ -360,10 +383,10 @@ class _Mean:
     def __init__(self, value: float) -> None:
         self._value = value
 
-    def predict(self, shown: int) -> Series:
-        """The same value for ever."""
-        return np.full(shown, self._value)
+    def predict(self, data: int) -> Series:
+        """Return the mean for each value."""
+        return np.full(data, self._value)
 
-    def costs(self, shown: int) -> Costs:
-        """One number."""
+    def costs(self, data: int) -> Costs:
+        """Return the size of one number; no operations."""
         return Costs(parameters=1, footprint_bytes=8)

@@ -1,13 +1,13 @@
-"""Sounds as tasks: wav files by path, mel levels from where speech begins, and spikes where levels cross thresholds.
+"""Tasks with sounds: wav files become mel levels from the onset of speech, and spikes at threshold crossings.
 
-| a recording becomes | |
+| representation | contents |
 | --- | --- |
-| levels | 32 mel bands every 12.5 ms, in dB below the loudest of the recording, 50 dB as 1 to 0 |
-| frames, for artificial networks | the levels, two in time as one, shape (1, bands, frames) |
-| spikes, for spiking ones | where a band passes one of four levels, downward and upward |
+| levels | 32 mel bands every 12.5 ms, relative to the loudest value: 0 dB is 1, -50 dB and less is 0 |
+| frames, for non-spiking networks | means of two consecutive levels, shape (1, bands, frames) |
+| spikes, for spiking networks | a spike when a band crosses one of four thresholds, downward or upward |
 
-Who learns hears each recording in several versions: as it is, and as if other speakers had said it. Who is tested hears
-it as it is.
+Training uses several versions of each recording: the original, and versions that resemble other speakers. Tests use the
+original only.
 """
 
 from __future__ import annotations
@@ -28,39 +28,39 @@ from neuro.coding import MelBands, crossings
 from neuro_bench.task import Examples, Floats, Fold, Folds, Series, Spikes, Task, grouped_folds, random_folds
 
 Sound = tuple[str, float, Series]
-"""Name, rate in Hz and samples in [-1, 1] of a recording."""
+"""Name, sampling rate in Hz and samples in [-1, 1] of a recording."""
 
 BANDS, HOP, WINDOW, POOLED = 32, 12.5, 32.0, 2
-"""Mel bands; ms from level to level; ms that a level sees; levels in time that are one for artificial networks."""
+"""Number of mel bands; hop and window of the levels in ms; number of levels that are averaged into a frame."""
 RANGE, ONSET, BEFORE = 50.0, 30.0, 3
-"""dB below the loudest that count; speech begins at these dB below the loudest, and so many levels before are heard."""
+"""Range of levels in dB; onset of speech in dB below the loudest level; number of levels kept before the onset."""
 THRESHOLDS = (0.3, 0.45, 0.6, 0.8)
 """Levels at whose crossing a band spikes."""
 VOICE, TEMPO, COLOUR, NOISE = 0.2, 0.25, 5.0, (-80.0, -35.0)
-"""Of versions: shares by which a voice is higher or lower, and speech faster or slower; dB of a room's colour, and of
-white noise, as standard deviation relative to the largest sample."""
+"""Augmentation: largest relative change of pitch and of tempo; standard deviation of the room's frequency response in
+dB; range of white noise in dB relative to the largest sample."""
 
 
 class Sounds(Task):
-    """Which class a sound is of: any folder or zip of folders of wav files, a folder a class."""
+    """Classification of sounds: a folder or zip with a folder of wav files for each class."""
 
     called_by = "sounds"
     title = "sounds in folders of classes"
     licence = "that of your files"
     source = "your own wav files: a folder or zip of CLASS/NAME.wav"
     steps: ClassVar[int] = 56
-    """Levels in time that are seen of each recording."""
+    """Number of levels from the onset of a recording."""
     versions: ClassVar[int] = 8
-    """Of each recording, for who learns."""
+    """Number of versions of each recording for training."""
 
     def folds(self) -> Sequence[Fold]:
-        """Five random ones.
+        """Return five random folds.
 
         Raises:
-            ModelError: a file is no sound or in no folder, or there are too few.
+            ModelError: a file is not a wav file or not in a folder, or there are too few files.
         """
-        heard = [(self._folder(name), rate, sound) for name, rate, sound in self.sounds()]
-        return random_folds(self.examples(heard), 5, self.seed)
+        sounds = [(self._folder(name), rate, sound) for name, rate, sound in self.sounds()]
+        return random_folds(self.examples(sounds), 5, self.seed)
 
     def _folder(self, name: str) -> str:
         if not (folder := Path(name).parent.name):
@@ -68,59 +68,59 @@ class Sounds(Task):
         return folder
 
     def sounds(self) -> Iterator[Sound]:
-        """Name, rate in Hz and samples in [-1, 1] of each wav file.
+        """Yield the name, sampling rate in Hz and samples in [-1, 1] of each wav file.
 
         Raises:
-            ModelError: there is none, or a file is no sound.
+            ModelError: there is no wav file, or a file is damaged.
         """
         assert self.data is not None
         record_input(self.data)
-        found = False
+        n_files = 0
         for name, content in _files(self.data):
-            found = True
+            n_files += 1
             yield name, *_wav(f"{self.data}: {name}", content)
-        if not found:
+        if not n_files:
             raise ModelError(f"{self.data}: has no wav files: expected recordings of each class", hint=self.source)
 
-    def examples(self, heard: Sequence[Sound]) -> Examples:
-        """Examples, in all versions, of recordings whose names are those of their classes."""
+    def examples(self, sounds: Sequence[Sound]) -> Examples:
+        """Return all versions of recordings as examples. The name of each recording is its class."""
         rng = np.random.default_rng((self.seed, 4))
-        classes = tuple(sorted({label for label, _, _ in heard}))
-        labels = np.array([classes.index(label) for label, _, _ in heard] * self.versions)
-        each = [loudness(rate, sound, self.steps) for _, rate, sound in heard]
+        classes = tuple(sorted({label for label, _, _ in sounds}))
+        labels = np.array([classes.index(label) for label, _, _ in sounds] * self.versions)
+        versions = [loudness(rate, sound, self.steps) for _, rate, sound in sounds]
         for _ in range(self.versions - 1):
-            each += [loudness(rate, sound, self.steps, rng) for _, rate, sound in heard]
-        levels = np.stack(each)
+            versions += [loudness(rate, sound, self.steps, rng) for _, rate, sound in sounds]
+        levels = np.stack(versions)
         frames = levels.reshape(len(levels), -1, POOLED, BANDS).mean(axis=2).transpose(0, 2, 1)[:, None]
         return Examples(np.ascontiguousarray(frames), labels, classes, spikes_of(levels), self.versions)
 
 
 def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | None = None) -> Floats:
-    """Levels of a recording from where its speech begins, in [0, 1]; 0 after the end, shape (steps, bands).
+    """Return the levels of a recording from the onset of speech, in [0, 1], shape (steps, bands); 0 after the end.
 
     Args:
-        rate: Hz.
+        rate: sampling rate, Hz.
         sound: samples.
-        steps: that are seen.
-        rng: draws a version: another height of the voice, tempo, colour and noise; None: as it is.
+        steps: number of levels.
+        rng: random generator of the version's pitch, tempo, frequency response and noise; None for the original.
     """
     if rng is not None:
-        higher = _about_1(rng, VOICE)
-        sound = np.interp(np.arange(0.0, len(sound), higher), np.arange(len(sound)), sound)
+        pitch = _random_factor(rng, VOICE)
+        sound = np.interp(np.arange(0.0, len(sound), pitch), np.arange(len(sound)), sound)
         noise = 10.0 ** (rng.uniform(*NOISE) / 20.0) * np.abs(sound).max(initial=0.0)
         sound = sound + rng.normal(0.0, noise, len(sound))
     levels = MelBands(rate, BANDS, window=WINDOW, hop=HOP).hear(sound)
     shares = np.zeros((steps, BANDS), dtype=np.float32)
     if not len(levels):
         return shares
-    begins = int((levels.max(axis=1) > levels.max() - ONSET).argmax())
+    onset = int((levels.max(axis=1) > levels.max() - ONSET).argmax())
     if rng is not None:
-        begins += int(rng.integers(-2, 3))
-    levels = levels[max(0, begins - BEFORE) :]
+        onset += int(rng.integers(-2, 3))
+    levels = levels[max(0, onset - BEFORE) :]
     if rng is not None:
-        at = np.arange(0.0, len(levels) - 1.0, _about_1(rng, TEMPO))
-        part, at = (at % 1.0)[:, None], at.astype(np.int64)
-        levels = (1.0 - part) * levels[at] + part * levels[at + 1]
+        times = np.arange(0.0, len(levels) - 1.0, _random_factor(rng, TEMPO))
+        fraction, before = (times % 1.0)[:, None], times.astype(np.int64)
+        levels = (1.0 - fraction) * levels[before] + fraction * levels[before + 1]
         levels += np.interp(np.arange(BANDS), np.linspace(0, BANDS - 1, 5), rng.normal(0.0, COLOUR, 5))
     levels = levels[:steps]
     if len(levels):
@@ -128,25 +128,25 @@ def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | 
     return shares
 
 
-def _about_1(rng: np.random.Generator, share: float) -> float:
-    """A factor between 1 / (1 + share) and 1 + share, as often below 1 as above."""
+def _random_factor(rng: np.random.Generator, share: float) -> float:
+    """Draw a factor from 1 / (1 + share) to 1 + share, log-uniformly."""
     return float((1.0 + share) ** rng.uniform(-1.0, 1.0))
 
 
 def spikes_of(levels: Floats) -> Spikes:
-    """Where bands pass the thresholds, on two sheets, down and up, with a row a threshold and a column a band.
+    """Return a spike for each threshold crossing, on two sheets for down and up, with a row for each threshold.
 
     Args:
-        levels: shape (examples, steps, bands).
+        levels: shape (examples, steps, bands); a band is a column of the sheets.
     """
-    places = [crossings(each, THRESHOLDS).reshape(len(each), -1).nonzero() for each in levels]
-    at, neuron = np.concatenate(places, axis=1)
-    example = np.repeat(np.arange(len(levels)), [len(steps) for steps, _ in places])
-    return Spikes((2, len(THRESHOLDS), levels.shape[2]), levels.shape[1], HOP, example, at, neuron)
+    spikes = [crossings(each, THRESHOLDS).reshape(len(each), -1).nonzero() for each in levels]
+    step, neuron = np.concatenate(spikes, axis=1)
+    example = np.repeat(np.arange(len(levels)), [len(steps) for steps, _ in spikes])
+    return Spikes((2, len(THRESHOLDS), levels.shape[2]), levels.shape[1], HOP, example, step, neuron)
 
 
 def _files(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of the wav files of a folder, of a zip, or of the only zip in a folder."""
+    """Yield the name and content of each wav file in a folder, in a zip, or in the only zip of a folder."""
     if path.is_dir():
         files = sorted(path.rglob("*.wav"))
         zips = sorted(path.glob("*.zip"))
@@ -155,15 +155,15 @@ def _files(path: Path) -> Iterator[tuple[str, bytes]]:
             return
         path = zips[0]
     try:
-        with zipfile.ZipFile(path) as packed:
-            names = sorted(name for name in packed.namelist() if name.lower().endswith(".wav"))
-            yield from ((name, packed.read(name)) for name in names)
+        with zipfile.ZipFile(path) as archive:
+            names = sorted(name for name in archive.namelist() if name.lower().endswith(".wav"))
+            yield from ((name, archive.read(name)) for name in names)
     except zipfile.BadZipFile:
         raise ModelError(f"{path}: is no zip: expected a folder or a zip of wav files") from None
 
 
 def _wav(place: str, content: bytes) -> tuple[float, Series]:
-    """Rate in Hz and samples in [-1, 1], the mean of the channels."""
+    """Return the sampling rate in Hz and the samples in [-1, 1], averaged over the channels."""
     from scipy.io import wavfile
 
     try:
@@ -172,7 +172,7 @@ def _wav(place: str, content: bytes) -> tuple[float, Series]:
     except (ValueError, EOFError) as error:
         raise ModelError(f"{place}: is no wav file: {error}") from None
     values = samples.astype(np.float64)
-    if samples.dtype == np.uint8:  # 8 bits have no sign in wav files
+    if samples.dtype == np.uint8:  # samples of 8 bits are unsigned in wav files
         values = (values - 128.0) / 127.0
     elif samples.dtype.kind == "i":
         values /= np.iinfo(samples.dtype).max
@@ -183,7 +183,7 @@ _NAME = re.compile(r"(?P<label>[^_/]+)_(?P<speaker>[^_/]+)_[^/]*\.wav", re.I)
 
 
 class SpokenDigits(Sounds):
-    """Which digit is spoken: a folder or a zip of CLASS_SPEAKER_INDEX.wav."""
+    """Classification of spoken digits: a folder or a zip of CLASS_SPEAKER_INDEX.wav."""
 
     called_by = "spoken-digits"
     title = "spoken digits, 8 kHz, six speakers"
@@ -192,19 +192,19 @@ class SpokenDigits(Sounds):
     splits = ("random", "speakers")
 
     def folds(self) -> Sequence[Fold]:
-        """Five random ones, or one for each speaker, who is heard in no other part.
+        """Return five random folds, or a fold for each speaker, who is only in the test part.
 
         Raises:
-            ModelError: a file is no sound, names no class, or there are too few.
+            ModelError: a file is damaged or its name has no class, or there are too few files.
         """
-        heard, speakers = [], []
+        sounds, speakers = [], []
         for name, rate, sound in self.sounds():
-            if (said := _NAME.fullmatch(Path(name).name)) is None:
+            if (fields := _NAME.fullmatch(Path(name).name)) is None:
                 message = f"{self.data}: {name} names no class: expected CLASS_SPEAKER_INDEX.wav"
-                raise ModelError(message, hint="7_jackson_32.wav; the task 'sounds' takes folders of classes")
-            heard.append((said["label"], rate, sound))
-            speakers.append(said["speaker"])
-        examples = self.examples(heard)
+                raise ModelError(message, hint="e.g. 7_jackson_32.wav; the task 'sounds' reads folders of classes")
+            sounds.append((fields["label"], rate, sound))
+            speakers.append(fields["speaker"])
+        examples = self.examples(sounds)
         return random_folds(examples, 5, self.seed) if self.split == "random" else grouped_folds(examples, speakers)
 
 
@@ -213,7 +213,7 @@ BACKGROUND = "_background_noise_"
 
 
 class SpeechCommands(Sounds):
-    """Which word is said, of the 35 of version 0.02, or of the folders that are there."""
+    """Classification of spoken words: the 35 of version 0.02, or the words of the folders in the data."""
 
     called_by = "speech-commands"
     title = "Speech Commands, one second at 16 kHz"
@@ -224,25 +224,26 @@ class SpeechCommands(Sounds):
     versions: ClassVar[int] = 1
 
     def folds(self) -> Sequence[Fold]:
-        """The official one.
+        """Return the official fold.
 
         Raises:
             ModelError: a list is missing, or a part of the fold is empty.
         """
         assert self.data is not None
-        listed = []
+        lists = []
         for file in (self.data / name for name in LISTS):
             try:
-                listed.append(file.read_text("utf-8").split())
+                lists.append(file.read_text("utf-8").split())
             except OSError as error:
                 raise ModelError(f"{file}: cannot be read: {error.strerror}", hint=self.source) from None
-        names, heard = [], []
+        names, sounds = [], []
         for name, rate, sound in self.sounds():
             if (word := self._folder(name)) != BACKGROUND:
                 names.append(f"{word}/{Path(name).name}")
-                heard.append((word, rate, sound))
-        held, kept = (np.isin(names, part) for part in listed)
-        for what, part in ((LISTS[0], held), (LISTS[1], kept), ("what is in no list", ~held & ~kept)):
-            if not part.any():
-                raise ModelError(f"{self.data}: {what} has no recording: expected some", hint=self.source)
-        return Folds(self.examples(heard), [("official", ~held & ~kept, held, kept)])
+                sounds.append((word, rate, sound))
+        validation, test = (np.isin(names, part) for part in lists)
+        train = ~validation & ~test
+        for part, mask in ((LISTS[0], validation), (LISTS[1], test), ("the training part (in neither list)", train)):
+            if not mask.any():
+                raise ModelError(f"{self.data}: {part} has no recording: expected at least one", hint=self.source)
+        return Folds(self.examples(sounds), [("official", train, validation, test)])

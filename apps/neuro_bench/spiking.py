@@ -1,12 +1,13 @@
-"""Spiking networks for classes: by surrogate gradients, converted from a convolutional network, or by a local rule.
+"""Spiking classifiers: trained by surrogate gradients, converted from a convolutional network, or by a local rule.
 
-The converted network learns on counts of spikes and then runs on integrate-and-fire neurons. A layer adds up all its
-input before it says how much that was. A clock's spike holds its neurons far below the threshold from the beginning on;
-another lets go when the layer before has said all. Then each neuron fires as often as its potential contains the
-threshold, or not at all, which is the rectified sum in whole numbers. Without the clock a neuron fires while what
-inhibits it is still to come, and no spike can be taken back: that is what converted networks lose (Rueckauer et al.,
-Front. Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations lie within the spikes that a layer may
-fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights and biases; the clock says the bias as well.
+The convolutional network is trained on spike counts, and its conversion runs on integrate-and-fire neurons. A layer
+integrates its whole input before it fires. A spike of a clock first pulls its neurons far below the threshold; another
+spike releases them when the previous layer has finished. Each neuron then fires as often as its potential exceeds the
+threshold, which is the rectified sum in whole numbers. Without the clock a neuron may fire before its inhibition
+arrives, and the spike cannot be undone; this is the loss of accuracy of converted networks (Rueckauer et al., Front.
+Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations are at most the number of spikes that a layer
+may fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights and biases, and spikes of the clock add the
+bias.
 """
 
 from __future__ import annotations
@@ -31,14 +32,15 @@ if TYPE_CHECKING:
 
 
 PRICED = 50
-"""Examples that the bill is the mean of."""
+"""Number of examples over which costs are averaged."""
 INPUT, OUTPUT, CHIP = "input", "out", "loihi"
 
 
 class Spiking(Method):
-    """Base of these: an input, a hidden layer and a neuron a class, of which the one that fires most decides.
+    """Base class of networks with a hidden layer and an output neuron for each class; most output spikes decide.
 
-    An epoch shows each recording once, so many versions of it are as many epochs.
+    With several versions of the recordings, the number of epochs is divided by the number of versions, so that each
+    recording is used equally often.
     """
 
     spiking = True
@@ -60,28 +62,28 @@ class Spiking(Method):
     }
 
     def network(self, train: Examples, settings: Mapping[str, Any], seed: int) -> neuro.Network:
-        """The network before it learns; weights are drawn for the spikes that come in a step."""
+        """Build the untrained network; the initial weights depend on the number of input spikes per step."""
         spikes, h = train.spikes, train.spikes.step
         cell = neuro.iaf_psc_delta(tau_m=settings["tau"], t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
         net = neuro.Network(self.called_by, resolution=h)
         net.population(INPUT, spikes.shape, neuro.spike_generator())
         net.population("hidden", settings["hidden"], cell)
         net.population(OUTPUT, len(train.classes), cell)
-        each = max(1.0, len(spikes.at) / (len(train) * spikes.steps))
+        spikes_per_step = max(1.0, len(spikes.at) / (len(train) * spikes.steps))
 
         def connect(name: str, source: str, target: str, std: float, delay: Any = h) -> None:
             weight = neuro.normal(mean=0.0, std=std)
             net.connect(source, target, neuro.all_to_all(), weight=weight, delay=delay, name=name)
 
         span = neuro.uniform(low=h, high=10.0 * h) if self.delayed else h
-        connect("in_hidden", INPUT, "hidden", 0.8 / each**0.5, span)
+        connect("in_hidden", INPUT, "hidden", 0.8 / spikes_per_step**0.5, span)
         if self.back:
             connect("hidden_hidden", "hidden", "hidden", settings["back"] / settings["hidden"] ** 0.5)
         connect("hidden_out", "hidden", OUTPUT, 0.1)
         return net
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
-        """Learn by surrogate gradients; see `Method`."""
+        """Train by surrogate gradients; see `Method`."""
         check_installed(self, "torch")
         from neuro_train.trainer import learn
 
@@ -90,58 +92,58 @@ class Spiking(Method):
         return _Trained(trained, plan, settings["backend"])
 
     def plan(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
-        """The settings as `neuro train` has them."""
+        """Convert the settings to those of `neuro train`."""
         from neuro_train.plan import TrainingPlan
 
-        words: Any = {name: settings[name] for name in ("rate", "decay", "temperature", "slope", "batch", "shift")}
-        words["epochs"] = -(-settings["epochs"] // train.versions)
-        learns = ("in_hidden=weight,delay", "hidden_out=weight") if self.delayed else ()
+        options: Any = {name: settings[name] for name in ("rate", "decay", "temperature", "slope", "batch", "shift")}
+        options["epochs"] = -(-settings["epochs"] // train.versions)
+        trainable = ("in_hidden=weight,delay", "hidden_out=weight") if self.delayed else ()
         duration = train.spikes.steps * train.spikes.step
-        return TrainingPlan(input=INPUT, output=OUTPUT, trainable=learns, duration=duration, seed=seed, **words)
+        return TrainingPlan(input=INPUT, output=OUTPUT, trainable=trainable, duration=duration, seed=seed, **options)
 
 
-def batch_data(shown: Examples) -> Any:
-    """Examples as `neuro train` has recordings."""
+def batch_data(data: Examples) -> Any:
+    """Convert examples to the recordings of `neuro train`."""
     from neuro_torch import Events
     from neuro_train.data import BatchData
 
-    spikes = shown.spikes
-    events = Events(len(shown), spikes.steps, {INPUT: (spikes.example, spikes.at, spikes.neuron)})
-    return BatchData(events, shown.labels, shown.classes, spikes.shape, "")
+    spikes = data.spikes
+    events = Events(len(data), spikes.steps, {INPUT: (spikes.example, spikes.at, spikes.neuron)})
+    return BatchData(events, data.labels, data.classes, spikes.shape, "")
 
 
 class _Trained:
-    """What learnt; it is asked itself, on "torch", or its network on a backend."""
+    """A trained network, which predicts by its torch module (backend "torch") or by a simulation on a backend."""
 
     def __init__(self, trained: Any, plan: Any, backend: str) -> None:
         self.net, self._module, self._plan, self._backend = trained.net, trained.module, plan, backend
 
-    def predict(self, shown: Examples) -> Any:
-        """The class of each, -1 for silence."""
+    def predict(self, data: Examples) -> Any:
+        """Return the class of each example, or -1 without an output spike."""
         from neuro_train.tested import by_module, on_backend
 
-        data = batch_data(shown)
+        batch = batch_data(data)
         if self._backend == "torch":
-            return by_module(self._module, data, self._plan).decided
-        return on_backend(self.net, self._backend, data, self._plan).decided
+            return by_module(self._module, batch, self._plan).decided
+        return on_backend(self.net, self._backend, batch, self._plan).decided
 
-    def costs(self, shown: Examples) -> Costs:
-        """By NeuroBench's counts, and the bills of chips, of the first examples."""
-        some = shown.take(np.arange(min(PRICED, len(shown))))
-        events = batch_data(some).events
+    def costs(self, data: Examples) -> Costs:
+        """Return NeuroBench's counts and the bills of chips, averaged over the first examples."""
+        n = min(PRICED, len(data))
+        events = batch_data(data.take(np.arange(n))).events
         sim = neuro.compile(self.net, backend=CHIP, seed=self._plan.seed)
         showing = Showing(sim, INPUT, OUTPUT)
-        for k in range(len(some)):
+        for k in range(n):
             train = events.trains[INPUT].of([k])
             showing.show(train.step, train.neuron, events.steps)
-        return spiking_costs(sim, showing.taken, len(some))
+        return spiking_costs(sim, showing.taken, n)
 
 
 class Recurrent(Spiking):
-    """A hidden layer that sees the input and itself.
+    """Network with a recurrent hidden layer.
 
-    Its surrogate is narrow: along recurrent synapses the derivative of a wide one reaches neurons that are far from a
-    spike, step after step, and what it says is no gradient of anything.
+    The surrogate derivative is narrow (a large `slope`). A wide one is far from 0 also for neurons far from a spike,
+    and recurrent synapses multiply this error in each step until the gradient is useless.
     """
 
     called_by = "recurrent"
@@ -152,14 +154,14 @@ class Recurrent(Spiking):
 
 
 class Dense(Spiking):
-    """A hidden layer that sees the input."""
+    """Feed-forward network with one hidden layer."""
 
     called_by = "dense"
     title = "spiking network with one hidden layer, by surrogate gradients"
 
 
 class Delays(Spiking):
-    """A hidden layer to which spikes take times that learn as weights do."""
+    """Feed-forward network whose synapses to the hidden layer have learnt delays."""
 
     called_by = "delays"
     title = "spiking network with learnt delays, by surrogate gradients"
@@ -168,15 +170,15 @@ class Delays(Spiking):
 
 
 HELD = 8.0
-"""Times the levels, the thresholds by which a layer is held: more would leave a chip's weights fewer bits."""
+"""Inhibition that holds a layer, in multiples of its levels; a larger one would leave a chip's weights fewer bits."""
 Layer = tuple[Floats, Floats]
-"""Weights, (to, from, ...), and a bias for each map, (to,)."""
+"""Weights, shape (to, from, ...), and a bias for each map, shape (to,)."""
 COMMON = 0.99
-"""Share of the positive activations of a layer that lie within its levels."""
+"""Quantile of the positive activations of a layer that is scaled to its largest number of spikes."""
 
 
 class Converted(Method):
-    """Three convolutions of strides, with batch normalisation, and a layer of classes, converted to spikes."""
+    """Three strided convolutions with batch normalisation and a dense layer of classes, converted to spikes."""
 
     called_by = "converted-cnn"
     title = "convolutional network on integrate-and-fire neurons, converted"
@@ -195,11 +197,11 @@ class Converted(Method):
     }
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _Converted:
-        """Learn on the counts by gradients, then convert; see `Method`."""
+        """Train on spike counts by gradients, then convert; see `Method`."""
         check_installed(self, "torch")
         from torch import nn
 
-        counts = replace(train, frames=counted(train.spikes, len(train)))
+        counts = replace(train, frames=spike_counts(train.spikes, len(train)))
         maps, (channels, *sides) = settings["maps"], counts.frames.shape[1:]
         for _ in range(3):
             sides = [-(-side // 2) for side in sides]
@@ -212,56 +214,61 @@ class Converted(Method):
             return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(settings["dropout"]), last)
 
         modules = members(make, counts, settings, seed)
-        each = [scaled(module, counts.frames, settings["levels"]) for module in modules]
-        return _Converted(each, train.spikes, settings["levels"], settings["backend"])
+        layers_of_members = [scaled(module, counts.frames, settings["levels"]) for module in modules]
+        return _Converted(layers_of_members, train.spikes, settings["levels"], settings["backend"])
 
 
-def counted(spikes: Spikes, examples: int) -> Floats:
-    """How often each neuron fires in each example, (examples, sheets, rows, columns)."""
+def spike_counts(spikes: Spikes, examples: int) -> Floats:
+    """Return the number of spikes of each neuron in each example, shape (examples, sheets, rows, columns)."""
     size = int(np.prod(spikes.shape))
     counts = np.bincount(spikes.example * size + spikes.neuron, minlength=examples * size)
     return counts.reshape(examples, *spikes.shape).astype(np.float32)
 
 
 def scaled(module: Any, frames: Floats, levels: int) -> list[Layer]:
-    """Weights and biases, by which nearly all activations of a layer are 0 to `levels` if those before are.
+    """Scale weights and biases of a module so that nearly all activations of its hidden layers are at most `levels`.
 
-    Potentials of the classes are those of the module.
+    The outputs of the last layer are those of the module.
+
+    Args:
+        module: a sequence of layers.
+        frames: inputs on which the activations are measured.
+        levels: largest number of spikes of a neuron.
     """
     import torch
 
-    found, before, x = [], 1.0, torch.from_numpy(frames)
+    layers, previous_scale, x = [], 1.0, torch.from_numpy(frames)
     with torch.no_grad():
         for layer in module:
             x = layer(x)
             if hasattr(layer, "weight"):
                 positive = np.asarray(x[x > 0])
                 last = layer is module[-1]
-                now = levels / float(np.quantile(positive, COMMON)) if len(positive) and not last else 1.0
-                bias = np.zeros(len(layer.weight), np.float32) if layer.bias is None else layer.bias.numpy() * now
-                found.append((layer.weight.numpy() * (now / before), bias))
-                before = now
-    return found
+                scale = levels / float(np.quantile(positive, COMMON)) if len(positive) and not last else 1.0
+                bias = np.zeros(len(layer.weight), np.float32) if layer.bias is None else layer.bias.numpy() * scale
+                layers.append((layer.weight.numpy() * (scale / previous_scale), bias))
+                previous_scale = scale
+    return layers
 
 
 class _Converted:
-    """Its members lie side by side between the input and the classes, whose potentials are the sums of theirs."""
+    """Converted networks with common input and output neurons; an output potential is the sum over the members."""
 
     def __init__(self, members: list[list[Layer]], like: Spikes, levels: int, backend: str = "event") -> None:
         if like.step < 1.0:
             raise ModelError(f"method 'converted-cnn': steps of {like.step} ms: expected 1 ms or more")
-        words: Any = {"tau_m": float("inf"), "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
-        cell = neuro.iaf_psc_delta(V_th=1.0, reset_by_subtraction=True, **words)
+        parameters: Any = {"tau_m": float("inf"), "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
+        cell = neuro.iaf_psc_delta(V_th=1.0, reset_by_subtraction=True, **parameters)
         layers, first = len(members[0]) - 1, math.ceil(like.steps * like.step) + 3
-        opened = [float(first + k * (levels + 2)) for k in range(layers)]
+        release_times = [float(first + k * (levels + 2)) for k in range(layers)]
         net = neuro.Network("converted-cnn", resolution=1.0)
         net.population(INPUT, like.shape, neuro.spike_generator())
-        times = [[1.0], [2.0], *([each - 1.0, each] for each in opened)]
+        times = [[1.0], [2.0], *([each - 1.0, each] for each in release_times)]
         clock = net.population("clock", layers + 2, neuro.spike_generator(spike_times=times))
-        of_classes = np.concatenate([each[-1][0] for each in members], axis=1)
-        # Out of reach even if all that speaks for a class fires at the highest level.
-        never = max(1.0, levels * float(of_classes.clip(min=0.0).sum(axis=1).max()))
-        net.population(OUTPUT, len(of_classes), neuro.iaf_psc_delta(V_th=never, **words))
+        class_weights = np.concatenate([each[-1][0] for each in members], axis=1)
+        # Output neurons never fire: the threshold is the potential with all excitatory inputs at the highest level.
+        unreachable = max(1.0, levels * float(class_weights.clip(min=0.0).sum(axis=1).max()))
+        net.population(OUTPUT, len(class_weights), neuro.iaf_psc_delta(V_th=unreachable, **parameters))
         for m, (*maps, (weight_of_classes, _)) in enumerate(members):
             before, (_, rows, columns) = INPUT, like.shape
             for k, (weight, bias) in enumerate(maps):
@@ -269,47 +276,50 @@ class _Converted:
                 net.population(name, (len(weight), rows, columns), cell)
                 rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
                 net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0)
-                # Half a threshold more than was held rounds to the nearest whole number of spikes. The largest weight
-                # of a chip nearly fills the register of a step's input: it comes alone, and goes in two halves.
-                rest = np.repeat(0.5 + bias.astype(np.float64), rows * columns)[None]
-                told = ("held", 0, -HELD * levels), ("bias", 1, rest), ("open", k + 2, HELD * levels / 2.0)
-                for word, at, each in told:
-                    net.connect(clock[at], name, neuro.all_to_all(), weight=each, delay=1.0, name=f"{name}_{word}")
+                # An additional half threshold rounds to the nearest whole number of spikes. The largest weight of a
+                # chip nearly fills the register of a step's input. The inhibition therefore arrives in a step of its
+                # own, and its release in two halves.
+                offset = np.repeat(0.5 + bias.astype(np.float64), rows * columns)[None]
+                signals = ("held", 0, -HELD * levels), ("bias", 1, offset), ("open", k + 2, HELD * levels / 2.0)
+                for signal, neuron, each in signals:
+                    net.connect(
+                        clock[neuron], name, neuro.all_to_all(), weight=each, delay=1.0, name=f"{name}_{signal}"
+                    )
                 before = name
             net.connect(before, OUTPUT, neuro.all_to_all(), weight=weight_of_classes.T.astype(np.float64), delay=1.0)
-        self.net, self._steps, self._backend = net, int(opened[-1]) + levels + 4, backend
+        self.net, self._steps, self._backend = net, int(release_times[-1]) + levels + 4, backend
 
-    def _show(self, sim: Any, shown: Examples) -> tuple[Any, Any]:
-        """The class of each, that of the highest potential, and what that took."""
-        showing, spikes = Showing(sim, INPUT, OUTPUT), shown.spikes
-        ends, said = np.searchsorted(spikes.example, np.arange(len(shown) + 1)), []
-        for k in range(len(shown)):
+    def _show(self, sim: Any, data: Examples) -> tuple[Any, Any]:
+        """Return the class of each example, the one with the highest potential, and the counts of the runs."""
+        showing, spikes = Showing(sim, INPUT, OUTPUT), data.spikes
+        ends, classes = np.searchsorted(spikes.example, np.arange(len(data) + 1)), []
+        for k in range(len(data)):
             own = slice(ends[k], ends[k + 1])
             showing.show(1 + (spikes.at[own] * spikes.step).astype(np.int64), spikes.neuron[own], self._steps)
-            said.append(int(np.argmax(sim.get(OUTPUT, "V_m"))))
-        return np.array(said), showing.taken
+            classes.append(int(np.argmax(sim.get(OUTPUT, "V_m"))))
+        return np.array(classes), showing.taken
 
-    def predict(self, shown: Examples) -> Any:
-        """The class of each."""
-        return self._show(neuro.compile(self.net, backend=self._backend), shown)[0]
+    def predict(self, data: Examples) -> Any:
+        """Return the class of each example."""
+        return self._show(neuro.compile(self.net, backend=self._backend), data)[0]
 
-    def costs(self, shown: Examples) -> Costs:
-        """By NeuroBench's counts, and the bills of chips, of the first examples."""
-        n = min(PRICED, len(shown))
+    def costs(self, data: Examples) -> Costs:
+        """Return NeuroBench's counts and the bills of chips, averaged over the first examples."""
+        n = min(PRICED, len(data))
         sim = neuro.compile(self.net, backend=self._backend)
-        _, taken = self._show(sim, shown.take(np.arange(n)))
-        return spiking_costs(sim, taken, n)
+        _, counts = self._show(sim, data.take(np.arange(n)))
+        return spiking_costs(sim, counts, n)
 
 
 LEAST = 22
-"""px of a side: a kernel has 11 cells of 2 px."""
+"""Smallest side of the input in px, because a kernel has 11 cells of 2 px."""
 
 
 class ReMuS(Method):
-    """Prototypes that learn by reward-modulated STDP; the first to fire in a pseudo-frame names the class.
+    """Prototypes learnt by reward-modulated STDP; the first prototype to fire in a pseudo-frame decides the class.
 
-    As `neuro recognise train --method remus` with the same preset, on the spikes of the examples. A step has one time,
-    and several events of a pixel in it are one.
+    The method is that of `neuro recognise train --method remus` with the same preset. Its events are the spikes of the
+    examples: all events of a step have one time, and several events of a pixel in a step are one.
     """
 
     called_by = "remus"
@@ -318,11 +328,12 @@ class ReMuS(Method):
     settings = {"preset": "best", "epochs": 8}
     space = {"preset": ("best", "adapted"), "epochs": (4, 8, 16)}
 
-    def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _Recognises:
-        """Learn from examples; see `Method`.
+    def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> _RecogniserModel:
+        """Train on examples; see `Method`.
 
         Raises:
-            ModelError: the input is no event camera's, no example has a pseudo-frame, or there is no such preset.
+            ModelError: the input is not that of an event camera, no example has a pseudo-frame, or the preset is
+                unknown.
         """
         from neuro_recognise.methods import method_of
         from neuro_recognise.observations import observed
@@ -330,33 +341,34 @@ class ReMuS(Method):
 
         sheets, rows, columns = train.spikes.shape
         if sheets != 2 or min(rows, columns) < LEAST:
-            found = f"method '{self.called_by}': the input has the shape {train.spikes.shape}"
+            message = f"method '{self.called_by}': the input has the shape {train.spikes.shape}"
             expected = f"expected the two polarities of an event camera, at least {LEAST} x {LEAST} px"
-            raise ModelError(f"{found}: {expected}", hint="n-mnist, poker-dvs and dvs-gesture have such")
+            raise ModelError(f"{message}: {expected}", hint="use n-mnist, poker-dvs or dvs-gesture")
         method = method_of(self.called_by, settings["preset"], {"epochs": settings["epochs"]}).fitting((columns, rows))
-        shown = replace(observed(method, recordings(train), train.classes), labels=train.labels)
-        return _Recognises(learn(method, shown, digest="", seed=seed))
+        observations = replace(observed(method, recordings(train), train.classes), labels=train.labels)
+        return _RecogniserModel(learn(method, observations, digest="", seed=seed))
 
 
-class _Recognises:
-    """A recogniser that is asked about examples."""
+class _RecogniserModel:
+    """A recogniser of `neuro recognise` as a model of the benchmark."""
 
     def __init__(self, recogniser: Recogniser) -> None:
         self.recogniser = recogniser
 
-    def predict(self, shown: Examples) -> Any:
-        """The class of each, -1 where nothing speaks for any."""
+    def predict(self, data: Examples) -> Any:
+        """Return the class of each example, or -1 without a score."""
         from neuro_recognise.method import choose
 
-        return choose(self.recogniser.scores(recordings(shown)))
+        return choose(self.recogniser.scores(recordings(data)))
 
-    def costs(self, shown: Examples) -> Costs:
-        """By NeuroBench's counts, and the bills of chips, of the first examples; what cuts and filters is not counted.
+    def costs(self, data: Examples) -> Costs:
+        """Return NeuroBench's counts and the bills of chips, averaged over the first examples.
 
-        Examples differ in length; that of the counts is the mean. Real time is the network's own, 64 ms a pseudo-frame.
+        Filtering and cutting of events are not counted. Examples differ in length; the counts use the mean length. In
+        real time a pseudo-frame has 64 ms.
         """
-        n = min(PRICED, len(shown))
-        answer = self.recogniser.answer(recordings(shown.take(np.arange(n))))
+        n = min(PRICED, len(data))
+        answer = self.recogniser.answer(recordings(data.take(np.arange(n))))
         assert answer.run is not None
-        sim, taken = answer.run()
-        return spiking_costs(sim, taken, n, steps=taken.raw_counts.steps // n)
+        sim, counts = answer.run()
+        return spiking_costs(sim, counts, n, steps=counts.raw_counts.steps // n)

@@ -1,4 +1,4 @@
-"""What a task is: folds of data in one form for all methods; and what a method is: settings, a space, and `fit`."""
+"""Base classes of tasks, which provide folds of data in one form, and of methods, which fit a model to a fold."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from neuro_bench.costs import Costs
 
 Floats = npt.NDArray[np.float32]
 Series = npt.NDArray[np.float64]
-"""Values of a series at even times, shape (values,)."""
+"""Values of a series at equal intervals, shape (values,)."""
 Ints = npt.NDArray[np.int64]
 Kind = Literal["classes", "series", "regression"]
-"""Of a task, and of the methods that suit it."""
+"""Kind of a task, and of the methods for it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spikes:
-    """Spikes of examples, each neuron at most once in a step.
+    """Spikes of examples, at most one for each neuron and step.
 
     Attributes:
-        shape: of the input: (sheets, rows, columns).
-        steps: of each example.
-        step: length of one, ms.
-        example: of each spike, ascending.
-        at: the step of each, from 0.
-        neuron: that emits it, in C order of the shape.
+        shape: shape of the input, (sheets, rows, columns).
+        steps: number of steps of an example.
+        step: length of a step, ms.
+        example: index of the example of each spike, ascending.
+        at: step of each spike, from 0.
+        neuron: neuron of each spike, as an index into the shape in C order.
     """
 
     shape: tuple[int, int, int]
@@ -45,7 +45,7 @@ class Spikes:
 
     @classmethod
     def of_dense(cls, spikes: Any, step: float) -> Spikes:
-        """Those of an array that is not 0 where there is a spike, shape (examples, steps, sheets, rows, columns)."""
+        """Convert an array of shape (examples, steps, sheets, rows, columns), in which all values but 0 are spikes."""
         dense = np.asarray(spikes)
         if dense.ndim != 5:
             message = f"spikes: found the shape {dense.shape}"
@@ -55,27 +55,26 @@ class Spikes:
         return cls((sheets, rows, columns), steps, step, example, at, neuron)
 
     def take(self, chosen: Ints, examples: int) -> Spikes:
-        """Those of some of the examples, in the order given."""
+        """Return the spikes of the examples with indices `chosen`, in this order; `examples` is their number now."""
         ends = np.searchsorted(self.example, np.arange(examples + 1))
         lengths = ends[chosen + 1] - ends[chosen]
-        places = [np.arange(ends[k], ends[k + 1]) for k in chosen]
-        index = np.concatenate([np.zeros(0, np.int64), *places])
+        ranges = [np.arange(ends[k], ends[k + 1]) for k in chosen]
+        index = np.concatenate([np.zeros(0, np.int64), *ranges])
         example = np.repeat(np.arange(len(chosen)), lengths)
         return replace(self, example=example, at=self.at[index], neuron=self.neuron[index])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Examples:
-    """Labelled examples in two forms, of the same data.
+    """Labelled examples in two forms: frames for non-spiking networks and spikes for spiking ones.
 
     Attributes:
-        frames: what artificial networks see, shape (examples, channels, rows, columns); time runs along the columns
-            where a row is a band of a sound.
-        labels: the class of each, from 0, shape (examples,).
-        classes: names.
-        spikes: what spiking networks see.
-        versions: of each recording, for who learns: of n recordings, example v n + k is version v of the one k, and
-            version 0 is the recording as it is.
+        frames: shape (examples, channels, rows, columns). For sounds a row is a frequency band and a column a time.
+        labels: class of each example, from 0, shape (examples,).
+        classes: names of the classes.
+        spikes: the same examples as spikes.
+        versions: number of augmented versions of each recording, for training. With n recordings, example v n + k is
+            version v of recording k. Version 0 is the original.
     """
 
     frames: Floats
@@ -98,11 +97,11 @@ class Examples:
 
     @property
     def recordings(self) -> int:
-        """How many there are, each in all versions."""
+        """Number of recordings; each has `versions` examples."""
         return len(self) // self.versions
 
     def take(self, chosen: Ints, versions: int | None = None) -> Examples:
-        """Some of the recordings, in the order given, in so many of their versions; in all if not given."""
+        """Return the recordings with indices `chosen`, in this order, with their first `versions` versions or all."""
         count = self.versions if versions is None else versions
         index = (np.arange(count)[:, None] * self.recordings + np.asarray(chosen, np.int64)).reshape(-1)
         spikes = self.spikes.take(index, len(self))
@@ -111,12 +110,12 @@ class Examples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Spikes, and values that they say step by step.
+    """Spikes and target values of each step, for regression.
 
     Attributes:
-        spikes: which channel spikes in which step, bool, (steps, channels).
-        targets: the values wanted after each step, (steps, values).
-        step: length of one, ms.
+        spikes: whether a channel spikes in a step, bool, shape (steps, channels).
+        targets: values to predict at the end of each step, shape (steps, values).
+        step: length of a step, ms.
     """
 
     spikes: npt.NDArray[np.bool_]
@@ -126,27 +125,27 @@ class Recording:
     def __post_init__(self) -> None:
         if self.spikes.ndim != 2 or self.targets.ndim != 2 or len(self.spikes) != len(self.targets):
             message = f"spikes of the shape {self.spikes.shape} and targets of the shape {self.targets.shape}"
-            raise ModelError(f"{message}: expected (steps, channels) and (steps, values), as many steps")
+            raise ModelError(f"{message}: expected (steps, channels) and (steps, values) with equal steps")
 
     def __len__(self) -> int:
         return len(self.spikes)
 
     def take(self, steps: Any) -> Recording:
-        """Some of the steps, as an index of arrays."""
+        """Return the given steps, a slice or an index array."""
         return Recording(self.spikes[steps], self.targets[steps], self.step)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """Data to learn from, to choose settings by, and to be judged by: `Examples`, `Series` or `Recording`.
+    """Training, validation and test part of a data set, each as `Examples`, `Series` or `Recording`.
 
     Attributes:
-        name: in the results.
-        train: to learn from while settings are chosen; of a task of series a list of these.
-        validation: to choose them by; of a task of series for each of `train` how it goes on. Folds that share this
-            list share the settings.
-        both: to learn from when they are chosen: `train` and `validation`; of series the one that `test` continues.
-        test: is asked once.
+        name: name of the fold in the results.
+        train: training part for the choice of settings; for series a list of series.
+        validation: part whose score chooses the settings; for series a list with the continuation of each series in
+            `train`. Folds with the same list object share their settings.
+        both: training part with the chosen settings: `train` and `validation`; for series the one before `test`.
+        test: test part, used once.
     """
 
     name: str
@@ -157,25 +156,26 @@ class Fold:
 
 
 class Task:
-    """Base of the tasks.
+    """Base class of tasks.
 
     Class attributes:
-        kind: "classes", "series", or "regression": values of each step by the spikes until then.
-        called_by: the name on the command line.
-        title: in one line.
-        licence: of the data.
-        source: where the data come from, and who published the task.
-        metric: what is reported.
-        higher: whether more of it is better.
-        needs_data: whether the user gives the path of the data.
+        kind: "classes", "series" or "regression"; a regression predicts values at each step from the spikes so far.
+        called_by: name on the command line.
+        title: one-line description.
+        licence: licence of the data.
+        source: address of the data, and publication of the task.
+        metric: name of the reported score, with its unit.
+        higher: whether a higher score is better.
+        needs_data: whether the user must specify the path of the data.
+        splits: names of the splits into folds, the default first.
 
     Args:
-        data: path of the data; nothing is ever downloaded.
-        split: one of `splits`, the first if not given.
-        seed: of folds that are drawn.
+        data: path of the data; nothing is downloaded.
+        split: name of a split; by default the first of `splits`.
+        seed: seed of random folds.
 
     Raises:
-        ModelError: there are no such data, or no such split.
+        ModelError: the data are missing or the split is unknown.
     """
 
     kind: ClassVar[Kind] = "classes"
@@ -195,7 +195,7 @@ class Task:
         if self.needs_data and data is None:
             raise ModelError(f"task '{self.called_by}' has no data: expected --data PATH", hint=self.source)
         if data is not None and not data.exists():
-            raise ModelError(f"{data}: is not there: expected the data of '{self.called_by}'", hint=self.source)
+            raise ModelError(f"{data}: no such file or folder: expected data of '{self.called_by}'", hint=self.source)
 
     @classmethod
     def called(cls) -> str:
@@ -203,22 +203,22 @@ class Task:
         return cls.called_by
 
     def folds(self) -> Sequence[Fold]:
-        """All folds of the split."""
+        """Return all folds of the split."""
         raise NotImplementedError
 
-    def score(self, predicted: Any, wanted: Any) -> float:
-        """The metric of what was predicted for a test part: the share of right classes in %."""
-        return 100.0 * float(np.mean(np.asarray(predicted) == wanted.labels))
+    def score(self, predicted: Any, expected: Any) -> float:
+        """Return the score of predictions for a part of the data: by default the accuracy in %."""
+        return 100.0 * float(np.mean(np.asarray(predicted) == expected.labels))
 
 
 class Folds(Sequence[Fold]):
-    """Folds of examples, each made when it is asked for: all at once may need more memory than there is.
+    """Folds of examples. Each fold is created on access, because all folds together may not fit in memory.
 
-    Learning sees all versions of a recording, validation and test see version 0.
+    The training part has all versions of a recording, the validation and the test part only version 0.
 
     Args:
         examples: the recordings.
-        parts: of each fold its name, and which recordings learn, validate and test, each of shape (recordings,).
+        parts: for each fold its name, and three boolean masks of shape (recordings,): training, validation, test.
     """
 
     def __init__(self, examples: Examples, parts: Sequence[tuple[str, Any, Any, Any]]) -> None:
@@ -228,20 +228,23 @@ class Folds(Sequence[Fold]):
         return len(self._parts)
 
     def __getitem__(self, k: Any) -> Any:
-        """The fold k, or some of the folds."""
+        """Return fold k, or the folds of a slice."""
         if isinstance(k, slice):
             return Folds(self._examples, self._parts[k])
-        name, train, held, tested = self._parts[k]
+        name, *masks = self._parts[k]
+        train, validation, test = (np.flatnonzero(mask) for mask in masks)
+        both = np.flatnonzero(masks[0] | masks[1])
         take = self._examples.take
-        learnt, validated, both, asked = (np.flatnonzero(part) for part in (train, held, train | held, tested))
-        return Fold(name, take(learnt), take(validated, 1), take(both), take(asked, 1))
+        return Fold(name, take(train), take(validation, 1), take(both), take(test, 1))
 
 
 def random_folds(examples: Examples, count: int, seed: int) -> Folds:
-    """Folds that test on each recording once, drawn within the classes; a tenth of the others is the validation part.
+    """Draw folds, stratified by class, so that each recording is in one test part.
+
+    A tenth of the other recordings is the validation part of a fold.
 
     Raises:
-        ModelError: there are fewer recordings than folds.
+        ModelError: there are fewer than two recordings for each fold.
     """
     n = examples.recordings
     if n < 2 * count:
@@ -250,59 +253,64 @@ def random_folds(examples: Examples, count: int, seed: int) -> Folds:
     part = np.empty(n, dtype=np.int64)
     first = 0
     for label in range(len(examples.classes)):
-        own = np.flatnonzero(examples.labels[:n] == label)
-        part[rng.permutation(own)] = (first + np.arange(len(own))) % count
-        first += len(own)
+        of_class = np.flatnonzero(examples.labels[:n] == label)
+        part[rng.permutation(of_class)] = (first + np.arange(len(of_class))) % count
+        first += len(of_class)
     parts = []
     for k in range(count):
-        tested, held = part == k, np.zeros(n, dtype=np.bool_)
-        rest = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~tested))
-        held[rest[: max(1, len(rest) // 10)]] = True
-        parts.append((f"random {k + 1}", ~tested & ~held, held, tested))
+        test, validation = part == k, np.zeros(n, dtype=np.bool_)
+        rest = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~test))
+        validation[rest[: max(1, len(rest) // 10)]] = True
+        parts.append((f"random {k + 1}", ~test & ~validation, validation, test))
     return Folds(examples, parts)
 
 
 def grouped_folds(examples: Examples, groups: Sequence[str]) -> Folds:
-    """Folds that test on one group each, such as a speaker; the validation part is the group that follows it.
+    """Return a fold for each group, such as a speaker, with this group as the test part.
+
+    The validation part is the next group in alphabetical order.
 
     Args:
         examples: the recordings.
-        groups: that of each recording.
+        groups: name of the group of each recording.
 
     Raises:
         ModelError: there are fewer than three groups.
     """
     names = sorted(set(groups))
     if len(names) < 3:
-        raise ModelError(f"found {len(names)} groups: expected at least 3, to learn, to choose and to test by")
-    own = np.asarray(groups)
+        raise ModelError(f"found {len(names)} groups: expected at least 3, for training, validation and test")
+    group_of = np.asarray(groups)
     parts = []
     for k, name in enumerate(names):
-        tested, held = own == name, own == names[(k + 1) % len(names)]
-        parts.append((f"without {name}", ~tested & ~held, held, tested))
+        test, validation = group_of == name, group_of == names[(k + 1) % len(names)]
+        parts.append((f"without {name}", ~test & ~validation, validation, test))
     return Folds(examples, parts)
 
 
 class Model(Protocol):
-    """What was learnt."""
+    """A trained model.
 
-    def predict(self, shown: Any) -> Any:
-        """The class of each of `Examples`, so many next values of a series, or the values of each step."""
+    The argument `data` is `Examples` for classes, a `Recording` for regression, and for series the number of values.
+    """
 
-    def costs(self, shown: Any) -> Costs:
-        """What an example of these takes."""
+    def predict(self, data: Any) -> Any:
+        """Return the class of each example, the next values of the series, or the values of each step."""
+
+    def costs(self, data: Any) -> Costs:
+        """Return the mean costs of an example of the data."""
 
 
 class Method:
-    """Base of the methods.
+    """Base class of methods.
 
     Class attributes:
-        kind: of the tasks that it suits.
-        called_by: the name on the command line.
-        title: in one line.
-        spiking: whether it is a spiking network.
-        settings: what may be chosen, with the values of the first try.
-        space: of some settings the values that further tries are drawn from.
+        kind: kind of the tasks for which the method can be used.
+        called_by: name on the command line.
+        title: one-line description.
+        spiking: whether the method is a spiking network.
+        settings: all settings with their default values, which are the first try.
+        space: for some settings, the values from which further tries are drawn.
     """
 
     kind: ClassVar[Kind] = "classes"
@@ -318,50 +326,52 @@ class Method:
         return cls.called_by
 
     def fit(self, train: Any, settings: Mapping[str, Any], seed: int) -> Model:
-        """Learn from `Examples`, a `Series` or a `Recording`.
+        """Train a model.
 
         Args:
-            train: what to learn from.
-            settings: a value for each of `settings`.
-            seed: of all that is random.
+            train: `Examples`, a `Series` or a `Recording`.
+            settings: a value for each name in the class attribute `settings`.
+            seed: seed of all random numbers.
         """
         raise NotImplementedError
 
 
 NEEDED = {"torch": ("PyTorch", "torch"), "sklearn": ("scikit-learn", "bench")}
-"""By module what it is called, and the extra that has it."""
+"""Title of each optional module, and the extra of neuro that installs it."""
 
 
 def check_installed(method: Method, module: str) -> None:
-    """Refuse a method where a module that it learns by is not installed.
+    """Check that an optional module is installed.
 
     Args:
-        method: the method.
-        module: a name of `NEEDED`.
+        method: the method that needs the module.
+        module: a key of `NEEDED`.
 
     Raises:
-        ModelError: it is not.
+        ModelError: the module is not installed.
     """
     if find_spec(module) is None:
         title, extra = NEEDED[module]
-        raise ModelError(f"method '{method.called_by}' learns by {title}, which is not installed", hint=install(extra))
+        raise ModelError(f"method '{method.called_by}' needs {title}, which is not installed", hint=install(extra))
 
 
 def tries(method: Method, changes: Mapping[str, Any], count: int, seed: int) -> list[dict[str, Any]]:
-    """The settings of each try: the first as they are, the others drawn from the space, none twice in a small space.
+    """Return different settings for each try: first the defaults, then random draws from the method's space.
+
+    A small space may give fewer than `count` settings.
 
     Args:
-        method: whose settings they are.
-        changes: settings that are otherwise than the method's, in all tries.
-        count: how many tries.
-        seed: of the draws.
+        method: the method.
+        changes: settings that are changed in all tries.
+        count: number of tries.
+        seed: seed of the draws.
     """
     rng = np.random.default_rng((seed, 7))
-    found = [{**method.settings, **changes}]
+    candidates = [{**method.settings, **changes}]
     for _ in range(100 * count):
-        if len(found) == count:
+        if len(candidates) == count:
             break
-        drawn = {name: values[int(rng.integers(len(values)))] for name, values in method.space.items()}
-        if (one := {**method.settings, **drawn, **changes}) not in found:
-            found.append(one)
-    return found
+        draw = {name: values[int(rng.integers(len(values)))] for name, values in method.space.items()}
+        if (candidate := {**method.settings, **draw, **changes}) not in candidates:
+            candidates.append(candidate)
+    return candidates

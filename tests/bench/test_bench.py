@@ -10,7 +10,7 @@ import pytest
 import neuro
 from neuro.events.representations import hats
 from neuro_bench import METHODS, TASKS, Costs, Examples, Method, Request, Spikes, Task, report, run
-from neuro_bench.artificial import learnt, members, summed
+from neuro_bench.artificial import ensemble, members, train_classifier
 from neuro_bench.costs import break_even, on_chips
 from neuro_bench.features import surfaces
 from neuro_bench.running import interval
@@ -122,8 +122,8 @@ def test_members_say_together_what_normalised_networks_say():
         return torch.nn.Sequential(*layers, torch.nn.Flatten(), torch.nn.Linear(24, 3))
 
     frames = torch.from_numpy(rng.random((5, 2, 4, 6), np.float32))
-    wanted = [learnt(make, shown, settings, seed) for seed in (4, 1004)]
-    found = summed(members(make, shown, settings, 4))
+    wanted = [train_classifier(make, shown, settings, seed) for seed in (4, 1004)]
+    found = ensemble(members(make, shown, settings, 4))
     assert torch.allclose(found(frames), wanted[0](frames) + wanted[1](frames), atol=1e-5)
     assert not torch.allclose(wanted[0](frames), wanted[1](frames), atol=1e-2)
     sizes = []
@@ -272,7 +272,7 @@ def test_verdicts():
     other = {"method": {"name": "two", "spiking": False}, "costs": {"joules": {"a core": 14.0, "arithmetic": 1.0}}}
     assert report.sensitivity([other, spiking]) == [
         "one on a chip against two on a core: fewer joules up to 2 times its spikes",
-        "one on a chip against two on arithmetic: more joules, even if it were silent",
+        "one on a chip against two on arithmetic: more joules, even without spikes",
     ]
     assert report.sensitivity([spiking]) == []
     mean, low, high = interval([1.0, 2.0, 3.0])
@@ -307,7 +307,7 @@ def test_tables(capsys):
     results = [run(Request(task="bars", method=name, folds=1)) for name in ("logistic", "majority")]
     report.show(results)
     printed = capsys.readouterr().out
-    bills = printed[printed.index("uJ of an example") :]
+    bills = printed[printed.index("uJ per example") :]
     assert "CPU core, float32" in bills
     assert [line.split()[-2:] for line in bills.splitlines() if "majority" in line] == [["-", "-"]]
 

@@ -5,7 +5,7 @@ import pytest
 
 import neuro
 from neuro_bench import Examples, Spikes
-from neuro_bench.spiking import OUTPUT, _Converted, counted
+from neuro_bench.spiking import OUTPUT, _Converted, spike_counts
 
 LEVELS = 8
 
@@ -33,9 +33,9 @@ def in_whole_numbers(counts, weights):
 def test_each_layer_fires_its_rectified_sum_in_whole_numbers():
     rng = np.random.default_rng(3)
     (shown, weights), (_, second) = drawn(rng), drawn(rng)
-    said, potentials = in_whole_numbers(counted(shown.spikes, 5), weights)
+    said, potentials = in_whole_numbers(spike_counts(shown.spikes, 5), weights)
     assert 0 < max(each.max() for each in said) <= LEVELS
-    potentials = potentials + in_whole_numbers(counted(shown.spikes, 5), second)[1]
+    potentials = potentials + in_whole_numbers(spike_counts(shown.spikes, 5), second)[1]
     made = _Converted([weights, second], shown.spikes, LEVELS)
     sim = neuro.compile(made.net)
     for k in range(5):
@@ -46,8 +46,8 @@ def test_each_layer_fires_its_rectified_sum_in_whole_numbers():
         assert sim.get(OUTPUT, "V_m") == pytest.approx(potentials[k], abs=1e-9)
         assert classes[0] == potentials[k].argmax()
     shown, _ = drawn(np.random.default_rng(4))
-    assert counted(shown.spikes, 5).sum() == len(shown.spikes.at)
-    assert counted(shown.spikes.take(np.array([2]), 5), 1)[0].sum() == (shown.spikes.example == 2).sum()
+    assert spike_counts(shown.spikes, 5).sum() == len(shown.spikes.at)
+    assert spike_counts(shown.spikes.take(np.array([2]), 5), 1)[0].sum() == (shown.spikes.example == 2).sum()
     _, weights = drawn(np.random.default_rng(4))
     with pytest.raises(neuro.ModelError, match=r"steps of 0\.5 ms: expected 1 ms or more"):
         _Converted([weights], Spikes.of_dense(np.zeros((1, 2, 2, 9, 9)), 0.5), LEVELS)

@@ -12,13 +12,13 @@ SMALL = {"cells": 200, "functions": 8, "delays": 6, "ridge": 1e-6, "steep": 2.0,
 
 def test_neurons_and_their_values():
     cells, values = _Cells(100, 2, 0), np.stack((np.random.default_rng(0).uniform(-1.0, 1.0, 20), np.full(20, 0.2)))
-    left = np.stack([cells.left(each) for each in values.T], axis=1)
+    left = np.stack([cells.remaining_shares(each) for each in values.T], axis=1)
     current = LEAST[-1] + _gain(100) * (values[:, :, None] - cells.at[:, None, :])
     assert np.array_equal(left, (current[..., None] >= LEAST).sum(axis=-1) / SHOWN)
     assert len(np.unique(left[0])) >= SHOWN
     cells, late = _Cells(100, 1, 1), (LEAST - LEAST[-1]) / _gain(100)
     values = np.linspace(late.max() - 1.0, 1.0, 300)
-    made = np.stack([cells.left(np.array([each]))[0] for each in values]) @ cells.decoders(20, 4.5)[0]
+    made = np.stack([cells.remaining_shares(np.array([each]))[0] for each in values]) @ cells.decoders(20, 4.5)[0]
     rng = np.random.default_rng((1, 0, 6))
     centre, slope = rng.uniform(-1.0, 1.0, 20), 4.5 * rng.uniform(0.5, 1.4, 20)
     blurred = np.tanh((values[:, None] - late[:, None, None] - centre) * slope).mean(axis=0)
