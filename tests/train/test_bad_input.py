@@ -114,8 +114,8 @@ main()
     ("where", "function", "told"),
     [
         ("cli", "cli._check_before", ""),
-        ("data", "data._check_sensor", "interrupted: the same command goes on where it was\n"),
-        ("tested", "tested._bill", "interrupted: the same command goes on where it was\n"),
+        ("data", "data._check_sensor", "interrupted: run the same command again to resume\n"),
+        ("tested", "tested._bill", "interrupted: run the same command again to resume\n"),
     ],
     ids=["before", "reading", "testing"],
 )
