@@ -37,7 +37,7 @@ class Settings(apps.Settings):
         group: number of dimensions of an observation that one group of places encodes together.
         fields: number of places of a grid, or of bells, along a continuous dimension.
         active: target number of places that are active at a time. A group has as many grids, each shifted by a share of
-            a field, as come nearest to this number; at least one.
+            a field, as bring the total nearest to this number; at least one.
         critics: number of neurons of the critic.
         levels: number of actions along a dimension of a continuous action space, between which a circuit chooses.
         circuits: number of circuits along a dimension of a continuous action space; the action is their mean choice.

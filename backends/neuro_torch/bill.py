@@ -83,8 +83,8 @@ class Bill:
         self._last_checked = self.program
         check_costs(self.chip)
         if "mac" in self.chip.costs:
-            what = f"target '{self.chip.name}' prices every synapse in every step, whatever spikes there are"
-            raise ModelError(f"{what}: expected one that is priced by spikes", hint="loihi, spinnaker, truenorth")
+            what = f"target '{self.chip.name}' prices every synapse in every step"
+            raise ModelError(f"{what}: expected a target that prices spikes", hint="loihi, spinnaker, truenorth")
         self.placement: Placement | None = None
         if self.chip.mesh is not None:
             self.placement = place(self.program, self.chip, neurons_per_core=neurons_per_core)

@@ -61,19 +61,19 @@ def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi"
     if isinstance(bits, bool) or not isinstance(bits, int) or bits < 1:
         raise ModelError(f"bits = {bits!r}: expected a whole number >= 1")
     if not len(module.weights):
-        raise ModelError("quantised: no weights of the module learn: expected those of a projection at least")
-    return _rounding_as(_Scales(module.program, target, bits), module)
+        raise ModelError("quantised: no weights of the module learn: expected those of at least one projection")
+    return _quantise_with(_Scales(module.program, target, bits), module)
 
 
 def quantised_as(module: Module, other: Module) -> Module:
     """Quantise `other` with the bits and the chip of `module`, if `module` is quantised."""
-    scales = _scales(module)
-    return other if scales is None else _rounding_as(_Scales(other.program, scales.chip, scales.bits), other)
+    scales = _scales_hook(module)
+    return other if scales is None else _quantise_with(_Scales(other.program, scales.chip, scales.bits), other)
 
 
-def _rounding_as(scales: _Scales, module: Module) -> Module:
+def _quantise_with(scales: _Scales, module: Module) -> Module:
     """Quantise a module with these scales, in place of any others."""
-    current = _scales(module)
+    current = _scales_hook(module)
     if current is not None:
         current.chip, current.bits = scales.chip, scales.bits
         current.choose(module)
@@ -99,7 +99,7 @@ class _Scales:
         self._check(program)
 
     def __call__(self, module: Any, inputs: Any) -> None:
-        age = next(iter(_rounded(module).values()))[-1].age
+        age = next(iter(_parametrisations(module).values()))[-1].age
         if not module.training or int(age) % EVERY == 0:
             self.choose(module)
         if module.training:
@@ -111,12 +111,12 @@ class _Scales:
         Raises:
             ModelError: a weight is not finite.
         """
-        rounded = _rounded(module)
+        rounded = _parametrisations(module)
         projections = list(module.program.projections)
         for name, each in rounded.items():
             weight = each.original.detach().double().cpu().numpy().ravel()
             if not np.isfinite(weight).all():
-                raise ModelError(f"weights of '{name}' are no numbers: expected numbers that can be rounded")
+                raise ModelError(f"weights of '{name}' are not finite: expected finite numbers")
             projections[self._index[name]] = replace(projections[self._index[name]], weight=weight)
         fixed = quantise(replace(module.program, projections=tuple(projections)), self.chip)
         for name, each in rounded.items():
@@ -174,7 +174,7 @@ class _Rounded(torch.nn.Module):
     def forward(self, weight: Tensor) -> Tensor:
         """Return the rounded weights."""
         below = self.step if self.even else self.below
-        rounded: Tensor = _Straight.apply(weight, self.step, below, self.low, self.high)  # type: ignore[no-untyped-call]
+        rounded: Tensor = _StraightThrough.apply(weight, self.step, below, self.low, self.high)  # type: ignore[no-untyped-call]
         return rounded
 
     def right_inverse(self, weight: Tensor) -> Tensor:
@@ -182,7 +182,7 @@ class _Rounded(torch.nn.Module):
         return weight
 
 
-class _Straight(torch.autograd.Function):
+class _StraightThrough(torch.autograd.Function):
     """Rounding with the gradient of the identity."""
 
     @staticmethod
@@ -199,7 +199,7 @@ class _Straight(torch.autograd.Function):
         return gradients[0], None, None, None, None
 
 
-def _rounded(module: Any) -> dict[str, Any]:
+def _parametrisations(module: Any) -> dict[str, Any]:
     """Return the parametrisations of a module's quantised weights, by projection."""
     parametrizations = getattr(module.weights, "parametrizations", {})
     attributes = {name: module.weights.attribute(name) for name in module.weights}
@@ -208,9 +208,9 @@ def _rounded(module: Any) -> dict[str, Any]:
     }
 
 
-def _scales(module: Module) -> _Scales | None:
+def _scales_hook(module: Module) -> _Scales | None:
     """Return the hook that chooses the scales of a module, None if the module is not quantised."""
-    scales: _Scales | None = next((each[-1].scales for each in _rounded(module).values()), None)
+    scales: _Scales | None = next((each[-1].scales for each in _parametrisations(module).values()), None)
     return scales
 
 
@@ -238,21 +238,17 @@ def prune(
     if (share is None) == (stay is None):
         raise ModelError("prune: expected either share or stay")
     if stay is None:
-        shares = share if isinstance(share, Mapping) else dict.fromkeys(_own(module), share)
-        for name, fraction in shares.items():
-            if isinstance(fraction, bool) or not isinstance(fraction, (int, float)) or not 0.0 <= fraction < 1.0:
-                raise ModelError(f"prune: projection '{name}': share = {fraction!r}: expected 0 to 1, and less than 1")
+        shares = share if isinstance(share, Mapping) else dict.fromkeys(_with_separate_weights(module), share)
+        for name, cut in shares.items():
+            if isinstance(cut, bool) or not isinstance(cut, (int, float)) or not 0.0 <= cut < 1.0:
+                raise ModelError(f"prune: projection '{name}': share = {cut!r}: expected 0 to 1, and less than 1")
         _check(module, shares)
-        stay = {
-            name: _largest(module, name, 1.0 - float(fraction))
-            for name, fraction in shares.items()
-            if fraction is not None
-        }
+        stay = {name: _largest(module, name, 1.0 - float(cut)) for name, cut in shares.items() if cut is not None}
     _check(module, stay)
     for name, mask in stay.items():
         if not np.any(mask):
             raise ModelError(f"prune: projection '{name}': none of its {len(mask)} synapses stays: expected some")
-    return quantised_as(module, module.on(_with(module, stay)))
+    return quantised_as(module, module.on(_keep_synapses(module, stay)))
 
 
 def largest(module: Module, share: float) -> dict[str, Bools]:
@@ -264,7 +260,7 @@ def largest(module: Module, share: float) -> dict[str, Bools]:
         module: the network.
         share: share of the synapses of each projection, 0 to 1.
     """
-    return {name: _largest(module, name, share) for name in _own(module)}
+    return {name: _largest(module, name, share) for name in _with_separate_weights(module)}
 
 
 def _largest(module: Module, name: str, share: float) -> Bools:
@@ -280,17 +276,17 @@ def _check(module: Module, by_name: Mapping[str, object]) -> None:
     for name in by_name:
         if name not in module.weights:
             raise unknown("projection that learns", name, list(module.weights))
-        if name not in _own(module):
+        if name not in _with_separate_weights(module):
             raise ModelError(f"prune: projection '{name}': its synapses share weights", hint="leave it out")
 
 
-def _own(module: Module) -> list[str]:
+def _with_separate_weights(module: Module) -> list[str]:
     """Return the projections that learn and have a separate weight for each synapse."""
     parts = {part.name: part for part in module.program.projections}
     return [name for name in module.weights if parts[name].grid is None and parts[name].weight.size == parts[name].size]
 
 
-def _with(module: Module, stay: Mapping[str, Bools]) -> neuro.Network:
+def _keep_synapses(module: Module, stay: Mapping[str, Bools]) -> neuro.Network:
     """Return the network with the learnt weights and, in some projections, only the synapses that stay."""
     net = module.network()
     program = module.program

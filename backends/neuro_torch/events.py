@@ -102,7 +102,7 @@ class Events:
                 hint = "other numbers are given to the module as a dense tensor"
                 raise ModelError(f"'{name}': found values other than 0 and 1: expected spikes", hint=hint)
         if len(set(sizes.values())) != 1:
-            raise ModelError(f"found (batch, steps) of {sizes}: expected one of all, and at least one population")
+            raise ModelError(f"found (batch, steps) of {sizes}: expected the same of all, and at least one population")
         batch, steps = next(iter(sizes.values()))
         places: dict[str, Any] = {name: array.nonzero() for name, array in arrays.items()}
         return cls(batch, steps, places)
@@ -245,7 +245,7 @@ def _concatenate(trains: Sequence[Train]) -> Train:
 def _integers(values: Any, name: str) -> NDArray[np.int64]:
     array = np.asarray(values)
     if array.ndim != 1 or (array.dtype.kind not in "iu" and array.size):
-        raise ModelError(f"'{name}': found {array.dtype} of the shape {array.shape}: expected whole numbers in a row")
+        raise ModelError(f"'{name}': found {array.dtype} of the shape {array.shape}: expected a row of whole numbers")
     return array.astype(np.int64)
 
 

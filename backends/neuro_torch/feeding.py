@@ -58,7 +58,7 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
                 raise ModelError(f"{message}: expected (batch, steps, neurons)")
         distinct_sizes = {tuple(each.shape[:2]) for each in batch.values()}
     if len(distinct_sizes) != 1:
-        raise ModelError(f"batch: found (batch, steps) of {sorted(distinct_sizes)}: expected one of all inputs")
+        raise ModelError(f"batch: found (batch, steps) of {sorted(distinct_sizes)}: expected the same of all inputs")
     size, n_steps = distinct_sizes.pop()
     if size < 1 or n_steps < 1:
         raise ModelError(f"batch: found {size} recordings of {n_steps} steps: expected at least one of each")

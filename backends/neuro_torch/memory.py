@@ -75,23 +75,21 @@ def free(device: torch.device) -> int | None:
     return int(torch.cuda.mem_get_info(device)[0] + cached)
 
 
-def need(
-    program: Program, plan: Plan, batch_inputs: Mapping[int, Any], task: ScanTask, tape: Callable[[], float]
-) -> Need:
+def need(program: Program, plan: Plan, batch: Mapping[int, Any], task: ScanTask, tape: Callable[[], float]) -> Need:
     """Return the memory of a pass, with its backward pass where gradients are on.
 
     Args:
         program: the network.
         plan: the scans or steps that run it.
-        batch_inputs: checked input of each generator, None where the batch does not name it.
+        batch: checked input of each generator, None where the batch does not name it.
         task: sizes, dtype and device of the pass.
         tape: returns the bytes that one recording saves per step for the backward pass, when the network is stepped.
     """
-    inputs = {k: _Input.of(program.populations[k], value, task) for k, value in batch_inputs.items()}
+    inputs = {k: _Input.of(program.populations[k], value, task) for k, value in batch.items()}
     learns = torch.is_grad_enabled()
     if not plan.parts:
-        return _steps(program, inputs.values(), task, tape() if learns else 0.0)
-    return (_kernels if plan.by == "kernels" else _torch)(plan.parts, inputs, task, learns)
+        return _need_of_steps(program, inputs.values(), task, tape() if learns else 0.0)
+    return (_need_of_kernels if plan.by == "kernels" else _need_of_torch)(plan.parts, inputs, task, learns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +119,10 @@ class _Input:
             return cls(spikes / task.batch, numbers, not has_own_spikes, has_own_spikes, False)
         is_unchanged = getattr(value, "dtype", None) == task.dtype and value.device == task.device
         learns = isinstance(value, torch.Tensor) and value.requires_grad
-        return cls(_spikes(value), numbers, False, has_own_spikes or not is_unchanged, learns)
+        return cls(_count_spikes(value), numbers, False, has_own_spikes or not is_unchanged, learns)
 
 
-def _spikes(value: Any) -> int:
+def _count_spikes(value: Any) -> int:
     """Return the number of nonzero elements in the first recording of a tensor or an array."""
     first = torch.as_tensor(value[0])
     if first.is_meta:
@@ -147,47 +145,47 @@ def _largest(parts: Iterable[Component], of: Callable[[Component], float]) -> fl
     return max(map(of, parts))
 
 
-def _neurons(part: Component) -> int:
+def _n_neurons(part: Component) -> int:
     return sum(cell.size for cell in part.cells.values())
 
 
-def _states(parts: Iterable[Component], learns: bool) -> int:
+def _graded_bytes(parts: Iterable[Component], learns: bool) -> int:
     """Return bytes per step that the arithmetic of graded neurons saves, about four doubles per neuron."""
     sizes = (cell.size for part in parts for cell in part.cells.values() if cell.model not in CELLS)
     return 4 * DOUBLE * sum(sizes) if learns else 0
 
 
-def _kernels(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
+def _need_of_kernels(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
     """Return the memory of compiled scans.
 
     Spikes, potentials and flags are saved; input and gradients exist for one component at a time.
     """
     size = task.dtype.itemsize
-    saved = (2 * size + 1 if learns else size) * sum(map(_neurons, parts)) + _states(parts, learns)
-    passing = _largest(parts, lambda part: (4 + bool(part.inside)) * size * _neurons(part))
+    saved = (2 * size + 1 if learns else size) * sum(map(_n_neurons, parts)) + _graded_bytes(parts, learns)
+    passing = _largest(parts, lambda part: (4 + bool(part.inside)) * size * _n_neurons(part))
     return Need(task.batch, task.steps * (saved + passing) + _input_bytes(inputs.values(), task))
 
 
-def _torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
+def _need_of_torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
     """Return the memory of scans by torch: besides that of compiled scans, saved products and rows of weights."""
-    size = task.dtype.itemsize
+    size, neurons = task.dtype.itemsize, sum(map(_n_neurons, parts))
     driven = [each for part in parts for each in part.outside]
     products = sum(size * each.sizes[0] * len(_delays(each)) for each in driven if not _is_sparse(each, inputs))
-    saved = (2 * size + 3) * sum(map(_neurons, parts)) + products if learns else 2 * size * sum(map(_neurons, parts))
-    passing = _largest(parts, lambda part: 6 * size * _neurons(part) * task.steps + _drives(part, inputs, task))
+    saved = (2 * size + 3) * neurons + products if learns else 2 * size * neurons
+    transient = _largest(parts, lambda part: 6 * size * _n_neurons(part) * task.steps + _delivered(part, inputs, task))
     sparse_synapses = [each for part in parts for each in (*part.outside, *part.inside) if not each.dense]
     tables = sum(3 * size * each.sizes[0] * each.sizes[1] * len(_delays(each)) for each in sparse_synapses)
-    saved += _states(parts, learns)
-    return Need(task.batch, task.steps * saved + passing + _input_bytes(inputs.values(), task), tables)
+    saved += _graded_bytes(parts, learns)
+    return Need(task.batch, task.steps * saved + transient + _input_bytes(inputs.values(), task), tables)
 
 
-def _drives(part: Component, inputs: Inputs, task: ScanTask) -> float:
+def _delivered(part: Component, inputs: Inputs, task: ScanTask) -> float:
     """Return the memory of the largest projection from outside while it delivers spikes."""
     size = task.dtype.itemsize
-    return max((size * each.sizes[1] * _moved(each, inputs, task) for each in part.outside), default=0.0)
+    return max((size * each.sizes[1] * _tensors_at_once(each, inputs, task) for each in part.outside), default=0.0)
 
 
-def _moved(each: Synapses, inputs: Inputs, task: ScanTask) -> float:
+def _tensors_at_once(each: Synapses, inputs: Inputs, task: ScanTask) -> float:
     """Return the number of tensors, each of one step of the targets, that delivering spikes needs at once."""
     if _is_sparse(each, inputs):
         return 2 * task.steps + 2 * inputs[each.source].spikes
@@ -202,7 +200,7 @@ def _delays(each: Synapses) -> Any:
     return np.unique(each.delay)
 
 
-def _steps(program: Program, inputs: Iterable[_Input], task: ScanTask, tape: float) -> Need:
+def _need_of_steps(program: Program, inputs: Iterable[_Input], task: ScanTask, tape: float) -> Need:
     """Return the memory of stepping: spikes of each step and of all, and their gradients; inputs are dense doubles.
 
     The factor of 2: many small tensors that stay lie between many that are freed, so allocators hold about twice as
@@ -224,10 +222,10 @@ def saved_per_step(run: Callable[[int], object], steps: int) -> float:
     """
     more = min(6, steps)
     less = more // 2
-    return (_saved(run, more) - (_saved(run, less) if less else 0)) / (more - less)
+    return (_saved_bytes(run, more) - (_saved_bytes(run, less) if less else 0)) / (more - less)
 
 
-def _saved(run: Callable[[int], object], steps: int) -> int:
+def _saved_bytes(run: Callable[[int], object], steps: int) -> int:
     """Return the bytes of all tensors saved for the backward pass; each storage counts once."""
     storages: dict[int, torch.UntypedStorage] = {}
 

@@ -87,13 +87,13 @@ class Module(torch.nn.Module):
         if not isinstance(net, neuro.Network):
             raise ModelError(f"neuro_torch.Module: found {net!r}: expected a Network", hint="neuro.load reads one")
         self.program = compile_network(net, seed)
-        self.surrogate, self.damping = surrogate_of(surrogate, slope), _share(damping)
-        self._net, self._seed, self._by = net, seed, _one_of("by", by, (None, "kernels", "torch", "steps"))
+        self.surrogate, self.damping = surrogate_of(surrogate, slope), _check_damping(damping)
+        self._net, self._seed, self._by = net, seed, _check_choice("by", by, (None, "kernels", "torch", "steps"))
         self._refuse()
         self._index = {part.name: k for k, part in enumerate(self.program.populations)}
-        self._steps = None if duration is None else _steps(duration, net.resolution)
+        self._steps = None if duration is None else _duration_in_steps(duration, net.resolution)
         self.outputs = self._outputs(outputs)
-        kind = _floating(dtype or torch.get_default_dtype())
+        kind = _check_dtype(dtype or torch.get_default_dtype())
         projections, neurons = words.trainable(self.program, trainable)
         self.weights = Named(
             "projection whose weights learn",
@@ -145,7 +145,7 @@ class Module(torch.nn.Module):
         if not torch.compiler.is_compiling():
             memory.refuse_large(self._need(checked, task), task)
         converted = {k: feeding.convert(self.program.populations[k], each, task) for k, each in checked.items()}
-        emitted, potentials = self._scanned(converted, task) if self._plan.parts else self._stepped(converted, task)
+        emitted, potentials = self._run_scans(converted, task) if self._plan.parts else self._run_steps(converted, task)
         return self._outcome(batch, emitted, potentials, task)
 
     def _need(self, checked: Mapping[int, Any], task: ScanTask) -> memory.Need:
@@ -155,7 +155,7 @@ class Module(torch.nn.Module):
         def run(steps: int) -> None:
             few = replace(task, batch=1, steps=steps)
             beginnings = {k: feeding.beginning(each, steps) for k, each in checked.items()}
-            self._stepped({k: feeding.convert(parts[k], each, few) for k, each in beginnings.items()}, few)
+            self._run_steps({k: feeding.convert(parts[k], each, few) for k, each in beginnings.items()}, few)
 
         def tape() -> float:
             if "tape" not in self._cache:
@@ -165,7 +165,7 @@ class Module(torch.nn.Module):
 
         return memory.need(self.program, self.plan, checked, task, tape)
 
-    def _scanned(self, inputs: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
+    def _run_scans(self, inputs: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """Return spikes by population, and potentials of the outputs at the ends of steps, by scans."""
         scans = self._scans()[0]
         populations = self.program.populations
@@ -220,13 +220,13 @@ class Module(torch.nn.Module):
         steps = words.in_steps(self.delays[name], self.program.resolution, name)
         return layers.delayed(self._synapse_list(projection), layers.rounded(steps))
 
-    def _stepped(self, inputs_by_index: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
-        """Return spikes and potentials as `_scanned`, step by step."""
+    def _run_steps(self, by_index: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
+        """Return spikes and potentials as `_run_scans`, step by step."""
         populations = self.program.populations
         parameters = {name: dict(each.items()) for name, each in self.neurons.items()}
         inputs = {
             populations[k].name: feeding.dense(each, populations[k], task)
-            for k, each in inputs_by_index.items()
+            for k, each in by_index.items()
             if each is not None
         }
         if task.device not in self._steppers:
@@ -422,26 +422,26 @@ class Module(torch.nn.Module):
         return active_updates(population, emitted, incoming, task, self._scans()[0])
 
 
-def _steps(duration: Any, resolution: float) -> int:
+def _duration_in_steps(duration: Any, resolution: float) -> int:
     number = isinstance(duration, (int, float)) and not isinstance(duration, bool)
     if not number or duration <= 0.0:
         raise ModelError(f"duration = {duration!r}: expected a time > 0 in ms")
     return Clock(resolution).step(float(duration), "duration")
 
 
-def _floating(dtype: Any) -> torch.dtype:
+def _check_dtype(dtype: Any) -> torch.dtype:
     if not isinstance(dtype, torch.dtype) or not dtype.is_floating_point:
         raise ModelError(f"dtype = {dtype!r}: expected a floating type of torch, such as torch.float64")
     return dtype
 
 
-def _share(value: Any) -> float:
+def _check_damping(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= 1.0:
         raise ModelError(f"damping = {value!r}: expected a number from 0 to 1")
     return float(value)
 
 
-def _one_of(word: str, value: Any, choices: Sequence[Any]) -> Any:
+def _check_choice(word: str, value: Any, choices: Sequence[Any]) -> Any:
     if value not in choices:
         raise unknown(word, value, [each for each in choices if each])
     return value

@@ -22,14 +22,14 @@ def problems(program: Program) -> list[Problem]:
     chips = floats_only(program)
     if chips:
         return chips
-    refusals = [_refused(f"group '{g.name}'", f"torch has no {g.choice.noun}", ELSEWHERE, g) for g in program.groups]
+    refusals = [_refusal(f"group '{g.name}'", f"torch has no {g.choice.noun}", ELSEWHERE, g) for g in program.groups]
     if program.trials is not None:
         way_out = f"{ELSEWHERE}; neuro_torch.Module trains by gradients instead"
-        refusals.append(_refused("trials", "torch runs none", way_out, program.trials))
+        refusals.append(_refusal("trials", "torch runs none", way_out, program.trials))
     for projection in program.projections:
         if projection.synapse.learns:
             what = f"projection '{projection.name}': {projection.synapse.name}"
-            refusals.append(_refused(what, "torch has static synapses only", LEARNT_THERE, projection))
+            refusals.append(_refusal(what, "torch has static synapses only", LEARNT_THERE, projection))
     for part in program.populations:
         refusals += _population_problems(part)
     return refusals
@@ -38,7 +38,7 @@ def problems(program: Program) -> list[Problem]:
 def _population_problems(part: Population) -> Iterator[Problem]:
     if isinstance(part.model, Neuron) and part.model.most:
         message = f"population '{part.name}': {part.model_name}"
-        yield _refused(message, "its neurons are stepped together, one after the other", ELSEWHERE, part)
+        yield _refusal(message, "its neurons are stepped together, one after the other", ELSEWHERE, part)
     elif isinstance(part.model, Neuron):
         for name in ("step", "fire"):
             try:
@@ -46,7 +46,7 @@ def _population_problems(part: Population) -> Iterator[Problem]:
             except Untranslatable as error:
                 message = f"population '{part.name}': {part.model_name}"
                 way_out = f"write it with numbers, ifs and loops only, or {ELSEWHERE.replace(' it', ' it as it is')}"
-                yield _refused(message, f"it cannot run for all neurons at once ({error})", way_out, part)
+                yield _refusal(message, f"it cannot run for all neurons at once ({error})", way_out, part)
 
 
 def without_gradient(program: Program) -> list[Problem]:
@@ -56,7 +56,7 @@ def without_gradient(program: Program) -> list[Problem]:
         if isinstance(part.model, Neuron) and (why := _no_gradient(part)):
             message = f"population '{part.name}': {part.model_name}"
             refusals.append(
-                _refused(message, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
+                _refusal(message, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
             )
     return refusals
 
@@ -84,5 +84,5 @@ def reset_of(part: Population) -> str:
     return RESET.get(part.model.name, "V_reset")
 
 
-def _refused(what: str, why: str, way_out: str, part: object) -> Problem:
+def _refusal(what: str, why: str, way_out: str, part: object) -> Problem:
     return Problem(True, what, why, way_out, getattr(part, "origin", None))

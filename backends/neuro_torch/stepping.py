@@ -260,11 +260,11 @@ class Stepper:
             ModelError: an input names no population of a `spike_generator`, or has another shape.
         """
         step, by_index = self.now + 1, self._inputs_by_index(inputs or {})
-        arrived = {k: self._arrived(k, step) for k in self.cells}
+        arrived = {k: self._input_of(k, step) for k in self.cells}
         for k, cells in self.cells.items():
             self.spikes[k] = cells.step(*arrived[k], step, self._surrogate)
         for k in self.sources:
-            self.spikes[k] = self._emitted(k, step, by_index.get(k))
+            self.spikes[k] = self._generator_spikes(k, step, by_index.get(k))
         for flow in self.flows.values():
             flow.charge(self.cells[flow.part.target], step)
             flow.send(step)
@@ -284,7 +284,7 @@ class Stepper:
                 raise ModelError(f"input '{name}': found {actual}: expected {expected} of torch.float64")
         return {index_of[name]: spikes for name, spikes in inputs.items()}
 
-    def _emitted(self, k: int, step: int, added_spikes: Tensor | None) -> Tensor:
+    def _generator_spikes(self, k: int, step: int, added_spikes: Tensor | None) -> Tensor:
         numbers = self.sources[k].emit(step)
         if added_spikes is not None and not numbers.any():
             return added_spikes
@@ -297,15 +297,15 @@ class Stepper:
                 in_flight = [(since, each) for since, each in self.sent[k] if since + self._longest > step]
                 self.sent[k] = [*in_flight, (step, Emitted(spikes))]
 
-    def _arrived(self, k: int, step: int) -> tuple[Tensor, Any]:
+    def _input_of(self, k: int, step: int) -> tuple[Tensor, Any]:
         """Return the input of a population, shape (receptors, batch, neurons), and its current in pA."""
         cells = self.cells[k]
         x = torch.zeros(cells.receptors, *cells.shape, dtype=torch.float64, device=self.device)
         receives = torch.zeros(cells.shape, dtype=torch.bool, device=self.device) if self._hears else None
         for q, wires in self.wires.items():
             if wires.part.target == k:
-                for each, versions in self._ways(q):
-                    x = self._added(x, receives, each, versions, step)
+                for each, versions in self._weighted_wires(q):
+                    x = self._add_arrivals(x, receives, each, versions, step)
         if receives is not None:
             self.heard[k] = receives
         current: Any = 0.0
@@ -314,13 +314,13 @@ class Stepper:
                 current = current + torch.from_numpy(flow.arrive(step)).to(self.device)
         return x, current
 
-    def _ways(self, q: int) -> list[tuple[TorchProjection, Versions]]:
+    def _weighted_wires(self, q: int) -> list[tuple[TorchProjection, Versions]]:
         """Return the wires of a projection with their weights: one pair, or two if delays learn."""
         if q in self._between:
             return [(wires, [(0, weights)]) for wires, weights in self._between[q]]
         return [(self.wires[q], self.versions[q])]
 
-    def _added(
+    def _add_arrivals(
         self, x: Tensor, receives: Tensor | None, wires: TorchProjection, versions: Versions, step: int
     ) -> Tensor:
         """Return the input plus the arrivals along some wires, each spike with the weights of its emission."""
@@ -341,7 +341,7 @@ class Stepper:
             delivered: Tensor = arrivals(wires, accumulator, accumulator.token, self.batch, arriving, *spikes)
             return x + delivered
         by_version = torch.zeros_like(x)
-        for since, until, weights in _times(versions):
+        for since, until, weights in _intervals(versions):
             sent_then = [(d, each) for d, each in arriving if since <= step - wires.delays[d] < until]
             wires.add(by_version, receives, weights, sent_then)
         return x + by_version
@@ -351,7 +351,7 @@ Versions = list[tuple[int, Tensor]]
 """Pairs of the first step whose spikes are sent with some weights, and the weights."""
 
 
-def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
+def _intervals(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
     """Yield the first step whose spikes are sent with some weights, the first that are not, and the weights."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
@@ -398,8 +398,8 @@ def stepped(
             potentials[k].append(stepper.state(names[k], "V_m"))
     neurons = [each for words in learning.parameters.values() for each in words.values()]
     learns = [*learning.weights.values(), *learning.delays.values(), *neurons]
-    return _stacked(spikes, task, learns), _stacked(potentials, task, learns)
+    return _stack(spikes, task, learns), _stack(potentials, task, learns)
 
 
-def _stacked(by_step: Mapping[int, list[Any]], task: ScanTask, learns: list[Tensor]) -> dict[int, Tensor]:
+def _stack(by_step: Mapping[int, list[Any]], task: ScanTask, learns: list[Tensor]) -> dict[int, Tensor]:
     return {k: joined(torch.stack(each, 1).to(task.dtype), learns) for k, each in by_step.items()}

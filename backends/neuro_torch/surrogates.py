@@ -223,19 +223,21 @@ def _check(own: Own) -> None:
     function = own.function
     name = getattr(function, "__name__", repr(function))
     if not isinstance(function, FunctionType) or name == "<lambda>":
-        raise ModelError(f"surrogate '{name}': found no function made by def: {_EXPECTED}", hint=_LIKE)
+        raise ModelError(f"surrogate '{name}': found no function defined by def: {_EXPECTED}", hint=_LIKE)
     arguments = list(inspect.signature(function).parameters)
     if len(arguments) != 2:
-        raise ModelError(f"surrogate '{name}': it takes ({', '.join(arguments)}): expected (x, slope)", hint=_LIKE)
+        raise ModelError(
+            f"surrogate '{name}': found the arguments ({', '.join(arguments)}): expected (x, slope)", hint=_LIKE
+        )
     if function.__closure__:
         variables = ", ".join(function.__code__.co_freevars)
         raise ModelError(
-            f"surrogate '{name}': it reads {variables} of the function around it: expected x and slope alone"
+            f"surrogate '{name}': it uses {variables} of the enclosing function: expected x and slope only"
         )
     try:
         inspect.getsource(function)
     except OSError:
-        raise ModelError(f"surrogate '{name}': its source is not there: expected it in a file or a notebook") from None
+        raise ModelError(f"surrogate '{name}': source not found: expected a function in a file or a notebook") from None
     try:
         numbers = [float(function(x, own.slope)) for x in (-1.0, 0.0, 1.0)]
         own.derivative(torch.linspace(-1.0, 1.0, 3))

@@ -52,7 +52,7 @@ def trainable(program: Program, user_choice: Iterable[str] | Mapping[str, Iterab
     for name, word in words.items():
         quantities = (word,) if isinstance(word, str) else tuple(word) if isinstance(word, Iterable) else ()
         if not quantities:
-            raise ModelError(f"trainable: '{name}': found {word!r}: expected what of it learns, such as 'weight'")
+            raise ModelError(f"trainable: '{name}': found {word!r}: expected names of what learns, such as 'weight'")
         if name in projections:
             for quantity in quantities:
                 if quantity not in ("weight", "delay"):

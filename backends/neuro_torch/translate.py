@@ -36,7 +36,7 @@ def translated(function: FunctionType) -> Any:
     try:
         text = textwrap.dedent(inspect.getsource(function))
     except (OSError, TypeError):
-        raise Untranslatable(f"the source of '{function.__qualname__}' is not there") from None
+        raise Untranslatable(f"no source found for '{function.__qualname__}'") from None
     tree = ast.parse(text).body[0]
     if not isinstance(tree, ast.FunctionDef):
         raise Untranslatable(f"'{function.__qualname__}' is no plain function")

@@ -95,19 +95,19 @@ class Component:
     stretch: int
 
 
-def unfit(program: Program) -> list[str]:
+def reasons_to_step(program: Program) -> list[str]:
     """Return the reasons why a program cannot be scanned, one sentence each."""
     reasons = []
     for part in program.populations:
         if part.kind == "neuron":
-            reasons += [f"population '{part.name}': {why}" for why in _unfit_cells(part)]
+            reasons += [f"population '{part.name}': {why}" for why in _reasons_of_population(part)]
     if driven(program):
         names = ", ".join(f"'{program.populations[k].name}'" for k in driven(program))
         reasons.append(f"the current into {names} changes in every step")
     return reasons
 
 
-def _unfit_cells(part: Population) -> list[str]:
+def _reasons_of_population(part: Population) -> list[str]:
     if part.model.graded:
         several = isinstance(part.model, Neuron) and part.model.receptors > 1
         return ["it has several receptors"] if several else []
@@ -333,7 +333,7 @@ def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
         by: the user's choice, None for the fastest on a CPU.
         learning: populations with parameters that learn.
     """
-    why = [*unfit(program), *(f"population '{name}': its parameters learn" for name in learning)]
+    why = [*reasons_to_step(program), *(f"population '{name}': its parameters learn" for name in learning)]
     if by == "steps":
         why.append("by = 'steps'")
     parts = () if why else tuple(components(program))
