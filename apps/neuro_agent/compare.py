@@ -97,7 +97,7 @@ class Plan:
             if name in self.left_out:
                 raise ModelError(f"'{name}' cannot be compared: {self.left_out[name]}")
         if len(set(self.seeds)) < len(self.seeds):
-            raise ModelError(f"seeds {self.seeds}: found one twice: expected each once")
+            raise ModelError(f"seeds {self.seeds}: found a seed twice: expected each once")
         env = environments.make(self.environment)
         ActorCritic(env.observation_space, env.action_space, **self.settings)
 

@@ -47,7 +47,7 @@ class Learner:
         self.settings = s = Settings().changed(settings)
         self.observations, self.seed = observations, check(SEED, seed, "seed")
         if not dimensions_of(observations):
-            raise ModelError("observation space: it is empty: expected at least one dimension")
+            raise ModelError("observation space: found an empty space: expected at least one dimension")
         self._encoder = encoder_of(s).made(observations, ())
         self.places, self.states = self._encoder.fields, States(observations)
         self.actions = actions_of(actions, s.levels, s.circuits)

@@ -82,9 +82,9 @@ def device_of(name: str | torch.device) -> torch.device:
     except (RuntimeError, TypeError):
         device = None
     if device is None or device.type not in ("cpu", "cuda"):
-        raise ModelError(f"device = {name!r}: expected 'cpu' or 'cuda'", hint=f"here: {', '.join(devices)}")
+        raise ModelError(f"device = {name!r}: expected 'cpu' or 'cuda'", hint=f"available: {', '.join(devices)}")
     if device.type == "cuda" and f"cuda:{device.index or 0}" not in devices:
-        raise ModelError(f"device = '{device}': torch sees no such GPU", hint=f"here: {', '.join(devices)}")
+        raise ModelError(f"device = '{device}': torch sees no such GPU", hint=f"available: {', '.join(devices)}")
     return device
 
 

@@ -94,7 +94,7 @@ def potential_mse(V_m: Tensor, wanted: Tensor) -> Tensor:
     _check_shapes(V_m, wanted, "potentials")
     is_target = ~wanted.isnan()
     if not is_target.any():
-        raise ModelError("wanted potentials are NaN: expected some numbers")
+        raise ModelError("wanted: all values are NaN: expected some numbers")
     return (V_m - wanted)[is_target].square().mean()
 
 

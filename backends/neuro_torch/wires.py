@@ -158,9 +158,8 @@ class TorchProjection:
 def added(into: Tensor, places: Tensor, amounts: Tensor) -> None:
     """Add amounts at indices, in their order."""
     if into.is_cuda:
-        into.index_put_(
-            (places,), amounts, accumulate=True
-        )  # sorts the indices, so the order does not depend on threads
+        # index_put_ sorts the indices, so the order does not depend on threads.
+        into.index_put_((places,), amounts, accumulate=True)
     else:
         into.index_add_(0, places, amounts)
 

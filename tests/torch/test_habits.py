@@ -84,8 +84,8 @@ def test_a_gradient_of_a_gradient_is_refused(by, name):
     with pytest.raises(neuro.ModelError) as error:
         (module(EVENTS).spikes["out"].sum() + gradient.square().sum()).backward()
     assert str(error.value) == (
-        "a gradient of a gradient: compiled kernels and steps have none\n"
-        "  hint: neuro_torch.Module(..., by='torch') has, where the network is scanned"
+        "compiled kernels and steps have no second-order gradients\n"
+        "  hint: use neuro_torch.Module(..., by='torch'), if scans support the network"
     )
 
 

@@ -48,8 +48,8 @@ class _Last(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> Any:
         raise ModelError(
-            "a gradient of a gradient: compiled kernels and steps have none",
-            hint="neuro_torch.Module(..., by='torch') has, where the network is scanned",
+            "compiled kernels and steps have no second-order gradients",
+            hint="use neuro_torch.Module(..., by='torch'), if scans support the network",
         )
 
 
