@@ -21,6 +21,8 @@ from neuro.coding import (
     world_encoders as encoders,
     world_teachers as teachers,
 )
+from neuro.coding.world import Shown
+from neuro.files.results import write
 from neuro_agent import ActorCritic
 from refused import refused
 
@@ -385,3 +387,73 @@ def test_a_network_that_teaches_itself_learns_nothing_if_the_loop_does_not(line)
     loop = neuro.closed_loop(line(*OWN_DOPAMINE), Line, seed=1, learns=False)
     loop.test(1)
     assert np.array_equal(np.unique(weights(loop)), [1500.0])
+
+
+def host_of(loop, target="loihi"):
+    return {item.of: item for item in loop.sim.energy(target).items if item.kind == "host"}
+
+
+def test_a_bill_has_the_operations_of_the_host(line, tmp_path):
+    """Shares of 9 numbers: a sum, a division, a product and a limit each. Dopamine of a pair: a factor and a sign."""
+    loop = neuro.closed_loop(line(), Line())
+    loop.run(steps=400)
+    rows, steps = host_of(loop), loop.sim.time / 50.0
+    assert {of: item.count for of, item in rows.items()} == {
+        "shares of fields, cpu": 36 * steps,
+        "info of dopamine, cpu": 2 * steps,
+    }
+    assert all(item.joules == pytest.approx(item.count * 8.6e-9) for item in rows.values())
+    assert {item.joules_each for item in host_of(loop, "arm").values()} == {0.9e-9}
+    bill = loop.sim.energy("cpu")
+    assert "host: shares of fields 36 mac and 144 bytes a control step" in "".join(bill.notes)
+    write(loop.results(), tmp_path / "run.h5")
+    assert neuro.results.read(tmp_path / "run.h5").energy("cpu") == bill
+    frozen = neuro.closed_loop(line(), Line(), learns=False)
+    frozen.run(steps=20)
+    assert [*host_of(frozen)] == ["shares of fields, cpu"]
+
+
+def test_the_host_of_the_cartpole_by_hand():
+    loop = neuro.closed_loop(neuro.load(neuro_models.path("cartpole"), {"critics": 5}))
+    loop.run(steps=420)
+    steps = loop.sim.time / 20.0
+    counts = {of: item.count / steps for of, item in host_of(loop).items()}
+    assert counts == {
+        # 24 grids of 2 dimensions: 5 operations to the share, 3 to the place; 19 ticks of 24 comparisons.
+        "places of places, cpu": pytest.approx(24 * 2 * 8 + 24 * 19),
+        "winner of actor0, cpu": pytest.approx(2),
+        # The mean of 5 critics, 3 to the value, 2 of the error, the scale of a reward, 6 of its adaptation, a factor.
+        "td of error, cpu": pytest.approx(6 + 3 + 2 + 1 + 6 + 1),
+        "same of error0, cpu": pytest.approx(1),
+    }
+
+
+def test_an_encoder_without_a_count_leaves_the_total_open(line, monkeypatch):
+    monkeypatch.setattr(encoders._Rates, "work", Shown.work)
+    loop = neuro.closed_loop(line(), Line(), learns=False)
+    loop.run(steps=20)
+    bill = loop.sim.energy("loihi")
+    assert bill.total().startswith("> ")
+    assert "host" in bill.missing
+    assert "host: no count of operations: shares of fields" in bill.notes
+
+
+def test_operations_of_fields_and_readouts_by_hand():
+    space = gymnasium.spaces.Box(0.0, 1.0, (2,), np.float64)
+    curves = encoders.population(fields=4).made(space, ()).work(11, (8,))
+    # Of 2 dimensions: 9 to the place, 4 bells of 5, 4 neurons of 3 and of a phase with 10 ticks of 5.
+    assert curves.macs == 2 * (9 + 4 * 5 + 4 * 3 + 4 * (2 + 5 * 10))
+    drawn = encoders.tiles(active=3, spikes="poisson").made(space, ()).work(11, (1,))
+    assert drawn.macs == 3 * 2 * 8 + 3 * 10 * 2
+    assert encoders.shares(of="peaks").made(space, (2,)).work(1, (2,)) == (2 * 7, 32)
+    assert encoders.rates().made(space, (2,)).work(1, (2,)).macs == 6
+    assert encoders.pulse().made(space, (3,)).work(20, (3,)) == (0, 0)
+    assert encoders.events().made(space, (3, 3)).work(20, (3, 3)) == (0, 0)
+    assert decoders.winner(of="a", votes=3).work([6]).macs == 6 + 2
+    assert decoders.mean(of=["a", "b"]).work([4, 4]).macs == 2 * (2 * 4 + 2)
+    assert decoders.counts(of="a").work([4]) == decoders.difference(of="a").work([4]) == (0, 0)
+    assert teachers.reward(less=10).made().work().macs == 3
+    assert teachers.reward().made().work().macs == 0
+    assert teachers.same(as_="error", size=1.0).made().work().macs == 7
+    assert teachers.reward(opposed=True, settle=5.0, others=0.5).spread_work(4, False).macs == 2 + 2 + 4
+    assert teachers.info(key="a", opposed=True).spread_work(4, True).macs == 2 * 2

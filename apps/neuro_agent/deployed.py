@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
-from neuro.coding import PERIOD
+from neuro.chips import HostWork
+from neuro.coding import PERIOD, on_numbers
 from neuro_agent.network import STEP, TAU, circuit
 
 if TYPE_CHECKING:
@@ -104,6 +105,10 @@ class Frozen:
         self._places, self._draws = agent.places, draws_of(agent, seed)
         circuits = [circuit(k) for k in range(len(agent.actions.sizes))]
         self.sim = neuro.compile(self.network(agent), backend=backend, seed=seed, **options)
+        places = self._places.work(self.ticks, self._draws is not None)
+        neurons = sum(agent.actions.sizes)
+        for name, work in (("places", places), ("decision", on_numbers(neurons, neurons + len(circuits)))):
+            self.sim.host_work.append(HostWork(name, work, steps=self.ticks))
         self._stepper = self.sim.stepper(float(self.ticks), emit=["places", self.trigger[0]], count=circuits)
 
     def network(self, agent: Learner) -> neuro.Network:

@@ -28,9 +28,9 @@ class BillItem:
     """A line of a bill.
 
     Attributes:
-        what: the name of the cost, see `neuro.chips.description.COSTS`.
+        what: the name of the cost, see `neuro.chips.description.COSTS`, or "host": operations of the host.
         kind: kind of the part that `of` names: "population", "projection", "signal", "host", "layers" or "chip".
-        of: the population, projection, signal, processor of the host, layers or target.
+        of: the population, projection, signal, part and processor of the host, layers or target.
         count: number of operations; for `static_per_chip` chips x seconds.
         joules_each: cost of one operation in J. None if no figure is published; the line is then not in the sums.
         joules: cost of all operations in J.

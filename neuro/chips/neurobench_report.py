@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.chips.energy import STATIC, Energy, sourced
+from neuro.chips.hosting import ROW
 from neuro.chips.incoming import dense_size, fan_out, spiking
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
@@ -40,6 +41,7 @@ _COSTS = {
     "signal_update": "learn",
     "weight_write": "learn",
     STATIC: "static",
+    ROW: ROW,
 }
 
 
@@ -216,9 +218,9 @@ class _Report:
 
 def _joules(energy: Energy, samples: int) -> dict[str, Any]:
     """Return the joules of one sample by kind of operation at the bill's clock, and the totals in real time."""
-    sums = dict.fromkeys(("synop", "neuron", "route", "learn", "static"), 0.0)
+    sums = dict.fromkeys(("synop", "neuron", "route", "learn", "static", ROW), 0.0)
     for item in energy.items:
-        sums["learn" if item.kind == "host" else _COSTS[item.what]] += (item.joules or 0.0) / samples
+        sums["learn" if item.kind == ROW != item.what else _COSTS[item.what]] += (item.joules or 0.0) / samples
     one, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
     clocks = [
         {name: None if energy.refused else joules / samples for name, joules in each.items()} for each in (one, real)

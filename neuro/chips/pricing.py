@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from neuro.chips.description import CONDITIONS, Chip, Figure, Range
 from neuro.chips.energy import (
@@ -34,6 +34,7 @@ from neuro.chips.energy import (
     sourced,
 )
 from neuro.chips.fitting import too_late
+from neuro.chips.hosting import HostWork, host_items, host_notes
 from neuro.chips.incoming import dense_size, spiking
 from neuro.chips.known import ARITHMETICS, arithmetic_of, chip
 from neuro.chips.placing import place
@@ -249,6 +250,7 @@ def price(
     chips: int | None = None,
     duration_s: float | None = None,
     ran_on: str = "",
+    host: Iterable[HostWork] = (),
 ) -> Energy:
     """Return the bill of a run.
 
@@ -262,6 +264,7 @@ def price(
         duration_s: duration of the run in real time in s, e.g. that of recordings whose frames are shown over more
             steps; default: that of its steps.
         ran_on: the backend of the run. The chip that it emulates does not refuse the network.
+        host: operations outside of the network. A processor prices them by its own `mac`, a chip by that of `HOST`.
 
     Raises:
         ModelError: no cost of the chip is published, a placement is missing, the program does not fit, or `step_s`,
@@ -279,6 +282,7 @@ def price(
         raise ModelError(f"duration_s = {duration_s!r}: expected a number >= 0 in s")
     tally = Tally(program).between(None, counts)
     bill = _Bill(program, tally, chip, placement, chips or used, step_s, duration_s, ran_on == chip.name)
+    bill.host = tuple(host)
     if "mac" in chip.costs:
         return bill.dense()
     if chip.mesh is not None and placement is None:
@@ -341,6 +345,7 @@ class _Bill:
         self.refused = "" if "mac" in chip.costs or ran else unrunnable(program, chip, placement is not None)
         self.items: list[BillItem] = []
         self.notes: list[str] = []
+        self.host: tuple[HostWork, ...] = ()
 
     def add(self, what: str, kind: str, of: str, count: float) -> None:
         """Add an item if its count is not 0."""
@@ -455,6 +460,9 @@ class _Bill:
 
     def finished(self, time: Duration | None) -> Energy:
         """Return the bill."""
+        processor = self.chip if "mac" in self.chip.costs else chip(HOST)
+        self.items += host_items(self.host, self.counts.steps, processor)
+        self.notes += host_notes(self.host)
         real = time_with_waiting(time, self.seconds)
         has_time = time is not None or (STATIC in self.chip.costs and "mac" not in self.chip.costs)
         waiting = self._timed(real, REAL_TIME) if has_time and real != time else None
@@ -514,6 +522,7 @@ def bill(
     chips: int | None = None,
     duration_s: float | None = None,
     ran_on: str = "",
+    host: Iterable[HostWork] = (),
 ) -> Energy:
     """Return the bill of a run on a target.
 
@@ -525,6 +534,7 @@ def bill(
         chips: number of chips that are on; default: those that the network needs.
         duration_s: duration of the run in real time in s; default: that of its steps.
         ran_on: the backend of the run, see `price`.
+        host: operations outside of the network, see `price`.
 
     Raises:
         ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`,
@@ -533,4 +543,5 @@ def bill(
     priced = chip(target)
     is_placed = priced.mesh is not None or priced.arithmetic in ARITHMETICS
     placement = place(program, priced) if is_placed else None
-    return price(program, counts, placement, priced, step_s=step_s, chips=chips, duration_s=duration_s, ran_on=ran_on)
+    words: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": ran_on, "host": host}
+    return price(program, counts, placement, priced, **words)

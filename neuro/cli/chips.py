@@ -282,7 +282,7 @@ def energy(
     counts = counts or sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
     bills = [
-        price(sim.program, counts, *where, step_s=step_s, chips=chips_on, ran_on=sim.backend)
+        price(sim.program, counts, *where, step_s=step_s, chips=chips_on, ran_on=sim.backend, host=sim.host_work)
         for where in zip(placements, targets, strict=True)
     ]
     if as_json:

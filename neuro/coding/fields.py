@@ -14,6 +14,7 @@ from typing import ClassVar, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from neuro.coding.work import Work, on_numbers
 from neuro.core.checks import argument
 from neuro.core.errors import ModelError
 from neuro.kernels.jit import kernel, subkernel
@@ -138,6 +139,26 @@ class Fields:
         """The neurons that stand for one vector: of each grid or group the one that is most active, (active,)."""
         raise NotImplementedError
 
+    def work(self, ticks: int, poisson: bool = False) -> Work:
+        """Return the operations of `spikes` for one vector.
+
+        Args:
+            ticks: how long the vector is shown.
+            poisson: whether spikes are drawn at random.
+        """
+        raise NotImplementedError
+
+    def _placing(self, continuous: int, states: int) -> float:
+        """Return the operations that find the places of a vector along the dimensions of all groups.
+
+        Args:
+            continuous: operations behind the share of a continuous dimension.
+            states: operations behind the limits of a dimension with states.
+
+        The share takes a difference, a division, or a factor and a tanh, and two limits.
+        """
+        return sum(3 + states if self.dimensions[d].states else 5 + continuous for d in self._member.ravel().tolist())
+
     def _layout(self, members: Sequence[Sequence[int]], cells: Sequence[int]) -> None:
         """Number the neurons of each grid or group, of which each has so many along each dimension."""
         stride, first = [], []
@@ -198,6 +219,15 @@ class _Grids(Fields):
         )
         total = count[-1]
         return count, when[:total], ids[:total]
+
+    def work(self, ticks: int, poisson: bool = False) -> Work:
+        """Return the operations for one vector, see `Fields.work`.
+
+        Each dimension of a grid takes a shift, a rounding and a stride behind the share; each tick of a grid a
+        comparison, and with `poisson` also a product with the draw.
+        """
+        macs = self._placing(3, 2) + self.active * (ticks - 1) * (2 if poisson else 1)
+        return on_numbers(macs, len(self.dimensions) + self.active)
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
         """The active neurons, see `Fields.activity`; each is as active as all."""
@@ -319,6 +349,22 @@ class Population(Fields):
             at = _bell_spikes(cells, amounts, ticks - 1, draws[k : k + 1], at, when, ids)
             count[k + 1] = at
         return count, when[:at], ids[:at]
+
+    def work(self, ticks: int, poisson: bool = False) -> Work:
+        """Return the operations for one vector, see `Fields.work`.
+
+        Each dimension of a group takes the place, two roundings and a limit behind the share. Each of up to five bells
+        takes a difference, a factor, a square, a factor and an exp. A combination of bells takes a product and a stride
+        a dimension, and a comparison with the least activity. The phase, two sums and two roundings give the regular
+        spikes of a tick; a comparison gives drawn ones.
+        """
+        bells = [1 if one.states else min(NEAR, int(self._fields)) for one in self.dimensions]
+        groups = [[bells[d] for d in group] for group in self._groups]
+        macs = self._placing(4, 1) + sum(5 * n for group in groups for n in group if n > 1)
+        combinations = sum(math.prod(group) for group in groups)
+        macs += combinations * (2 * self._some + 1)
+        macs += combinations * (1 + (ticks - 1)) if poisson else combinations * (2 + 5 * (ticks - 1))
+        return on_numbers(macs, len(self.dimensions) + combinations)
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
         """The neurons that spike and how active each is, see `Fields.activity`."""

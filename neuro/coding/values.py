@@ -175,10 +175,13 @@ class ErrorScale:
 
     Args:
         size: mean root mean square of the errors; None for unscaled errors.
+
+    Attributes:
+        scales: True if errors are brought to a size.
     """
 
     def __init__(self, size: float | None) -> None:
-        self._size = size
+        self._size, self.scales = size, size is not None
         self.begin()
 
     def begin(self) -> None:

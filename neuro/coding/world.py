@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from neuro.coding.work import Work, on_numbers
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import quantity
@@ -65,9 +66,11 @@ class Shown:
 
     Attributes:
         size: how many neurons it needs; 0 for any number.
+        active: neurons that `cells` gives, for the count of operations; 0 if the number is not known.
     """
 
     size = 0
+    active = 0
 
     def learn(self, observations: Floats) -> None:
         """Take the bounds of unbounded dimensions from what random moves have shown, (observations, dimensions)."""
@@ -83,6 +86,15 @@ class Shown:
     def cells(self, observation: Floats) -> Ints:
         """The neurons that stand for one observation, (dimensions,); of an encoder with fields."""
         raise NotImplementedError
+
+    def work(self, ticks: int, shape: tuple[int, ...]) -> Work | None:
+        """Return the operations for one observation; None if they are not counted.
+
+        Args:
+            ticks: ticks of the control step.
+            shape: shape of the population.
+        """
+        return None
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """All that it has learnt, for a checkpoint."""
@@ -162,6 +174,10 @@ class Decoder(Choice):
             ModelError: the populations do not fit the space.
         """
 
+    def work(self, sizes: Sequence[int]) -> Work | None:
+        """Return the operations for an action, by the sizes of its populations; None if not counted."""
+        return None
+
     def chosen(self, counts: Mapping[str, Ints], population: str) -> Bools:
         """Return which neurons of a population voted for the action that the counts give, (copies, neurons).
 
@@ -172,7 +188,13 @@ class Decoder(Choice):
 
 
 class Taught:
-    """A teacher in use."""
+    """A teacher in use.
+
+    Attributes:
+        several: whether its value may be several numbers.
+    """
+
+    several = False
 
     def join(self, encoders: Mapping[str, Shown]) -> None:
         """Connect to the encoders in use, by population, before learning.
@@ -198,6 +220,10 @@ class Taught:
     def share(self, moment: Moment) -> float:
         """Return the factor on the weights onto the critic after this step; 1 for no change."""
         return 1.0
+
+    def work(self) -> Work | None:
+        """Return the operations for a value of the signal; None if the operations are not counted."""
+        return None
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """All that it keeps from block to block."""
@@ -241,6 +267,17 @@ class Teacher(Choice):
             message = f"{self.name}: {scaled.shape[1]} numbers for a signal to {size} neurons: expected 1 or {size}"
             raise ModelError(message)
         return scaled
+
+    def spread_work(self, size: int, several: bool) -> Work:
+        """Return the operations of `spread` and `others` for one copy: a factor and perhaps a sign for each number.
+
+        Args:
+            size: neurons that hear the signal.
+            several: whether the teacher gives several numbers, then at most one for each neuron or pair.
+        """
+        numbers = max(1, size // (1 + self.opposed)) if several else 1
+        settle, shares = 2 * (self.settle is not None), size * (self.others != 1.0)
+        return on_numbers(numbers * (1 + self.opposed) + settle + shares, numbers + size)
 
 
 def _complete(part: Any) -> Any:

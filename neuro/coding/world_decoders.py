@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.coding.work import Work, on_numbers
 from neuro.coding.world import Act, Bools, Decoder, Floats, Ints
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
@@ -58,6 +59,11 @@ class winner(Decoder):
             return lambda counts: actions.of(self._winners(counts[one])[:, None])
         return lambda counts: actions.of(np.array([self._winners(counts[name]) for name in self.of]).T)
 
+    def work(self, sizes: Sequence[int]) -> Work:
+        """Return a comparison for each choice, and with several votes an addition for each neuron."""
+        neurons = sum(sizes)
+        return on_numbers(neurons // self.votes + (neurons if self.votes > 1 else 0), neurons + len(sizes))
+
     def _winners(self, fired: Ints) -> Ints:
         """Return the choice of a population in each copy, (copies,)."""
         if self.votes > 1:
@@ -106,6 +112,10 @@ class difference(Decoder):
 
         return act
 
+    def work(self, sizes: Sequence[int]) -> Work:
+        """Return no work: the motors of the body count the spikes of a pair and pull against each other."""
+        return Work()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class mean(Decoder):
@@ -131,6 +141,10 @@ class mean(Decoder):
 
         return act
 
+    def work(self, sizes: Sequence[int]) -> Work:
+        """Return an addition and a weighted addition for each neuron, and for each number a limit and a division."""
+        return on_numbers(2 * sum(sizes) + 2 * len(sizes), sum(sizes) + len(sizes))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class counts(Decoder):
@@ -150,3 +164,7 @@ class counts(Decoder):
             return np.asarray(np.clip(self.offset + self.gain * fired, low, high).astype(box.dtype))
 
         return act
+
+    def work(self, sizes: Sequence[int]) -> Work:
+        """Return no work: a motor of the body counts its spikes."""
+        return Work()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from neuro.coding.work import Work, on_numbers
 from neuro.coding.world import Encoder, Floats, Infos, Ints, Shown, Spikes
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
@@ -24,6 +25,7 @@ class _OfFields(Shown):
 
     def __init__(self, fields: Fields, columns: Any, poisson: bool) -> None:
         self.fields, self._columns, self._poisson, self.size = fields, columns, poisson, fields.size
+        self.active = fields.active
 
     def learn(self, observations: Floats) -> None:
         self.fields.learn(observations[:, self._columns])
@@ -33,6 +35,9 @@ class _OfFields(Shown):
 
     def cells(self, observation: Floats) -> Ints:
         return self.fields.cells(observation[self._columns])
+
+    def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
+        return self.fields.work(ticks, self._poisson)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {"middle": self.fields.middle, "spread": self.fields.spread}
@@ -103,15 +108,21 @@ class population(_FieldEncoder):
 
 
 class _Rates(Shown):
-    """Rates as a function of the numbers that are observed."""
+    """Rates as a function of the numbers that are observed, with so many operations each."""
 
-    def __init__(self, encoder: Encoder, space: gymnasium.Space[Any], rates: Callable[[Floats], Floats]) -> None:
+    def __init__(
+        self, encoder: Encoder, space: gymnasium.Space[Any], rates: Callable[[Floats], Floats], each: float
+    ) -> None:
         columns = encoder.columns(space)
         some = encoder.key is not None or encoder.dimensions is not None
         self._columns, self.size, self._rates = columns if some else slice(None), columns.size, rates
+        self._each = each
 
     def rates(self, observations: Floats) -> Floats:
         return self._rates(observations[:, self._columns])
+
+    def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
+        return on_numbers(self._each * self.size, 2 * self.size)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,7 +156,9 @@ class shares(Encoder):
             spread *= self.total
             return np.minimum(self.most, spread, out=spread)
 
-        return _Rates(self, space, rates)
+        # Each number takes a sum, a division, a product with the total and a limit. `peaks` also takes a sum for the
+        # mean, a subtraction of twice the mean and a maximum with 0.
+        return _Rates(self, space, rates, 7.0 if self.of == "peaks" else 4.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,7 +171,7 @@ class rates(Encoder):
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder."""
-        return _Rates(self, space, lambda observations: np.clip(self.rate * observations, 0.0, self.most))
+        return _Rates(self, space, lambda observations: np.clip(self.rate * observations, 0.0, self.most), 3.0)
 
 
 class _Pulse(Shown):
@@ -174,6 +187,9 @@ class _Pulse(Shown):
             made = offsets, np.full(copies * neurons, tick), np.tile(np.arange(neurons), copies)
             self._made = {(copies, ticks): made}
         return self._made[copies, ticks]
+
+    def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
+        return Work()  # the spikes are the same in each step
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,6 +229,9 @@ class _Events(Shown):
             offsets.append(offsets[-1] + one.size)
         joined = np.concatenate(parts) if parts else np.zeros(0, np.int64)
         return np.array(offsets), joined // neurons, joined % neurons
+
+    def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
+        return Work()  # the camera sends each event to its pixel's neuron
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from neuro.coding.work import Work, on_numbers
 from neuro.coding.world import Floats, Moment, Shown, Taught, Teacher
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import quantity
@@ -24,6 +25,9 @@ class _Reward(Taught):
         for value in moment.rewards[~moment.last] if self._share else ():
             self._mean += (float(value) - self._mean) * self._share
         return excess[:, None]
+
+    def work(self) -> Work:
+        return on_numbers(3 if self._share else 0, 2)  # the excess, and the two operations of the mean
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {"mean": np.array([self._mean])}
@@ -44,6 +48,8 @@ class reward(Teacher):
 
 
 class _Info(Taught):
+    several = True
+
     def __init__(self, key: str) -> None:
         self._key, self._numbers = key, 1
 
@@ -64,6 +70,9 @@ class _Info(Taught):
             self._numbers = row.size
             rows.append(row)
         return np.array(rows)
+
+    def work(self) -> Work:
+        return Work()  # the environment computes the numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,6 +100,23 @@ class _TD(Taught):
         self._difference = TemporalDifference(self.scale, choice.discount, self._adapts)
         self.novelty = Novelty(choice.novelty * (1.0 - choice.discount))
 
+    def work(self) -> Work | None:
+        from neuro.coding.fields import PERIOD
+
+        td, cells = self._td, Work()
+        # The mean of the critic; rest, gain and first value; the error; the scale of the reward.
+        macs = (self._neurons + 1) + 3 + 2 + 1
+        macs += 6 * (self._decay.size > 0) + 2 * (td.wait > 0)  # the kernel; a count and a comparison
+        macs += 6 * self._adapts  # the running mean of values, and the comparisons of `RewardScale.excess`
+        if td.novelty:
+            encoder = self._places
+            one = encoder.work(PERIOD + 1, (encoder.size,))
+            if one is None or not encoder.active:
+                return None
+            cells = one
+            macs += 4 * encoder.active + 2  # a count, root, division and sum for each place; the mean and the reward
+        return on_numbers(macs, self._neurons + 2) + cells
+
     def join(self, encoders: Mapping[str, Shown]) -> None:
         if self._td.novelty:
             names = [name for name, one in encoders.items() if type(one).cells is not Shown.cells]
@@ -98,6 +124,7 @@ class _TD(Taught):
                 raise unknown("population with fields", str(self._td.places), names, path=("places",))
             encoder = encoders[self._td.places]
             self.novelty.join(encoder.cells, encoder.size)
+            self._places = encoder
 
     def begin(self, copies: int) -> None:
         self._difference.begin(copies)
@@ -207,6 +234,10 @@ class _Same(Taught):
 
     def of(self, values: Floats) -> Floats:
         return self._scale.of(values)
+
+    def work(self) -> Work:
+        # A square, the running mean, a limit, a root, a division and a product; the mean is over one number.
+        return on_numbers(7 * self._scale.scales, 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 from collections.abc import Iterable
 from dataclasses import replace
 from math import prod
@@ -121,6 +122,7 @@ def energy(
     Raises:
         ModelError: the target has no costs, or the network does not fit on it.
     """
+    from neuro.chips.hosting import HostWork
     from neuro.chips.pricing import bill
 
     program = resolved(results, net)
@@ -135,7 +137,9 @@ def energy(
         trial_updates=np.array([n * taught for n, taught in zip(updates, by_trials, strict=True)], np.int64),
         native=native_counts(results),
     )
-    return bill(program, counts, target, step_s=step_s, chips=chips, ran_on=results.about.get("backend", ""))
+    host = [HostWork.of_list(part) for part in json.loads(results.about.get("host_work", "[]"))]
+    words: Any = {"step_s": step_s, "chips": chips, "ran_on": results.about.get("backend", ""), "host": host}
+    return bill(program, counts, target, **words)
 
 
 def native_counts(results: Any) -> dict[str, int]:

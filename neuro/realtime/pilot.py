@@ -9,6 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from neuro.chips.hosting import HostWork
+from neuro.coding.work import Work
 from neuro.coding.world import Act, Infos, Moment, Shown, Taught, Teacher
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
@@ -96,6 +98,7 @@ class NetworkPilot:
         self._act, self._read = self._decoder(program)
         self._hear: dict[str, int] = {}  # neurons that hear a signal
         self.taught = self._teachers(program) if learns else {}
+        self._tell_host()
         self._plastic = [p.name for p in program.projections if p.synapse.learns] if learns else []
         self._moves = [p.name for p in program.projections if p.synapse.learns == "moves"] if learns else []
         if environments.n > 1 and len(self._moves) < len(self._plastic):
@@ -188,6 +191,28 @@ class NetworkPilot:
         except ModelError as error:
             raise self._wrong(error, "reward", signal, teacher.name, "others") from None
 
+    @property
+    def host_work(self) -> list[HostWork]:
+        """The work of the host for one copy in a control step: of encoders, decoder and teachers."""
+        program, world = self.copies.program, self._world
+        parts, ticks = {part.name: part for part in program.populations}, round(world.step / program.resolution)
+        made: list[tuple[str, Work | None]] = [
+            (f"{world.observe[name].name} of {name}", encoder.work(ticks, parts[name].shape))
+            for name, encoder in self.encoders.items()
+        ]
+        sizes = [parts[name].size for name in self._read]
+        made.append((f"{world.act.name} of {', '.join(self._read)}", world.act.work(sizes)))
+        for name, taught in self.taught.items():
+            teacher, work = world.reward[name], taught.work()
+            total = None if work is None else work + teacher.spread_work(self._hear[name], taught.several)
+            made.append((f"{teacher.name} of {name}", total))
+        return [HostWork(name, work, steps=ticks) for name, work in made]
+
+    def _tell_host(self) -> None:
+        """Tell the simulations of all copies the work of the host, for their bills."""
+        for sim in self.copies:
+            sim.host_work[:] = self.host_work
+
     # a block
 
     def begin(self, copies: int, block: int) -> None:
@@ -197,6 +222,7 @@ class NetworkPilot:
         else:
             weights = self.weights
             self.copies, self._block = self._compile(copies, block), block
+            self._tell_host()
             self._set_weights(weights)
         gives = {name: self._world.observe[name].gives for name in self.encoders}
         spiking = [name for name in gives if gives[name] == "spikes"]

@@ -108,6 +108,7 @@ def about(sim: Any, threads: int) -> dict[str, Any]:
         **{name: version(name) for name in ("numpy", "numba")},
         **{f"counts.{name}": getattr(counts, name) for name in totals},
         **{f"native.{name}": count for name, count in counts.native.items()},
+        **({"host_work": json.dumps([part.as_list() for part in sim.host_work])} if sim.host_work else {}),
     }
 
 

@@ -22,6 +22,7 @@ from neuro.run.turn import Turn, exclusive
 from neuro.run.watch import Watch
 
 if TYPE_CHECKING:
+    from neuro.chips.hosting import HostWork
     from neuro.run.collect import ResultsWriter
     from neuro.run.ports import Port
     from neuro.run.signals import SignalFeeder
@@ -51,6 +52,7 @@ class RunningNetwork:
 
             self._signals = SignalFeeder(program, engine)
         self.steered: dict[str, None] = {}
+        self.host_work: list[HostWork] = []
         self._ports: WeakSet[Port] = WeakSet()
         self._calls: Turn = {}
         self._turn: Turn | None = None

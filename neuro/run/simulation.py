@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NoReturn, SupportsIndex
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from neuro.chips.energy import Energy
+    from neuro.chips.hosting import HostWork
     from neuro.files.parts import Trace
     from neuro.files.recorded import DataFrames
     from neuro.files.results import Results
@@ -57,6 +58,7 @@ class Simulation(RunningNetwork):
         program: the compiled network.
         handles: finds parts by the names and objects that callers use.
         steered: the names of the calls that changed the simulation since compilation, in the order of first use.
+        host_work: operations outside of the network, such as those of its world's encoders, for bills.
     """
 
     @cached_property
@@ -483,6 +485,7 @@ class Simulation(RunningNetwork):
         step_s: float | None = None,
         chips: int | None = None,
         duration_s: float | None = None,
+        host: Iterable[HostWork] = (),
     ) -> Energy:
         """Return the energy bill of the run on a chip: counts of any backend x published figures, plus static power.
 
@@ -494,6 +497,7 @@ class Simulation(RunningNetwork):
             chips: number of chips that are on, e.g. all of a board; default: the number that the network needs.
             duration_s: duration of the run in real time in s; default: the duration of its steps. Use the duration of
                 the recordings where their frames are shown over more steps.
+            host: operations outside of the network, in addition to those of its world.
 
         Returns:
             the bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules each and
@@ -508,6 +512,7 @@ class Simulation(RunningNetwork):
         counts = self._engine.counts() if of is None else of.raw_counts
         self.program.refuse_share("energy")
         words: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": self.backend}
+        words["host"] = (*self.host_work, *host)
         return bill(self.program, counts, target, **words)
 
     @exclusive

@@ -75,6 +75,11 @@ def test_what_is_learnt_decides_alike_from_a_file_on_chips_and_has_a_bill(learnt
     bill = learnt.energy("loihi", steps=20)
     assert 0.0 < bill.low_j < bill.total_j < bill.high_j
     assert len(deployed.HOST) == 2
+    places = learnt.places
+    # Along a dimension a grid takes 5 operations with states and 8 without, and a comparison in each tick.
+    along = sum(5 if places.dimensions[d].states else 8 for d in places._member.ravel())
+    by_hand = along + places.active * (deployed.TICKS - 1) + sum(learnt.actions.sizes)
+    assert bill.by_cost()["host"] == pytest.approx(20 * by_hand * 8.6e-9)
     learnt.save(tmp_path / "agent.h5")
     again = neuro_agent.ActorCritic.load(tmp_path / "agent.h5")
     for name, weight in learnt.weights.items():

@@ -1,0 +1,80 @@
+"""The work of the host in a bill: operations of encoders, decoders, teachers and front ends outside of the network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Self
+
+from neuro.chips.description import Chip
+from neuro.chips.energy import BillItem, number
+from neuro.coding.work import Work
+
+ROW = "host"
+"""Name and kind of the rows of the host."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostWork:
+    """The work of one part of the host.
+
+    Attributes:
+        name: name of the part, e.g. "shares of cells".
+        work: operations and bytes of one use, by the rule of `neuro.coding.Work`; None if the part has no count.
+        each: the name of one use, e.g. "control step".
+        steps: network steps from one use to the next; 0 if `times` says the number of uses.
+        times: number of uses in the run where `steps` is 0.
+    """
+
+    name: str
+    work: Work | None
+    each: str = "control step"
+    steps: float = 0.0
+    times: float = 1.0
+
+    def as_list(self) -> list[Any]:
+        """Return the fields for a file of results: name, multiply-accumulates and bytes or None, each, steps, times."""
+        return [self.name, None if self.work is None else [*self.work], self.each, self.steps, self.times]
+
+    @classmethod
+    def of_list(cls, fields: list[Any]) -> Self:
+        """Return the work that `as_list` wrote."""
+        name, work, *rest = fields
+        return cls(name, None if work is None else Work(*work), *rest)
+
+    def uses(self, network_steps: float) -> float:
+        """Return the number of uses in a run of so many steps of the network."""
+        return network_steps / self.steps if self.steps else self.times
+
+
+def host_items(host: Iterable[HostWork], network_steps: float, processor: Chip) -> list[BillItem]:
+    """Return the rows of the host. The row of a part without a count has no joules: its total stands behind ">".
+
+    Args:
+        host: parts of the host.
+        network_steps: steps of the network in the run.
+        processor: has the figure `mac`, which prices the operations.
+    """
+    figure, items = processor.costs["mac"], []
+    for part in host:
+        uses, name = part.uses(network_steps), f"{part.name}, {processor.name}"
+        if part.work is None:
+            items.append(BillItem(ROW, ROW, part.name, uses, None, None, "", ""))
+        elif count := part.work.macs * uses:
+            low, high = (count * end for end in figure.range())
+            price = (figure.value, count * figure.value, figure.source, figure.conditions)
+            items.append(BillItem(ROW, ROW, name, count, *price, low, high, figure.spread))
+    return items
+
+
+def host_notes(host: Iterable[HostWork]) -> list[str]:
+    """Return notes on the work of the host: the operations and bytes of one use, and parts without a count."""
+    parts = tuple(host)
+    texts = [
+        f"{part.name} {number(part.work.macs)} mac and {number(part.work.bytes)} bytes a {part.each}"
+        for part in parts
+        if part.work is not None and any(part.work)
+    ]
+    unknown = [part.name for part in parts if part.work is None]
+    notes = [f"host: {'; '.join(texts)}; the bytes are not priced"] if texts else []
+    return notes + ([f"host: no count of operations: {', '.join(unknown)}"] if unknown else [])
