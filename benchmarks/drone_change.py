@@ -22,7 +22,7 @@ import numpy.typing as npt
 from kept import kept, markdown, spread
 
 from neuro.apps import side_by_side
-from neuro_drone.evaluate import ENDLESS, Flights, Start, begun, fly_lap
+from neuro_drone.evaluate import ENDLESS, Flights, Start, fly_lap, reset_arguments
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
@@ -122,7 +122,7 @@ def flown(case: Case, model: Model, learns: float) -> dict[str, Any]:
 def one_lap(case: Case, model: Model, start: Start, index: int, learns: float) -> tuple[Floats, bool]:
     """The error after each step of a lap, and whether the ball was lost: from then on the error stays as it was."""
     world = load(case.world, **case.change)
-    env = Flights(world, [begun(start, index)])
+    env = Flights(world, [reset_arguments(start, index)])
     loop = model.loop(env, learns=bool(learns), block=ENDLESS)
     if 0.0 < learns < np.inf:
         loop.pilot = Until(loop.pilot, model, env, round(1000.0 * learns / world.step))  # type: ignore[assignment]

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from kept import kept, markdown, spread
 
-from neuro_drone.evaluate import Flights, Lap, Start, begun, try_out
+from neuro_drone.evaluate import Flights, Lap, Start, reset_arguments, try_out
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
@@ -120,7 +120,7 @@ def table(task: str, runs: list[dict[str, Any]]) -> str:
 
 def flown(model: Model, start: Start, noise: int, most: int) -> tuple[Floats, Floats]:
     """Events in 16 x 16 fields, (n, 16, 16), and lean, (n,), of the moments of a flight."""
-    env = Seen(model.scenario, [begun(start, noise)])
+    env = Seen(model.scenario, [reset_arguments(start, noise)])
     model.loop(env).test(1, most=most)
     env.close()
     return np.array(env.counts[:-1]), np.array(env.leans[:-1])

@@ -27,7 +27,7 @@ from neuro_agent import ActorCritic, LinearTwin
 from neuro_drone.controllers.pilot import loop_of
 from neuro_drone.controllers.simple import centroid
 from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import Flights, Start, begun, fly_lap, grid
+from neuro_drone.evaluate import Flights, Start, fly_lap, grid, reset_arguments
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario, load
 from neuro_drone.train import train
@@ -192,7 +192,7 @@ class Changing(Flights):
     """Laps in which the motors' gain changes by a factor in the middle."""
 
     def __init__(self, world: Scenario, factor: float, starts: Sequence[Start]) -> None:
-        super().__init__(world, [begun(start, index) for index, start in enumerate(starts)])
+        super().__init__(world, [reset_arguments(start, index) for index, start in enumerate(starts)])
         self._before, self._after = world, load(world, motors={"gain": world.motors.gain * factor})
 
     def reset(self, **words: Any) -> tuple[Any, dict[str, Any]]:

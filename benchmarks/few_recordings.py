@@ -32,7 +32,7 @@ from matplotlib.figure import Figure
 import neuro
 from neuro.apps import console, make_folder, table, write_picture
 from neuro.events import Recordings, recordings
-from neuro_drone.evaluate import ENDLESS, Flights, Start, begun, fly_lap
+from neuro_drone.evaluate import ENDLESS, Flights, Start, fly_lap, reset_arguments
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
@@ -285,7 +285,7 @@ def of_drone(steps: int) -> dict[str, Any]:
 
 def _flown(model: Model, learns: bool) -> dict[str, Any]:
     start = Start((0.0, 0.0))
-    env = Flights(model.scenario, [begun(start)])
+    env = Flights(model.scenario, [reset_arguments(start)])
     loop = model.loop(env, learns=learns, block=ENDLESS)
     lap = fly_lap(loop, env, start, learns)
     env.close()

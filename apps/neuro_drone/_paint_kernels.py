@@ -1,10 +1,10 @@
 # mypy: ignore-errors
-"""Compiled loops of `neuro_drone.eye`: outlines in the world become exact shares of pixels in the picture.
+"""Compiled loops of `neuro_drone.eye`: outlines in the world become exact pixel shares in the picture.
 
-An outline is a flat polygon in the world. It is cut off in front of the camera, projected, and each of its edges
-leaves in every row that it crosses how the area to its right grows from pixel to pixel; summed along a row this is
-the share of each pixel that lies inside. No pixel is sampled, so the share is exact for polygons. The pattern of the
-ground is filtered instead: each pixel is looked up in means of the pattern over about its size.
+An outline is a flat polygon in the world. It is clipped in front of the camera and projected. In each row, the area to
+the right of each edge grows from pixel to pixel; the running sum of this growth is the share of each pixel inside the
+outline. No pixel is sampled, so the shares are exact for polygons. The pattern of the ground is filtered instead: each
+pixel is the mean of the pattern over about the pixel's size on the ground.
 """
 
 from math import ceil, floor, log2, pi, sin, sqrt
@@ -14,26 +14,25 @@ import numpy as np
 from neuro.apps import kernel, subkernel
 
 NEAR = 1e-3
-"""Depth in front of the camera at which outlines are cut off, m."""
+"""Depth at which outlines are clipped in front of the camera, m."""
 FAR = 1e6
-"""Half a side of the square that stands for the endless ground, heights; off by 1e-4 px at the horizon."""
+"""Half a side of the square that approximates the infinite ground, camera heights; wrong by 1e-4 px at the horizon."""
 SAGITTA = 0.002
-"""Largest distance between a ball's round outline and the polygon that stands for it, px. Their areas are equal, so
-the outline is off by half of it at most."""
+"""Largest distance between an inscribed polygon and a ball's outline, px. The polygon is scaled to the outline's area,
+which halves the distance."""
 FEWEST = 64
-"""Corners of a ball in the picture."""
+"""Least number of corners of a ball's outline."""
 RUN = 8
-"""Pixels of a row that take one level of the pattern."""
+"""Neighbouring pixels of a row that share one level of the pattern."""
 HIGHEST = 64.0
-"""Level of what is at the horizon or above."""
+"""Level of pixels at or above the horizon."""
 
 
 @subkernel
 def project(points, n, matrix, focal, middle, corners):
-    """Where an outline is in the picture; what is behind the camera is cut off.
+    """Clip and project an outline. Return the number of corners.
 
-    points: (n, 3), m. corners: filled with column and row, whole numbers at the upper left corners of pixels.
-    Returns how many corners there are.
+    points: (n, 3), m. corners: filled with column and row; whole numbers are the upper left corners of pixels.
     """
     m = 0
     last = points[n - 1]
@@ -55,7 +54,7 @@ def project(points, n, matrix, focal, middle, corners):
 
 @subkernel
 def in_camera(x, y, z, matrix):
-    """Depth, distance to the right and downwards of a point, m."""
+    """Return the depth of a point and its distances to the right and downwards, m."""
     x -= matrix[3, 0]
     y -= matrix[3, 1]
     z -= matrix[3, 2]
@@ -66,7 +65,7 @@ def in_camera(x, y, z, matrix):
 
 @subkernel
 def left_of(column, x0, x1):
-    """Mean of max(0, column - x) over an edge that goes from x0 to x1 >= x0."""
+    """Return the mean of max(0, column - x) over an edge from x0 to x1 >= x0."""
     if column <= x0:
         return 0.0
     if column >= x1:
@@ -76,10 +75,10 @@ def left_of(column, x0, x1):
 
 @subkernel
 def fill(corners, n, cover, spans):
-    """Add an outline to the shares.
+    """Add an outline to the pixel shares.
 
-    corners: (n, 2). cover: (height, width), differences along the rows. spans: (height, 2), first and behind the last
-    column that is touched in each row.
+    corners: (n, 2). cover: (height, width), differences of the shares along the rows. spans: (height, 2), first touched
+    column of each row, and last + 1.
     """
     height, width = cover.shape
     for k in range(n):
@@ -105,17 +104,17 @@ def fill(corners, n, cover, spans):
             if last <= 0:
                 cover[row, 0] += whole
                 continue
-            before, reached = 0.0, left_of(float(first), x0, x1)
+            previous_share, area = 0.0, left_of(float(first), x0, x1)
             for column in range(first, last):
-                ahead = left_of(column + 1.0, x0, x1)
-                share = ahead - reached
-                cover[row, column] += whole * (share - before)
-                before, reached = share, ahead
+                next_area = left_of(column + 1.0, x0, x1)
+                share = next_area - area
+                cover[row, column] += whole * (share - previous_share)
+                previous_share, area = share, next_area
 
 
 @subkernel
 def blend(shade, cover, spans, image, painted):
-    """Paint what was filled in one shade; cover is then empty again, and painted holds these spans, too."""
+    """Paint the filled shares in one shade, clear cover and spans, and add the spans to painted."""
     for row in range(cover.shape[0]):
         first, last = spans[row, 0], spans[row, 1]
         if first >= last:
@@ -132,10 +131,10 @@ def blend(shade, cover, spans, image, painted):
 
 @subkernel
 def ball_outline(ball, matrix, focal, circle, points):
-    """The circle on a ball, as a polygon of the same area, along which rays from the camera touch it.
+    """Fill points with the circle where rays from the camera touch a ball, as a polygon of the same area.
 
-    ball: x, y, z, radius, m. circle: (n, 2), cosine and sine round the circle, n a power of 2. Returns how many
-    points it has: enough for SAGITTA, 0 where the camera is inside or the ball straight to its right or left.
+    ball: x, y, z, radius, m. circle: (n, 2), cosine and sine round the circle, n a power of 2. Return the number of
+    points that SAGITTA requires; 0 if the camera is inside the ball or the ball is exactly to its right or left.
     """
     x, y, z, radius = ball[0] - matrix[3, 0], ball[1] - matrix[3, 1], ball[2] - matrix[3, 2], ball[3]
     far = sqrt(x * x + y * y + z * z)
@@ -167,14 +166,14 @@ def ball_outline(ball, matrix, focal, circle, points):
 
 @subkernel
 def all_ground(matrix, focal, middle):
-    """Whether no corner of the picture sees the sky."""
+    """Return whether all corners of the picture show the ground."""
     edge = (middle + 0.5) / focal
     return matrix[2, 2] + edge * (abs(matrix[0, 2]) + abs(matrix[1, 2])) < 0.0
 
 
 @subkernel
 def plain_ground(matrix, focal, middle, shades, work, base):
-    """Ground of one shade under the sky."""
+    """Draw the sky and a ground of one shade."""
     if all_ground(matrix, focal, middle):
         base[:] = shades[1]
         return
@@ -190,8 +189,8 @@ def plain_ground(matrix, focal, middle, shades, work, base):
 
 
 @subkernel
-def turned(matrix, drawn):
-    """Whether the horizon, or the distance of the ground, is another in each pixel."""
+def tilt_changed(matrix, drawn):
+    """Return whether the horizon or the distance of the ground differs from the drawn base."""
     same = matrix[3, 2] == drawn[3, 2]
     for k in range(3):
         same &= matrix[k, 2] == drawn[k, 2]
@@ -199,8 +198,8 @@ def turned(matrix, drawn):
 
 
 @subkernel
-def moved(matrix, drawn):
-    """Whether anything on the ground is elsewhere in the picture."""
+def pose_changed(matrix, drawn):
+    """Return whether the camera's pose differs from that of the drawn base."""
     same = True
     for i in range(4):
         for k in range(3):
@@ -210,7 +209,7 @@ def moved(matrix, drawn):
 
 @subkernel
 def copy(source, target):
-    """Fill the first rows of an array with another; assigning slices would allocate, as they may overlap."""
+    """Copy an array to the first rows of another. Slice assignment would allocate, since slices may overlap."""
     for row in range(source.shape[0]):
         for column in range(source.shape[1]):
             target[row, column] = source[row, column]
@@ -218,12 +217,12 @@ def copy(source, target):
 
 @subkernel
 def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
-    """Draw ground and sky if they look different from those in the base; returns whether they did."""
+    """Draw ground and sky if they differ from those in the base. Return whether they differ."""
     levels, size, wide, sharp, x, y = pattern
     fresh = drawn[4, 0] != 0.0
-    tilted = fresh or turned(matrix, drawn)
+    tilted = fresh or tilt_changed(matrix, drawn)
     if levels.size:
-        differs = fresh or moved(matrix, drawn)
+        differs = fresh or pose_changed(matrix, drawn)
     else:
         differs = fresh or (tilted and not (all_ground(matrix, focal, middle) and all_ground(drawn, focal, middle)))
     if not differs:
@@ -240,13 +239,13 @@ def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
 
 @subkernel
 def texel(levels, start, mask, i, j):
-    """A texel of the tile, which is repeated. All are unsigned, so that no index is from the end."""
+    """Return a texel of the repeated tile. Unsigned arguments avoid numba's check for negative indices."""
     return levels[start + (j & mask) * (mask + np.uint64(1)) + (i & mask)]
 
 
 @subkernel
 def lookup(levels, start, size, x, y):
-    """Bilinear mean of the four texels round a place. x, y: texels of this level, middles at halves."""
+    """Return the bilinear mean of the four texels around a point. x, y: texels of this level, centres at halves."""
     left, upper = floor(x - 0.5), floor(y - 0.5)
     a, b = np.float32(x - 0.5 - left), np.float32(y - 0.5 - upper)
     i, j, one, start = np.uint64(left), np.uint64(upper), np.uint64(1), np.uint64(start)
@@ -259,9 +258,9 @@ def lookup(levels, start, size, x, y):
 
 @subkernel
 def sharpness(matrix, focal, middle, wide, out):
-    """Logarithm (2) of the longer side of a pixel on the ground, in texels, in the middle of each run; at least 0.
+    """Fill out with log2 of the longer side of a pixel on the ground, in texels, in the middle of each run; >= 0.
 
-    It is the same for any heading and place. wide: size of a texel, m. out: (height, runs).
+    The values do not depend on heading and position. wide: size of a texel, m. out: (height, runs).
     """
     for row in range(out.shape[0]):
         for run in range(out.shape[1]):
@@ -279,7 +278,7 @@ def sharpness(matrix, focal, middle, wide, out):
 
 @subkernel
 def places(row, matrix, focal, middle, x, y):
-    """Where the pixels of a row meet the ground, m; anywhere where they do not."""
+    """Fill x and y with the points where the pixels of a row meet the ground, m; arbitrary above the horizon."""
     b = (row - middle) / focal
     height = matrix[3, 2]
     for column in range(x.size):
@@ -292,11 +291,11 @@ def places(row, matrix, focal, middle, x, y):
 
 @subkernel
 def textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base):
-    """Replace the ground of a base by a pattern; where that is one shade for its distance, the base stays.
+    """Draw the pattern on the ground of a base. Pixels wider than the whole tile keep the base's shade.
 
-    A pixel is the mean over a square as wide as its longer side on the ground: bilinear in the two levels of the
-    pattern next to that width, and straight between them by its logarithm. levels: of `eye.pyramid`; size: texels
-    of a side of the first; wide: size of a texel, m; sharp: of `sharpness`; x, y: (width,), buffers.
+    A pixel is the mean over a square with the pixel's longer side on the ground: bilinear in the two levels of the
+    pattern next to this width, linear in its logarithm between them. levels: result of `eye.pyramid`; size: width of
+    the first level, texels; wide: size of a texel, m; sharp: result of `sharpness`; x, y: (width,), buffers.
     """
     top = log2(size)
     for row in range(base.shape[0]):
@@ -320,12 +319,13 @@ def textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base
 
 @kernel
 def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, picture):
-    """Draw the next picture over the one before.
+    """Draw the next picture over the previous one.
 
-    shades: of sky, ground, line and ball. pattern: of the ground, see `textured_ground`, from levels to y; no levels
-    for none. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on the ground, m. work:
-    buffers. picture: drawn, matrix of the base, and 1 where all is to be drawn; base; image; box, filled with columns
-    and rows that may differ from the picture before (first and behind the last).
+    shades: brightness of sky, ground, line and ball. pattern: levels, size, wide, sharp, x and y of `textured_ground`;
+    empty levels for plain ground. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on
+    the ground, m. work: buffers. picture: drawn (the camera matrix of the base, and 1 in its last row to draw
+    everything), base, image, and box, filled with the columns and rows that may differ from the previous picture (first
+    column and row, last + 1).
     """
     points, corners, cover, spans, painted = work
     drawn, base, image, box = picture
@@ -359,6 +359,6 @@ def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, pi
 
 @subkernel
 def widen(box, row, first, last):
-    """Take columns of a row into a box."""
+    """Extend a box by columns of a row."""
     box[0], box[2] = min(box[0], first), max(box[2], last)
     box[1], box[3] = min(box[1], row), max(box[3], row + 1)

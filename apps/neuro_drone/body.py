@@ -1,4 +1,4 @@
-"""Bodies of the drone, kinematic and of PyBullet: how it follows commands of velocity."""
+"""Bodies of the drone, kinematic and in PyBullet: their response to velocity commands."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from neuro_drone.geometry import Pose
 from neuro_drone.parts import GRAVITY, MASS, Drone
 
 CALM = (0.0, 0.0)
+"""Wind speed on both axes without wind, m/s."""
 
 
 class Body(Protocol):
-    """A quadrotor with a controller of its velocity.
+    """A quadrotor with a velocity controller.
 
     Attributes:
-        pose: where it is; the same object all the time, changed by each step.
-        velocity: x and y in the world, m/s.
+    pose: current pose; each step changes the same object.
+    velocity: x and y in the world, m/s.
     """
 
     pose: Pose
@@ -29,46 +30,52 @@ class Body(Protocol):
     def reset(
         self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0, z: float | None = None
     ) -> None:
-        """Be at a place, m, with a heading, rad, level and with a velocity in the frame of the heading, m/s.
+        """Put the level body at a position and heading, without wind and load.
 
-        Without z it is at the drone's own height. There is no wind and no load.
+        Args:
+            x: position, m.
+            y: position, m.
+            yaw: heading, rad.
+            right: velocity to the right of the heading, m/s.
+            forward: velocity along the heading, m/s.
+            z: height, m; None uses the drone's own height.
         """
 
     def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:
-        """Follow a command for some time.
+        """Follow a velocity command for some time.
 
         Args:
             right: velocity to the right of the heading, m/s.
             forward: velocity along the heading, m/s.
             turn: rate of turning clockwise seen from above, rad/s.
-            seconds: how long.
+            seconds: duration, s.
             climb: velocity upwards, m/s; None holds the height.
         """
 
     def feel(self, wind: tuple[float, float], load: float) -> None:
-        """What acts on the body until the next call or a reset.
+        """Set the wind and the load until the next call or reset.
 
         Args:
             wind: x and y in the world, m/s.
-            load: that it carries, kg.
+            load: mass of the load, kg.
         """
 
     def close(self) -> None:
-        """Give back what the body holds of the machine."""
+        """Release the resources of the physics engine."""
 
 
 class Kinematic:
-    """A body whose velocity goes to the commanded one with a lag and a largest acceleration.
+    """A body whose velocity approaches the command with a lag and a largest acceleration.
 
-    dv/dt = (command - v) / lag, but never more than a_max; the rate of turning has the same lag. A step is solved
-    exactly for straight flight, so that it does not matter how time is cut; while the drone turns, the command is that
-    of the heading halfway, an error of second order. The body leans as thrust must for the acceleration.
+    dv/dt = (command - v) / lag, at most a_max; the rate of turning has the same lag. Straight flight is solved exactly,
+    so the result does not depend on the step. While the drone turns, the command is rotated to the heading in the
+    middle of the step, an error of second order. The body leans as the thrust for its acceleration requires.
 
-    Wind accelerates it by drag times its speed. Nothing in the controller of velocity makes up for that (it has no
-    integral term), so that the velocity goes to the command plus lag times drag times the wind; the largest
-    acceleration is that of both together. The drag of the body's own flight is part of the lag. With a load the same
-    thrust does less: lag grows, and the largest acceleration falls, as the mass; and a body that is commanded to climb
-    sinks at the speed at which the controller's thrust makes up for the weight. One that holds its height holds it.
+    Wind accelerates the body by drag times the wind's speed. The velocity controller has no integral term, so the
+    velocity approaches the command plus lag times drag times the wind; a_max limits the sum of both accelerations. The
+    drag of the body's own flight is part of the lag. A load reduces the effect of the thrust: the lag grows and a_max
+    falls in proportion to the mass. A body that is commanded to climb sinks at the speed at which the controller's
+    thrust compensates the weight. A body that holds its height is not affected.
 
     Args:
         drone: height, lag, largest acceleration and drag.
@@ -105,11 +112,11 @@ class Kinematic:
         pose, lag, a_max = self.pose, self.lag * self.heavier, self.a_max / self.heavier
         fall = exp(-seconds / lag)
         if climb is not None:
-            wanted = climb - self.sink
-            off = wanted - self.climb
-            left, gap = _towards(abs(off), a_max, lag, seconds, fall)
-            self.climb = wanted - copysign(left, off)
-            pose.z += wanted * seconds - copysign(gap, off)
+            target = climb - self.sink
+            error = target - self.climb
+            rest, integral = _approach(abs(error), a_max, lag, seconds, fall)
+            self.climb = target - copysign(rest, error)
+            pose.z += target * seconds - copysign(integral, error)
         middle = pose.yaw
         if turn or self.rate:
             behind = self.rate + turn  # the rate is counter-clockwise, the command clockwise
@@ -126,15 +133,15 @@ class Kinematic:
             pose.x, pose.y = pose.x + vx * seconds, pose.y + vy * seconds
             self._lean(0.0, 0.0, 0.0)
             return
-        left, gap = _towards(size, a_max, lag, seconds, fall)
-        share, way = left / size, gap / size
+        rest, integral = _approach(size, a_max, lag, seconds, fall)
+        share, lost_way = rest / size, integral / size
         self.velocity = (wx - ex * share, wy - ey * share)
-        pose.x += wx * seconds - ex * way
-        pose.y += wy * seconds - ey * way
-        self._lean(min(left / lag, a_max) / (size * GRAVITY), ex, ey)
+        pose.x += wx * seconds - ex * lost_way
+        pose.y += wy * seconds - ey * lost_way
+        self._lean(min(rest / lag, a_max) / (size * GRAVITY), ex, ey)
 
     def _lean(self, a: float, ex: float, ey: float) -> None:
-        """Take up the attitude in which thrust makes a times (ex, ey), in units of gravity, but for the wind's part."""
+        """Set pitch and roll so that thrust and wind accelerate the body by a * (ex, ey), in units of gravity."""
         pose, blown = self.pose, 1.0 / (self.lag * self.heavier * GRAVITY)
         bx, by = self.drift[0] * blown, self.drift[1] * blown
         c, s = cos(pose.yaw), sin(pose.yaw)
@@ -145,8 +152,18 @@ class Kinematic:
         """See `Body`."""
 
 
-def _towards(size: float, a_max: float, lag: float, seconds: float, fall: float) -> tuple[float, float]:
-    """What is left after some time of a difference to the command, m/s, and its integral, m."""
+def _approach(size: float, a_max: float, lag: float, seconds: float, fall: float) -> tuple[float, float]:
+    """Return the velocity error after some time, m/s, and its integral over that time, m.
+
+    The error falls linearly by a_max until it is a_max * lag, and exponentially from there.
+
+    Args:
+        size: velocity error at the beginning, m/s.
+        a_max: largest acceleration, m/s^2.
+        lag: time constant, s.
+        seconds: duration, s.
+        fall: exp(-seconds / lag).
+    """
     knee = a_max * lag
     if size <= knee:
         return size * fall, size * lag * (1.0 - fall)
@@ -163,30 +180,33 @@ INERTIA = (0.007, 0.007, 0.012)
 ARM = 0.17
 DRAG_TO_THRUST = 0.016
 MOST_THRUST = 8.54858e-06 * 838.0**2
-"""kg m^2, m, m, N of one rotor: an AscTec Hummingbird, as is `neuro_drone.parts.MASS`.
+"""Moments of inertia, kg m^2; arm and ratio of torque to thrust of a rotor, m; largest thrust of a rotor, N.
 
-Source: rotors_simulator, rotors_description/urdf/hummingbird.xacro (body and four rotors; rotors in front, left, behind
-and right of the middle, those in front and behind turn clockwise).
+The values are those of an AscTec Hummingbird, as is `neuro_drone.parts.MASS`. Source: rotors_simulator,
+rotors_description/urdf/hummingbird.xacro (a body with a rotor in front, left, behind and right of its centre; the front
+and the rear rotor turn clockwise).
 """
 
 SUBSTEP = 0.004
 ATTITUDE = (30.0, 30.0, 12.0)
 SPEED_GAIN = 0.5
 HEIGHT_GAINS = (16.0, 8.0)
-"""s; rad/s about front, left and up; 1/s; 1/s^2 and 1/s: tuned so that steps of speed rise as those of `Kinematic`."""
+"""Longest step, s; natural frequencies about front, left and up, rad/s; gains of speed, 1/s, and height, 1/s^2, 1/s.
+
+The gains are tuned so that the response to a step of speed matches that of `Kinematic`.
+"""
 
 
 class Bullet:
-    """A quadrotor that follows commands by its four rotors only.
+    """A rigid quadrotor whose only actuators are its four rotors.
 
-    What it shall do is what `Kinematic` does; the wanted acceleration is that of this reference plus a share of what is
-    missing in speed, never more than a_max. The thrust is turned there by an attitude controller of second order with
-    critical damping, and the four rotors give what they can between 0 and their largest thrust. Height is held, or
-    follows that of the reference.
+    A `Kinematic` body is the reference. The target acceleration is the reference's acceleration plus `SPEED_GAIN` times
+    the speed error, at most a_max. An attitude controller of second order with critical damping turns the thrust to
+    this acceleration, and each rotor is limited to 0 to `MOST_THRUST`. The height follows the reference.
 
-    Wind is a force on the body, and a load is mass at its middle; the controller allows for neither. `Kinematic` drifts
-    in the wind as a proportional controller of velocity does, and here the thrust leaves that drift as it is; height,
-    held in proportion too, sinks with a load until the thrust is enough.
+    Wind is a force on the body, and a load is a mass at its centre; the controller compensates neither. `Kinematic`
+    drifts in the wind as a proportional velocity controller does, and the thrust here leaves this drift unchanged. The
+    height controller is proportional too, so the body sinks with a load until the thrust is sufficient.
 
     Args:
         drone: height, lag, largest acceleration and drag.
@@ -209,7 +229,7 @@ class Bullet:
         self.reset(0.0, 0.0, 0.0)
 
     def _connect(self) -> None:
-        """Make a world with the drone in it."""
+        """Create a PyBullet world that contains the drone."""
         p = self._p
         self._client = p.connect(p.DIRECT)
         self._closed = finalize(self, _disconnect, p, self._client)
@@ -225,7 +245,7 @@ class Bullet:
     def reset(
         self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0, z: float | None = None
     ) -> None:
-        """See `Body`; opens a closed body again."""
+        """See `Body`; connects a closed body again."""
         if not self._closed.alive:
             self._connect()
         self.reference.reset(x, y, yaw, right, forward, z)
@@ -243,11 +263,11 @@ class Bullet:
             self._weigh()
 
     def _weigh(self) -> None:
-        """Give the body the mass that it has with its load."""
+        """Set the mass of the body with its load."""
         self._p.changeDynamics(self._body, -1, mass=MASS + self._load, localInertiaDiagonal=INERTIA, **self._at)
 
     def _put(self, place: Vector, turned: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
-        """Put the body at a place, turned by a quaternion, with its speeds."""
+        """Set position, attitude (a quaternion), velocity and angular velocity of the body."""
         self._p.resetBasePositionAndOrientation(self._body, place, turned, **self._at)
         self._p.resetBaseVelocity(self._body, velocity, spin, **self._at)
         self._read()
@@ -265,7 +285,7 @@ class Bullet:
             before, rate, rising = self.reference.velocity, self.reference.rate, self.reference.climb
             self.reference.step(right, forward, turn, substep, climb)
             after = self.reference.velocity
-            # What of the reference's acceleration is thrust's, for a body without load.
+            # The reference's acceleration without the wind's part, scaled to a body without load.
             ax = (after[0] - before[0]) / substep * heavier - fx / MASS
             ay = (after[1] - before[1]) / substep * heavier - fy / MASS
             az = (self.reference.climb - rising) / substep * heavier + GRAVITY * (heavier - 1.0)
@@ -278,11 +298,11 @@ class Bullet:
             self._read()
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies and for other processes: where the body is, since PyBullet's world itself cannot be copied."""
+        """Return the state for copies and other processes. A PyBullet world cannot be copied, so it is made again."""
         place = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
         names = ("a_max", "reference", "pose", "velocity", "_drag", "_force", "_load")
-        kept = {name: getattr(self, name) for name in names}
-        return kept | {"_there": place, "_open": self._closed.alive}
+        attributes = {name: getattr(self, name) for name in names}
+        return attributes | {"_there": place, "_open": self._closed.alive}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._p = _pybullet()
@@ -297,11 +317,11 @@ class Bullet:
             self.close()
 
     def close(self) -> None:
-        """See `Body`; a reset opens it again."""
+        """See `Body`; a reset connects again."""
         self._closed()
 
     def _read(self) -> None:
-        """Take over place, attitude and speeds from PyBullet."""
+        """Read position, attitude and speeds from PyBullet."""
         p, pose = self._p, self.pose
         self._place, self._turned = p.getBasePositionAndOrientation(self._body, self._client)
         pose.x, pose.y, pose.z = self._place
@@ -319,7 +339,7 @@ class Bullet:
     def _control(
         self, ax: float, ay: float, az: float, spin_up: float, speed: tuple[float, float]
     ) -> tuple[float, Vector]:
-        """Thrust, N, and torque in the body's frame, N m, towards accelerations, a speed and the heading."""
+        """Return thrust, N, and torque in the body's frame, N m, for target accelerations, speed and heading."""
         yaw = self.reference.pose.yaw
         ax += SPEED_GAIN * (speed[0] - self.velocity[0])
         ay += SPEED_GAIN * (speed[1] - self.velocity[1])
@@ -344,22 +364,23 @@ class Bullet:
         )
         spin = self._spin
         rates = (_dot(spin, self._front), _dot(spin, self._left), _dot(spin, self._up) - self.reference.rate)
-        wanted = [
+        torques = [
             -inertia * (stiff * stiff * e + 2.0 * stiff * w)
             for inertia, stiff, e, w in zip(INERTIA, ATTITUDE, lean, rates, strict=True)
         ]
-        return _rotors(thrust, wanted[0], wanted[1], wanted[2] + INERTIA[2] * spin_up)
+        return _rotors(thrust, torques[0], torques[1], torques[2] + INERTIA[2] * spin_up)
 
 
 def _rotors(thrust: float, roll: float, pitch: float, yaw: float) -> tuple[float, Vector]:
-    """What four rotors make of a wanted thrust, N, and torques, N m, with each between 0 and its largest.
+    """Return the thrust, N, and torques, N m, of four limited rotors for a target thrust and target torques.
 
-    What is too much is taken from the torques, never from the thrust; yaw has at most two fifths of the room.
+    If a rotor reaches a limit, the torques are reduced, not the thrust. Yaw has at most two fifths of the margin
+    between the thrust and the nearest limit.
     """
     share = max(0.0, min(MOST_THRUST, 0.25 * thrust))
-    room = min(share, MOST_THRUST - share)
-    z = _within(0.25 * yaw / DRAG_TO_THRUST, 0.4 * room)
-    x, y = (_within(0.5 * torque / ARM, room - abs(z)) for torque in (roll, pitch))
+    margin = min(share, MOST_THRUST - share)
+    z = _within(0.25 * yaw / DRAG_TO_THRUST, 0.4 * margin)
+    x, y = (_within(0.5 * torque / ARM, margin - abs(z)) for torque in (roll, pitch))
     return 4.0 * share, (2.0 * ARM * x, 2.0 * ARM * y, 4.0 * DRAG_TO_THRUST * z)
 
 
@@ -393,10 +414,10 @@ def _disconnect(p: Any, client: int) -> None:
 
 
 def body_of(drone: Drone) -> Body:
-    """The body for the physics that a drone asks for.
+    """Return the body for a drone's physics.
 
     Raises:
-        ModelError: it needs a package that is not installed.
+        ModelError: PyBullet is not installed.
     """
     if drone.physics == "kinematic":
         return Kinematic(drone)

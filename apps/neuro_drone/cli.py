@@ -20,65 +20,74 @@ app = typer.Typer(
 
 
 def errors(text: str) -> tuple[float, ...]:
-    """Numbers with commas between them."""
+    """Parse numbers separated by commas."""
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"'{text}': expected numbers with commas between them, say 20,-10") from None
+        raise typer.BadParameter(f"'{text}': expected numbers separated by commas, e.g. 20,-10") from None
 
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model, as 'train' writes it.")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file written by 'train'.")]
 MaybeModel = Annotated[
-    Path | None, typer.Argument(metavar="[MODEL]", help="A model, as 'train' writes it.", show_default=False)
+    Path | None, typer.Argument(metavar="[MODEL]", help="Model file written by 'train'.", show_default=False)
 ]
 ScenarioName = Annotated[
-    str, typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.")
+    str, typer.Option("--scenario", metavar="NAME", help="Name (see 'neuro drone scenarios') or YAML file.")
 ]
-Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Steps of control.")]
+Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps of training.")]
 Scenario = Annotated[
     str | None,
-    typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.", show_default=False),
+    typer.Option(
+        "--scenario",
+        metavar="NAME",
+        help="Name (see 'neuro drone scenarios') or YAML file; default: the model's.",
+        show_default=False,
+    ),
 ]
 Untrained = Annotated[
     str | None,
-    typer.Option("--controller", metavar="NAME", help="Instead of a model one that does not learn, say oracle."),
+    typer.Option(
+        "--controller", metavar="NAME", help="Controller that does not learn, instead of a model, e.g. oracle."
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
-Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=at_least(1), help="From a grid of N x N starts.")]
+Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=at_least(1), help="N x N starts on a grid.")]
 PathKind = Annotated[
     str,
     typer.Option(
         "--path",
         metavar="varied|fixed",
-        help="Laps with a path of their own each, or the scenario's in all, which a recorded flight can fly blindly.",
+        help="A path of its own for each lap, or the scenario's for all (a replayed flight can complete it).",
     ),
 ]
-PathSeed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Of the varied paths.")]
+PathSeed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of the varied paths.")]
 
 
 @app.command()
 def train(
     scenario: ScenarioName = "B60",
     controller: Annotated[
-        str, typer.Option("--controller", metavar="NAME", help="See 'neuro drone controllers'.")
+        str, typer.Option("--controller", metavar="NAME", help="Name of a controller, see 'neuro drone controllers'.")
     ] = "snn",
     steps: Steps = 60_000,
     seed: Seed = 0,
     repeats: Annotated[
         int,
-        typer.Option("--repeats", metavar="N", parser=at_least(1), help="Trainings, each from its seed, on all cores."),
+        typer.Option(
+            "--repeats", metavar="N", parser=at_least(1), help="Trainings on all cores, with seeds from --seed."
+        ),
     ] = 1,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The model to write.")] = Path("model.h5"),
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Model file to write.")] = Path("model.h5"),
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train a controller from random starts; after a kill the same command goes on where it was.
+    """Train a controller from random starts. After an interruption, the same command resumes.
 
-    --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). Several trainings write model-0.h5, ...
+    --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). --repeats writes model-0.h5, ...
     """
-    from neuro_drone.report import Bars, learnt
-    from neuro_drone.train import TrainingJob, chosen, side_by_side
+    from neuro_drone.report import Bars, describe_training
+    from neuro_drone.train import TrainingJob, apply_changes, side_by_side
 
-    world, settings = chosen(scenario, controller, set)
+    world, settings = apply_changes(scenario, controller, set)
     files = [out] if repeats == 1 else [out.with_name(f"{out.stem}-{seed + k}{out.suffix}") for k in range(repeats)]
     jobs = [
         TrainingJob(world, controller, steps, seed=seed + k, settings=settings, out=file)
@@ -91,10 +100,10 @@ def train(
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
     for file, model in zip(files, models, strict=True):
-        typer.echo(f"{file}: {learnt(model)}")
+        typer.echo(f"{file}: {describe_training(model)}")
     if models[0].steps:
         name = shlex.quote(str(files[0]))
-        typer.echo(f"next: neuro drone test {name} flies whole laps, which show what was learnt")
+        typer.echo(f"next: neuro drone test {name} flies whole laps with frozen weights")
 
 
 @app.command("test")
@@ -106,42 +115,42 @@ def try_model(
     path: PathKind = "varied",
     seed: PathSeed = 0,
     learning: Annotated[
-        bool, typer.Option("--learning", help="Go on learning; dopamine then steers by itself: not what was learnt.")
+        bool, typer.Option("--learning", help="Keep learning; the dopamine also steers and hides the learnt weights.")
     ] = False,
     json: Json = False,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Folder for pictures.")] = None,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Fly a lap from each of a grid of starts, with frozen weights and without dopamine."""
+    """Print errors and laps from a grid of starts, with frozen weights and without dopamine."""
     from neuro_drone.evaluate import grid, try_out
     from neuro_drone.paths import FlightCourse
     from neuro_drone.report import Bars, figures, show, write_pictures
 
     if learning and backend != "event":
-        raise typer.BadParameter("a network goes on learning on what it learnt on", param_hint="'--backend'")
+        raise typer.BadParameter("--learning uses the backend of the training", param_hint="'--backend'")
     course, pilot = FlightCourse(path, seed), _pilot(model, scenario, controller, set)
     places = grid(pilot.scenario, starts, course=course)
     with Bars() as bars:
-        tried = try_out(pilot, starts=places, backend=backend, learning=learning, report=bars.laps(len(places)))
-    for file in [] if out is None else write_pictures(pilot, tried, out):
+        results = try_out(pilot, starts=places, backend=backend, learning=learning, report=bars.laps(len(places)))
+    for file in [] if out is None else write_pictures(pilot, results, out):
         typer.echo(file, err=json)
     if json:
-        typer.echo(figures(pilot, tried, course))
+        typer.echo(figures(pilot, results, course))
     else:
-        show(pilot, tried, course)
+        show(pilot, results, course)
 
 
-def _announced(no_browser: bool) -> Callable[[Any, Any], Any]:
-    """What makes a page, prints its address and opens it."""
+def _page_maker(no_browser: bool) -> Callable[[Any, Any], Any]:
+    """Return a function that makes a page, prints its address and opens it."""
     from neuro.apps import announce, app as package
 
     live = package("neuro_live", "the page")
 
     def page(sim: Any, figures: Any) -> Any:
-        shown = live.Page(sim, figures=figures)
-        announce(shown, no_browser, err=True)  # stdout has the figures, as JSON if asked
-        return shown
+        open_page = live.Page(sim, figures=figures)
+        announce(open_page, no_browser, err=True)  # stdout is for the figures
+        return open_page
 
     return page
 
@@ -155,15 +164,18 @@ def live(
     path: PathKind = "varied",
     seed: PathSeed = 0,
     speed: Annotated[
-        float, typer.Option("--speed", metavar="X", min=0.01, help="So many times as fast as in real time.")
+        float, typer.Option("--speed", metavar="X", min=0.01, help="Factor on real time; 2 is twice as fast.")
     ] = 1.0,
     backend: Backend = "event",
     json: Json = False,
     set: Set = [],  # noqa: B006
     page: Annotated[bool, typer.Option("--page", help="Show the controller's network in the browser.")] = False,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address of the page only.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address of the page.")] = False,
 ) -> None:
-    """Fly laps in real time, the world in another process, events over the loopback; beside the same laps offline."""
+    """Print errors and latency of laps in real time, beside the same laps offline.
+
+    The world runs in another process and sends its events over the loopback interface.
+    """
     from neuro_drone.evaluate import grid, try_out
     from neuro_drone.live import fly_live
     from neuro_drone.paths import FlightCourse
@@ -172,14 +184,14 @@ def live(
     course, pilot = FlightCourse(path, seed), _pilot(model, scenario, controller, set)
     places = grid(pilot.scenario, starts, course=course)
     with Bars() as bars:
-        shown, report = _announced(no_browser) if page else None, bars.laps(len(places))
-        flown = fly_live(pilot, places, backend=backend, speed=speed, report=report, page=shown)
+        make_page, report = _page_maker(no_browser) if page else None, bars.laps(len(places))
+        laps = fly_live(pilot, places, backend=backend, speed=speed, report=report, page=make_page)
         offline = try_out(pilot, starts=places, backend=backend)
     if json:
-        typer.echo(live_figures(pilot, flown, offline, course))
+        typer.echo(live_figures(pilot, laps, offline, course))
     else:
-        show(pilot, flown.tried, course)
-        show_live(flown, offline)
+        show(pilot, laps.test, course)
+        show_live(laps, offline)
 
 
 @app.command()
@@ -187,29 +199,28 @@ def compare(
     scenario: ScenarioName = "B60",
     steps: Steps = 60_000,
     repeats: Annotated[
-        int, typer.Option("--repeats", metavar="N", parser=at_least(1), help="Trainings of each, each from its seed.")
+        int,
+        typer.Option("--repeats", metavar="N", parser=at_least(1), help="Trainings per row, with seeds from --seed."),
     ] = 5,
     seed: Seed = 0,
     starts: Grid = 5,
     path: PathKind = "varied",
     test_seed: Annotated[
-        int, typer.Option("--test-seed", metavar="N", parser=at_least(0), help="Of the varied paths.")
+        int, typer.Option("--test-seed", metavar="N", parser=at_least(0), help="Seed of the varied paths.")
     ] = 0,
     row: Annotated[
         list[str],
-        typer.Option("--row", metavar="ROW", help="Only these, e.g. 'snn' or 'dqn steps=150000 drone.v_max=0.5'."),
+        typer.Option("--row", metavar="ROW", help="Only these rows: 'snn', 'dqn steps=150000 drone.v_max=0.5'."),
     ] = [],  # noqa: B006
-    more: Annotated[list[str], typer.Option("--also", metavar="ROW", help="These as well, e.g. dqn.")] = [],  # noqa: B006
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Where models and results are kept.")
-    ] = None,
+    more: Annotated[list[str], typer.Option("--also", metavar="ROW", help="Additional rows, e.g. dqn.")] = [],  # noqa: B006
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Folder of models and results.")] = None,
     json: Json = False,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train and test controllers side by side and print the table; what the folder has is not done again.
+    """Print a table of controllers, each trained and tested. Results in the folder are reused.
 
-    Always there: do nothing, the oracle, the centroid of the events, fixed weights, LMS, the network without
-    dopamine and with dopamine of the wrong sign. --set changes the scenario of all.
+    Default rows: do nothing, the oracle, the centroid of the events, fixed weights, LMS, the network, and the network
+    without dopamine and with dopamine of the wrong sign. --set changes the scenario of all rows.
     """
     from neuro_drone.compare import ROWS, ComparisonRow, run
     from neuro_drone.paths import FlightCourse
@@ -220,15 +231,15 @@ def compare(
     folder = out or Path(f"compare-{rows[0].scenario.name}")
     try:
         with Bars(lines=1) as bars:
-            found = run(rows, starts, course, folder, lambda said: bars.at(said.what, said.done, said.total, said.told))
+            table = run(rows, starts, course, folder, lambda job: bars.at(job.what, job.done, job.total, job.text))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
-    write_comparison(found, folder / "table.md")
+    write_comparison(table, folder / "table.md")
     if json:
-        typer.echo(comparison(found))
+        typer.echo(comparison(table))
     else:
-        show_comparison(found)
+        show_comparison(table)
 
 
 @app.command()
@@ -238,11 +249,11 @@ def energy(
     sources: Sources = False,
     json: Annotated[bool, typer.Option("--json", help="Print the bills as JSON.")] = False,
 ) -> None:
-    """Fly a lap and print what a control step takes on chips: joules, time, and whether it is in time."""
-    from neuro_drone.energy import priced, show, words
+    """Print energy and time per control step of a lap on chips, and whether each chip is in time."""
+    from neuro_drone.energy import compute_bills, show, words
     from neuro_drone.model import Model
 
-    bills = priced(Model.load(model), chips)
+    bills = compute_bills(Model.load(model), chips)
     if json:
         typer.echo(words(bills))
     else:
@@ -254,14 +265,14 @@ def watch(
     model: MaybeModel = None,
     scenario: Scenario = None,
     controller: Untrained = None,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("lap.html"),
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="HTML page to write.")] = Path("lap.html"),
     error: Annotated[
         Any,
         typer.Option(
             "--error",
             metavar="A,B[,C]",
             parser=errors,
-            help="Error on each axis at the beginning: px, px and px of the ball's height; of a line px, degrees.",
+            help="Initial error on each axis. Ball: px, px and px of the ball's height. Line: px, degrees.",
             show_default=False,
         ),
     ] = None,
@@ -270,7 +281,7 @@ def watch(
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Write a lap as one page for a browser: the world, the camera's events, spikes and actions side by side."""
+    """Write a lap as a web page: the world, the camera's events, spikes and actions side by side."""
     from neuro_drone.paths import FlightCourse
     from neuro_drone.watch import watch as write
 
@@ -296,7 +307,7 @@ def controllers() -> None:
 
 
 def _pilot(model: Path | None, scenario: str | None, controller: str | None, set: list[str]) -> Model:
-    """The model that a command is about: a file's, or that of a controller that does not learn."""
+    """Load the model from a file, or make the model of a controller that does not learn."""
     from neuro_drone.train import pilot
 
     if (model is None) == (controller is None):

@@ -1,4 +1,4 @@
-"""What a control step of a lap takes on chips, beside a dense network, and whether the chip is in time."""
+"""Energy and time per control step of a lap on chips, beside a dense network, and whether a chip is in time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from neuro.chips import COLUMNS, chip, dense, footnotes
 from neuro_drone.controllers.deep import DQNSettings, Flier
 from neuro_drone.controllers.pilot import ControllerPilot
 from neuro_drone.env import ACTIONS, CELLS
-from neuro_drone.evaluate import Flights, Start, begun, fly_lap
+from neuro_drone.evaluate import Flights, Start, fly_lap, reset_arguments
 from neuro_drone.model import Model
 
 if TYPE_CHECKING:
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 
 
 PROCESSORS = ("cpu", "gpu")
-"""Targets that multiply densely."""
+"""Targets of the dense network."""
 
-CAMERA = "not in the bill: the camera, the counting of events in fields, and the way between host and chip"
-POISSON = "the Poisson spikes of the cells are made by the host and are not in the bill either"
-BATCH = "the dense network is run once a control step; the gpu's figure is for much work in parallel, this is little"
+CAMERA = "not in the bill: the camera, counting events in fields, and the transfer between host and chip"
+POISSON = "not in the bill: the Poisson spikes of the cells, which the host generates"
+BATCH = "the dense network runs once per control step; the gpu's cost per mac holds for much larger batches"
 
 
 @dataclass(frozen=True, slots=True)
 class Bills:
-    """What a control step takes, mean of a lap.
+    """Energy and time per control step, mean of a lap.
 
     Attributes:
-        model: that flew the lap.
-        steps: of the lap.
-        error_px: mean of the lap.
-        counts: of the network over the whole lap; None of a controller without one.
-        spiking: bills of the network, by target.
+        model: the model that flew the lap.
+        steps: control steps of the lap.
+        error_px: mean error of the lap, px.
+        counts: counts of the spiking network over the whole lap; None without one.
+        spiking: bills of the spiking network, one per target.
         dense: bills of a dense network.
     """
 
@@ -52,25 +52,25 @@ class Bills:
     dense: tuple[Energy, ...]
 
     def share(self, bill: Energy) -> float | None:
-        """Time on the chip as a share of the control step; up to 1 it is in time. None where no time is known."""
+        """Return the time on the chip as a share of the control step (in time if <= 1); None for an unknown time."""
         if bill.chip_time_s is None:
             return None
         return bill.chip_time_s / (self.model.scenario.step / 1000.0)
 
 
-def priced(model: Model, targets: Iterable[str]) -> Bills:
-    """Fly a lap with frozen weights and price it.
+def compute_bills(model: Model, targets: Iterable[str]) -> Bills:
+    """Fly a lap with frozen weights and compute its bills.
 
     Args:
-        model: a spiking network, DQN, DDPG or PPO.
+        model: model of a spiking network, DQN, DDPG or PPO.
         targets: chips, processors or table files, see `neuro.Simulation.energy`.
 
     Raises:
-        ModelError: it is none of these, or a target does not exist, cannot hold the network, or has no costs.
+        ModelError: the controller has no network; or a target does not exist, cannot hold the network, or has no costs.
     """
     scenario = model.scenario
     start = Start((0.0, 0.0), 1 if scenario.kind == "line" else 0)
-    env = Flights(scenario, [begun(start)])
+    env = Flights(scenario, [reset_arguments(start)])
     loop = model.loop(env)
     pilot = loop.pilot.controller if isinstance(loop.pilot, ControllerPilot) else None
     if isinstance(pilot, Flier):
@@ -80,7 +80,7 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
         raise ModelError(f"controller '{model.controller}' has no network: expected a spiking one, dqn, ddpg or ppo")
     targets = tuple(targets)
     for name in targets:
-        loop.sim.energy(name)  # what cannot be priced is reported before the lap
+        loop.sim.energy(name)  # raises errors of the target before the lap
     lap = fly_lap(loop, env, start)
     bills = tuple(loop.sim.energy(name).per(lap.steps, "control step") for name in targets)
     hidden = DQNSettings().hidden
@@ -89,7 +89,7 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
 
 
 def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str]) -> tuple[Energy, ...]:
-    """What a dense network takes on those targets that multiply densely."""
+    """Return the bills of a dense network on those targets that have a cost per multiply-accumulate."""
     shapes = [(rows, columns) for rows, columns in layers]
     macs = sum(rows * columns for rows, columns in shapes)
     what = f"{name}: {'-'.join(str(n) for n in (shapes[0][1], *(rows for rows, _ in shapes)))}"
@@ -98,11 +98,11 @@ def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str])
 
 
 def words(bills: Bills) -> str:
-    """All figures as JSON; joules and seconds are of a control step."""
+    """Return all figures as JSON; joules and seconds are per control step."""
     model, step = bills.model, bills.model.scenario.step
     about = {"controller": model.controller, "scenario": model.scenario.name, "steps": bills.steps}
     record: dict[str, Any] = {**about, "error_px": bills.error_px, "step_us": step * 1000.0}
-    record["per_step"] = _counted(bills)
+    record["per_step"] = _counts_per_step(bills)
     record["bills"] = [
         bill.as_dict()
         | {
@@ -125,7 +125,7 @@ def _source(item: BillItem) -> str:
     return sourced(item.source, item.conditions)
 
 
-def _counted(bills: Bills) -> dict[str, float]:
+def _counts_per_step(bills: Bills) -> dict[str, float]:
     counts, n = bills.counts, bills.steps
     if counts is None:
         return {}
@@ -140,7 +140,7 @@ def _counted(bills: Bills) -> dict[str, float]:
 
 
 def notes(bills: Bills) -> list[str]:
-    """What the bills do not include."""
+    """Return notes on what the bills leave out."""
     return [CAMERA, *([POISSON] if bills.spiking else []), BATCH]
 
 
@@ -149,7 +149,7 @@ def _in_time(share: float | None) -> bool | None:
 
 
 def show(bills: Bills, sources: bool = False) -> None:
-    """Print what was counted, a row for each chip, and what that assumes, with the sources if asked for."""
+    """Print the counts, a row for each chip, and the assumptions; `sources` adds the sources of the costs."""
     model, step = bills.model, bills.model.scenario.step
     rows: list[tuple[str, ...]] = []
     for bill in bills.spiking:
@@ -162,9 +162,9 @@ def show(bills: Bills, sources: bool = False) -> None:
         f"energy per control step of {step:g} ms; {model.controller} in {model.scenario.name}, "
         f"{bills.error_px:.2f} px, mean of {bills.steps:,} steps"
     )
-    counted = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in _counted(bills).items())
-    if counted:
-        typer.echo(f"a control step: {counted}\n")
+    counts = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in _counts_per_step(bills).items())
+    if counts:
+        typer.echo(f"per control step: {counts}\n")
     layers = dict.fromkeys(
         f"{one.target}: {item.of}, {item.count:,} mac" + (f": {_source(item)}" if sources else "")
         for one in bills.dense

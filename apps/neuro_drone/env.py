@@ -30,39 +30,39 @@ MOST_EVENTS = 2**20
 
 
 class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
-    """A drone with an event camera that shall keep a target at the middle of its picture.
+    """A drone with an event camera that keeps a target in the middle of its picture.
 
     Args:
-        scenario: a `Scenario`, the name of one, or a YAML file.
-        observation: counts (events in 8 x 8 cells), binary (whether there were any), frame (128 x 128 x 1, each
-            pixel's last event: 255 brighter, 0 darker, 128 none), or normalised (a vector of 64 floats from 0 to 1: the
-            events of each cell, row by row, as a share of those of the cell with most).
-        actions: continuous (two numbers in [-1, 1], three where the drone climbs) or discrete (one of nine, see
-            `neuro_drone.env.ACTIONS`, or of the eleven of `SPACE`).
+        scenario: a `Scenario`, its name, or a YAML file.
+        observation: counts (events in 8 x 8 cells), binary (1 for a cell with events), frame (128 x 128 x 1, each
+            pixel's last event: 255 brighter, 0 darker, 128 none), or normalised (64 floats from 0 to 1: the events of
+            each cell, row by row, as a share of the events of the cell with most).
+        actions: continuous (two numbers in [-1, 1], three if the drone climbs) or discrete (one of the nine of
+            `neuro_drone.env.ACTIONS`, or of the eleven of `SPACE` if the drone climbs).
         render_mode: rgb_array or None.
-        **changes: of the scenario, see `neuro_drone.scenario.load`.
+        **changes: changes of the scenario, see `neuro_drone.scenario.load`.
 
-    Actions are in the directions of the picture. Ball: right and down the picture (backwards), times v_max, and of
-    three axes up, times climb_max. Line: right, times v_max, and turn right, times yaw_max, while the drone flies
-    forward. Values beyond 1 are taken for 1.
+    Actions follow the directions of the picture. Ball: right and down the picture (backwards), in units of v_max; with
+    three axes also up, in units of climb_max. Line: right, in units of v_max, and turn right, in units of yaw_max; the
+    drone flies forward at a constant speed. Actions are clipped to [-1, 1].
 
-    ``reset(options={"start": (a, b), "direction": 1})`` sets the error at the beginning, in the units of
-    ``info["error"]``, and the direction of the line; what is not given is drawn. "path" is a
-    `neuro_drone.paths.Variation` by which the path differs from the scenario's.
+    ``reset(options={"start": (a, b), "direction": 1})`` sets the initial error, in the units of ``info["error"]``, and
+    the direction of the line. Missing options are drawn. The option "path" is a `neuro_drone.paths.Variation` of the
+    scenario's path.
 
     ``info`` holds: events (`neuro.events.Events` of the step), counts ((8, 8) int64), target (column, row, px), error
-    (signed, a number an axis: px and px, then px of the ball's height in the picture; line px and degrees), error_px
-    (of the first two), supervised_error ((axes,) float64, the error as a share of the largest: a supervised signal,
-    not the reward), reward and lost (as `step` returns them), progress (0 to 1), lap (True where a lap ended that
-    counts).
+    (signed, one number per axis: ball px, px, and px of its height in the picture; line px and degrees), error_px
+    (distance over the first two axes, px), supervised_error ((axes,) float64, the error as a share of the largest: a
+    supervised signal, not the reward), reward and lost (as `step` returns them), progress (0 to 1), lap (True if a lap
+    that counts has ended).
 
-    A camera that shakes is judged by where it would look without.
+    If the camera shakes, the errors are those of a camera without shake.
 
-    The reward is 1 - e / e_max, 0 where the target is lost, which also terminates the episode; the end of the path
-    truncates it.
+    The reward is 1 - e / e_max. A lost target has reward 0 and terminates the episode. The end of the path truncates
+    the episode.
 
     Raises:
-        ModelError: the scenario, an option or an action cannot be.
+        ModelError: the scenario, an option or an action is invalid.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}
@@ -100,7 +100,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.body: Body = body_of(drone)
         self.weather = Weather(scenario.wind, scenario.load)
         self.eye = Eye(scenario, seed=0)
-        # what is judged is where the camera would look without its shake
+        # errors are measured with a camera that does not shake
         self._shakes = camera.shake > 0.0
         self.view = (
             CameraView(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body", roll=camera.roll)
@@ -118,11 +118,11 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
-        """Begin an episode; see the class for `options`."""
+        """Begin an episode; the class describes `options`."""
         if seed is None and self._np_random is None:
             seed = self.scenario.seed
         super().reset(seed=seed)
-        start, direction, varied = _wishes(options or {}, self.task, self.scenario.axes)
+        start, direction, varied = _reset_options(options or {}, self.task, self.scenario.axes)
         pose = self.task.reset(self.np_random, start or self.scenario.start, direction, varied)
         self.body.reset(pose.x, pose.y, pose.yaw, forward=self.task.forward, z=pose.z)
         noise = int(self.np_random.integers(2**31))
@@ -133,7 +133,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return observation, info
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
-        """One step of control; see the class."""
+        """Apply an action for one control step; the class describes actions and `info`."""
         if not self._running:
             raise ModelError("step: no episode is under way: call reset first")
         a, b, *up = self._commands(action)
@@ -149,13 +149,13 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             climb = up[0] * drone.climb_max if up else None
             self.body.step(a * drone.v_max, -b * drone.v_max, -drone.spin, self._seconds, climb)
         self._t_us += self._step_us
-        seen, info, judged = self._look(task.advance(self._seconds))
+        observation, info, judged = self._look(task.advance(self._seconds))
         terminated, truncated = judged.lost, judged.done and not judged.lost
         self._running = not (terminated or truncated)
-        return seen, judged.reward, terminated, truncated, info
+        return observation, judged.reward, terminated, truncated, info
 
     def _look(self, scene: WorldScene) -> tuple[npt.NDArray[Any], dict[str, Any], Judged]:
-        """What the camera and the judge see now."""
+        """Take a picture and judge the drone. Return the observation, info and the judgement."""
         pose = self.body.pose
         self._events = events = self.eye.see(pose, scene, self._t_us)
         if self._shakes:
@@ -176,9 +176,9 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             "progress": judged.progress,
             "lap": judged.lap,
         }
-        return self._observed(counts, events), info, judged
+        return self._observation(counts, events), info, judged
 
-    def _observed(self, counts: npt.NDArray[np.int64], events: Events) -> npt.NDArray[Any]:
+    def _observation(self, counts: npt.NDArray[np.int64], events: Events) -> npt.NDArray[Any]:
         if self.observation == "counts":
             return counts.copy()
         if self.observation == "binary":
@@ -190,11 +190,11 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return frame
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The camera's picture with the step's events, (128, 128, 3); None without a render mode."""
+        """Return the camera's picture with the step's events, (128, 128, 3) uint8; None without a render mode."""
         if self.render_mode is None:
             return None
         if self._events is None:
-            raise ModelError("render: nothing was seen yet: call reset first")
+            raise ModelError("render: there is no picture yet: call reset first")
         grey = np.clip(255.0 * self.eye.image, 0, 255).astype(np.uint8)
         picture = np.repeat(grey[:, :, None], 3, 2)
         e = self._events
@@ -202,17 +202,19 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return picture
 
     def close(self) -> None:
-        """Give back what the physics holds of the machine; `reset` begins again."""
+        """Release the physics engine; `reset` connects it again."""
         self._running = False
         self.body.close()
 
 
-def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[float, ...] | None, int, Variation]:
-    """Start, direction and path that a reset asks for."""
-    known = ("start", "direction", "path") if task.turns else ("start", "path")
+def _reset_options(
+    options: Mapping[str, Any], task: Task, axes: int
+) -> tuple[tuple[float, ...] | None, int, Variation]:
+    """Check the options of a reset and return start, direction and path."""
+    names = ("start", "direction", "path") if task.turns else ("start", "path")
     for word in options:
-        if word not in known:
-            raise unknown("option of reset", word, known)
+        if word not in names:
+            raise unknown("option of reset", word, names)
     direction = options.get("direction", 0)
     if direction not in (-1, 0, 1):
         raise ModelError(f"option direction = {direction!r}: expected 1, -1 or 0")
@@ -222,14 +224,14 @@ def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[fl
     return None if start is None else errors("option start", start, axes), int(direction), varied
 
 
-def _one_of(name: str, value: object, known: tuple[object, ...]) -> None:
-    if value not in known:
-        raise ModelError(f"{name} = {value!r}: expected {' or '.join(str(one) for one in known)}")
+def _one_of(name: str, value: object, choices: tuple[object, ...]) -> None:
+    if value not in choices:
+        raise ModelError(f"{name} = {value!r}: expected {' or '.join(map(str, choices))}")
 
 
 @kernel
 def count(x: npt.NDArray[Any], y: npt.NDArray[Any], shift: int, out: npt.NDArray[np.int64]) -> None:
-    """Add the events at x, y (uint16, px) to out[y >> shift, x >> shift] (int64)."""
+    """Count the events at x, y (uint16, px) in cells of 2^shift px: out[y >> shift, x >> shift] (int64)."""
     for k in range(x.shape[0]):
         out[y[k] >> shift, x[k] >> shift] += 1
 
@@ -237,85 +239,86 @@ def count(x: npt.NDArray[Any], y: npt.NDArray[Any], shift: int, out: npt.NDArray
 ACTIONS = (
     (-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (0.0, 0.0),
 )  # fmt: skip
-"""Left, right, forward, backwards, northeast, northwest, southeast, southwest, nothing; forward is up the picture.
+"""Discrete actions: left, right, forward, backwards, northeast, northwest, southeast, southwest, none.
 
-For the line "forward" (north) is turn left and "backwards" (south) turn right. Source: thesis, section 7.3.5.
+Forward is up the picture. Along a line, forward (north) turns left and backwards (south) turns right. Source: thesis,
+section 7.3.5.
 """
 
 SPACE = (*((a, b, 0.0) for a, b in ACTIONS), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
-"""The same of three axes, and then up and down."""
+"""Discrete actions on three axes: those of `ACTIONS`, then up and down."""
 
 COUNTS = {2: "two", 3: "three"}
 Commands = tuple[float, ...]
 
 
 def continuous(action: Any, axes: int = 2) -> Commands:
-    """A number an axis; what is beyond [-1, 1] is taken for the nearest of its ends, as a motor does.
+    """Return the commands of a continuous action, one number per axis, clipped to [-1, 1].
 
     Raises:
-        ModelError: not so many finite numbers.
+        ModelError: the action does not have `axes` finite numbers.
     """
     try:
-        said = [float(one) for one in (action.tolist() if isinstance(action, np.ndarray) else action)]
+        values = [float(one) for one in (action.tolist() if isinstance(action, np.ndarray) else action)]
     except (TypeError, ValueError):
-        said = []
-    if len(said) != axes or not all(map(isfinite, said)):
-        shown = f"[{', '.join(f'{one:g}' for one in said)}]" if len(said) == axes else _shown(action)
-        raise ModelError(f"action {shown}: expected {COUNTS[axes]} numbers in [-1, 1]")
-    return tuple([max(-1.0, min(1.0, one)) for one in said])
+        values = []
+    if len(values) != axes or not all(map(isfinite, values)):
+        text = f"[{', '.join(f'{one:g}' for one in values)}]" if len(values) == axes else _describe(action)
+        raise ModelError(f"action {text}: expected {COUNTS[axes]} numbers in [-1, 1]")
+    return tuple([max(-1.0, min(1.0, one)) for one in values])
 
 
 def discrete(action: Any, axes: int = 2) -> Commands:
-    """One of the nine, of three axes of eleven.
+    """Return the commands of a discrete action.
 
     Raises:
-        ModelError: not a whole number from 0 to 8, or 10.
+        ModelError: the action is no whole number from 0 to 8, or to 10 with three axes.
     """
-    known: Sequence[Commands] = ACTIONS if axes == 2 else SPACE
+    commands: Sequence[Commands] = ACTIONS if axes == 2 else SPACE
     try:
         number = index(action)
     except TypeError:
         number = -1
-    if not 0 <= number < len(known):
-        raise ModelError(f"action {_shown(action)}: expected a whole number from 0 to {len(known) - 1}")
-    return known[number]
+    if not 0 <= number < len(commands):
+        raise ModelError(f"action {_describe(action)}: expected a whole number from 0 to {len(commands) - 1}")
+    return commands[number]
 
 
 def model(kind: str, axes: int = 2) -> tuple[gymnasium.Space[Any], Callable[[Any], Commands]]:
-    """The space of actions of a kind, continuous or discrete, and what turns one into commands.
+    """Return the action space of a kind, and the function from an action to commands.
 
     Args:
         kind: continuous or discrete.
-        axes: 2, or 3 of a drone that also climbs.
+        axes: 2, or 3 for a drone that climbs.
     """
     if kind == "continuous":
         return gymnasium.spaces.Box(-1.0, 1.0, (axes,), np.float32), partial(continuous, axes=axes)
     return gymnasium.spaces.Discrete(len(ACTIONS if axes == 2 else SPACE)), partial(discrete, axes=axes)
 
 
-def _shown(action: Any) -> str:
+def _describe(action: Any) -> str:
     shape = getattr(action, "shape", ())
     return f"of shape {list(shape)}" if shape else repr(action)
 
 
 ROUNDING = 1e-6
-"""s; a sum of steps may be a little less than the time that is meant."""
+"""Tolerance of times, s, since a sum of steps may be slightly less than the exact time."""
 
 
 class Weather:
-    """Wind with gusts, and a load that is taken up.
+    """Wind with gusts, and a load that is picked up.
 
-    Gusts on each axis are an Ornstein-Uhlenbeck process, solved exactly, so that their spread does not depend on how
-    time is cut.
+    Gusts on each axis are an Ornstein-Uhlenbeck process. The exact solution makes their deviation independent of the
+    step.
 
     Args:
-        wind: of the scenario.
-        load: of the scenario.
+        wind: the scenario's wind.
+        load: the scenario's load.
 
     Attributes:
-        still: whether nothing ever changes.
-        wind: x and y in the world, m/s, of the step that was begun last.
-        load: kg, of that step.
+        still: True if there is neither wind nor a load.
+        wind: x and y in the world during the current step, m/s.
+        load: mass of the load during the current step, kg.
     """
 
     def __init__(self, wind: Wind, load: Load) -> None:
@@ -324,10 +327,10 @@ class Weather:
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """An episode begins.
+        """Begin an episode.
 
         Args:
-            seed: of the gusts.
+            seed: seed of the gusts.
         """
         self._rng = np.random.default_rng([seed, 3])
         self._time = 0.0
@@ -335,7 +338,7 @@ class Weather:
         self.wind, self.load = (0.0, 0.0), 0.0
 
     def step(self, seconds: float) -> None:
-        """Let time pass: `wind` and `load` are then those of this time, as at its beginning."""
+        """Set `wind` and `load` to their values at the beginning of a step, and advance the time by the step."""
         wind, load = self._wind, self._load
         now = self._time + ROUNDING
         self.load = load.mass if now >= load.since else 0.0
@@ -346,8 +349,8 @@ class Weather:
     def _blow(self, seconds: float) -> None:
         wind, (x, y) = self._wind, self._gust
         if wind.gust:
-            kept = exp(-seconds / wind.gust_time)
-            fresh = self._rng.normal(0.0, wind.gust * sqrt(1.0 - kept * kept), 2).tolist()
-            x, y = self._gust = (kept * x + fresh[0], kept * y + fresh[1])
+            decay = exp(-seconds / wind.gust_time)
+            noise = self._rng.normal(0.0, wind.gust * sqrt(1.0 - decay * decay), 2).tolist()
+            x, y = self._gust = (decay * x + noise[0], decay * y + noise[1])
         way = radians(wind.towards + wind.turning * (self._time - wind.since))
         self.wind = (wind.speed * cos(way) + x, wind.speed * sin(way) + y)

@@ -1,4 +1,4 @@
-"""Testing: a lap from each of many starts, with frozen weights and without dopamine."""
+"""Tests: one lap from each of many starts, with frozen weights and without dopamine."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from neuro_drone.paths import FIXED, TESTS, VARIED, FlightCourse, Variation
 from neuro_drone.scenario import Scenario
 
 ENDLESS = 10**9
-"""Steps: a lap ends by itself."""
+"""Limit of steps that no lap reaches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a lap begins.
+    """The start of a lap.
 
     Attributes:
-        error: on each axis: ball px and px, and px of its height in the picture; line px and degrees.
-        direction: of the line, 1 anticlockwise or -1 clockwise; 0 for a ball.
-        path: how it differs from the scenario's.
+        error: initial error on each axis: ball px, px, and px of its height in the picture; line px and degrees.
+        direction: direction of the line, 1 anticlockwise or -1 clockwise; 0 for a ball.
+        path: variation of the scenario's path.
     """
 
     error: tuple[float, ...]
@@ -35,22 +35,22 @@ class Start:
     path: Variation = FIXED
 
     def options(self) -> dict[str, Any]:
-        """For the environment's reset."""
+        """Return the options of the environment's `reset`."""
         return {"start": self.error, "path": self.path} | ({"direction": self.direction} if self.direction else {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lap:
-    """What came of a start.
+    """The result of one start.
 
     Attributes:
-        start: of it.
-        steps: that were flown.
-        error_px: mean distance of the ball from the aim (thesis, eq. 130), or of the line from the middle.
-        signed: mean error on each axis, as the thesis prints it: errors of both signs cancel.
+        start: the start.
+        steps: control steps of the flight.
+        error_px: mean distance of the ball from the aim (thesis, eq. 130), or of the line from the middle, px.
+        signed: mean error on each axis, as in the thesis; errors of opposite signs cancel.
         absolute: mean absolute error on each axis.
-        lap: whether a lap was completed that counts.
-        lost: whether the target was lost.
+        lap: True if the drone completed a lap that counts.
+        lost: True if the target was lost.
         track: (steps, axes), error after each step, in the units of `Start.error`.
     """
 
@@ -64,7 +64,7 @@ class Lap:
     track: npt.NDArray[np.float64] = field(repr=False)
 
     def as_words(self) -> dict[str, Any]:
-        """As plain data, without the track."""
+        """Return the result as plain data, without the track."""
         start = {"start": list(self.start.error), "direction": self.start.direction, "path": asdict(self.start.path)}
         figures = {name: getattr(self, name) for name in ("steps", "error_px", "lap", "lost")}
         return start | figures | {"signed": list(self.signed), "absolute": list(self.absolute)}
@@ -72,11 +72,11 @@ class Lap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightTest:
-    """What came of all starts; means are over starts.
+    """The results of all starts. Means are over starts.
 
     Attributes:
-        each: by start.
-        learning: whether the controller went on learning from the supervised error.
+        each: the result of each start.
+        learning: True if the controller kept learning from the supervised error.
     """
 
     each: tuple[Lap, ...]
@@ -84,17 +84,17 @@ class FlightTest:
 
     @property
     def starts(self) -> int:
-        """How many there were."""
+        """Number of starts."""
         return len(self.each)
 
     @property
     def laps(self) -> int:
-        """How many laps were completed that count."""
+        """Number of laps that count."""
         return sum(one.lap for one in self.each)
 
     @property
     def error_px(self) -> float:
-        """Mean error."""
+        """Mean error, px."""
         return float(np.mean([one.error_px for one in self.each]))
 
     @property
@@ -108,7 +108,7 @@ class FlightTest:
         return _means([one.absolute for one in self.each])
 
     def as_words(self) -> dict[str, Any]:
-        """As plain data, for JSON."""
+        """Return all results as plain data, for JSON."""
         figures = {name: getattr(self, name) for name in ("error_px", "laps", "starts", "learning")}
         axes = {"signed": list(self.signed), "absolute": list(self.absolute)}
         return figures | axes | {"each": [one.as_words() for one in self.each]}
@@ -120,14 +120,14 @@ def grid(
     spread: float | tuple[float, float] | None = None,
     course: FlightCourse = VARIED,
 ) -> tuple[Start, ...]:
-    """Starts on a grid round the aim; those of a line alternate in direction.
+    """Return starts on a grid around the aim. The direction alternates along a line.
 
-    Where the drone climbs, the ball is in turn 30 % too small, as tall as wanted and 30 % too tall.
+    If the drone climbs, the ball's picture is in turn 30 % too tall, 30 % too small and of the target height.
 
     Args:
-        scenario: of a ball or a line.
-        n: starts on a side.
-        spread: largest error at the start, on both axes or on each; if not given 35 px, of a line 20 px and 10 degrees.
+        scenario: the scenario.
+        n: starts on a side of the grid.
+        spread: largest initial error, for both axes or for each; default 35 px, for a line 20 px and 10 degrees.
         course: paths of the laps.
 
     Raises:
@@ -149,15 +149,15 @@ def grid(
 
 
 class Flights(DroneEnv):
-    """Episodes that begin as they are told, one after the other, whatever the loop asks for.
+    """An environment that overrides the seed and the options of each reset, and records errors.
 
     Args:
-        scenario: of the world.
-        begins: seed and options of each `reset`.
+        scenario: the scenario.
+        begins: seed and options of each `reset`, in order.
 
     Attributes:
-        errors: of each episode after each step: the error on each axis, and its distance in px.
-        last: what the environment said last in each episode.
+        errors: by episode and step, the error on each axis and `error_px`.
+        last: the last `info` of each episode.
     """
 
     def __init__(self, scenario: Scenario, begins: Iterable[tuple[int, dict[str, Any]]]) -> None:
@@ -169,23 +169,23 @@ class Flights(DroneEnv):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
-        """Begin the next episode."""
+        """Begin the next episode; the arguments are ignored."""
         seed, options = next(self._begins)
-        seen, info = super().reset(seed=seed, options=options)
+        observation, info = super().reset(seed=seed, options=options)
         self.errors.append([])
         self.last.append(info)
-        return seen, info
+        return observation, info
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
         """See `DroneEnv`."""
-        answer = super().step(action)
-        self.last[-1] = info = answer[4]
+        result = super().step(action)
+        self.last[-1] = info = result[4]
         self.errors[-1].append((info["error"], info["error_px"]))
-        return answer
+        return result
 
 
-def begun(start: Start, index: int = 0) -> tuple[int, dict[str, Any]]:
-    """Seed and options with which a lap of the test begins whose noise has this index."""
+def reset_arguments(start: Start, index: int = 0) -> tuple[int, dict[str, Any]]:
+    """Return the seed and options of the reset for a lap of a test; `index` selects the noise."""
     return int(np.random.default_rng((TESTS, index)).integers(2**31)), start.options()
 
 
@@ -201,20 +201,20 @@ def try_out(
     """Fly one lap from each start.
 
     Args:
-        model: what was learnt.
-        starts: the 5 x 5 grid with varied paths if not given.
-        scenario: another one than that of the training.
-        backend: what runs the controller's network.
-        learning: go on learning from the supervised error. Dopamine then steers by itself: this figure is not what
-            was learnt, and stands apart.
+        model: the trained model.
+        starts: starts of the laps; default the 5 x 5 grid with varied paths.
+        scenario: scenario of the test; default the scenario of the training.
+        backend: backend of the controller's network.
+        learning: True keeps learning from the supervised error. Dopamine then steers, so the error is not that of the
+            learnt weights.
         report: called after each lap.
 
     Raises:
-        ModelError: a start cannot be, or the backend refuses the network.
+        ModelError: a start is impossible, or the backend refuses the network.
     """
     world = scenario or model.scenario
     starts = grid(world) if starts is None else starts
-    env = Flights(world, (begun(start, index) for index, start in enumerate(starts)))
+    env = Flights(world, (reset_arguments(start, index) for index, start in enumerate(starts)))
     loop, each = model.loop(env, learns=learning, backend=backend, block=ENDLESS), []
     for start in starts:
         each.append(fly_lap(loop, env, start, learning))
@@ -228,18 +228,19 @@ def fly_lap(loop: ClosedLoop, env: Flights, start: Start, learning: bool = False
     """Fly the next lap of an environment, from time 0 of the controller.
 
     Args:
-        loop: of the controller and the environment.
-        env: that begins its next episode at `start`.
-        start: for the record.
-        learning: whether the loop learns.
+        loop: closed loop of the controller and the environment.
+        env: environment whose next episode begins at `start`.
+        start: start of the lap, for the result.
+        learning: True if the loop learns.
     """
     if learning:
         loop.run(episodes=len(loop.log) + 1)
     else:
         loop.test(1, most=ENDLESS)
-    errors, far = np.array([error for error, _ in env.errors[-1]]), [px for _, px in env.errors[-1]]
+    errors, distances = np.array([error for error, _ in env.errors[-1]]), [px for _, px in env.errors[-1]]
     lap, lost = bool(env.last[-1]["lap"]), bool(env.last[-1]["lost"])
-    return Lap(start, len(far), float(np.mean(far)), _means(errors), _means(np.abs(errors)), lap, lost, errors)
+    mean_px = float(np.mean(distances))
+    return Lap(start, len(distances), mean_px, _means(errors), _means(np.abs(errors)), lap, lost, errors)
 
 
 def _means(values: Any) -> tuple[float, ...]:

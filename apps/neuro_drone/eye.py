@@ -1,4 +1,4 @@
-"""The drone's eye: pictures of the world with exact shares of pixels, and the events that a DVS makes of them."""
+"""The drone's eye: pictures of the world with exact pixel coverage, and the events that a DVS emits for them."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from neuro_drone.scenario import Scenario
 from neuro_events import DVS, DVSParameters, Events
 
 SKY = 0.9
-"""Brightness above the horizon, as a share of full scale; it is in the picture at tilts below 32.5 degrees."""
+"""Brightness above the horizon as a share of full scale. The horizon is in the picture at tilts below 32.5 degrees."""
 
 CORNERS = 1024
-"""Most corners of the polygon that stands for a ball's outline; a power of 2."""
+"""Largest number of corners of the polygon that approximates a ball's outline; a power of 2."""
 
 Box = tuple[int, int, int, int]
 
 
 class Eye:
-    """What the camera sees, and the events that it makes of it.
+    """The camera's picture and its events.
 
     A pixel's brightness is the mean over its square: ball, line, ground and sky count by the share that they cover.
-    Brightness is the same all over a body (no shading), times the scenario's light. A ball is in front of all else and
-    hides ground, line and sky within a pixel in proportion, so where its outline crosses theirs that one pixel is near
-    the mean, but not it. A pattern on the ground is filtered, not exact; see `neuro_drone.eye`.
+    Each object has one brightness (no shading), times the scenario's light. A ball is in front of everything else and
+    hides ground, line and sky within a pixel in proportion to its share, so a pixel where the ball's outline crosses
+    another edge is approximate. A pattern on the ground is filtered, not exact.
 
     Args:
-        scenario: camera, ground, light and task.
-        seed: of the ground's pattern, and as for `reset`.
+    scenario: camera, ground, light and task.
+    seed: seed of the ground's pattern, and the first argument of `reset`.
 
     Attributes:
-        view: the camera, as it stood when it saw last.
-        image: (128, 128) float32, what it saw last, linear in light, 1 = full scale; drawn over by the next.
+    view: the camera, in its last pose.
+    image: (128, 128) float32, the last picture, linear in light, 1 = full scale. The next picture overwrites it.
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
@@ -64,50 +64,49 @@ class Eye:
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
-        """A new episode: the next picture is the first.
+        """Begin a new episode: the next picture makes no events.
 
         Args:
-            seed: of the camera's noise and shake, and of the ground's pattern where the scenario draws it anew; not
-                negative.
+            seed: seed of the camera's noise and shake, and of the ground's pattern if the scenario redraws it; >= 0.
         """
         self._dvs = self._new_dvs(seed)
         if self._ground.redraw:
             self._pattern = pattern(self._ground, self._light, seed)
         self._rng = np.random.default_rng([seed, 2])
         self._drawn[4, 0] = 1.0
-        self._boxed = False
+        self._box_is_valid = False
 
     def _new_dvs(self, seed: int) -> DVS:
         return DVS((self.view.size, self.view.size), self._parameters, seed=seed)
 
     def see(self, pose: Pose, scene: WorldScene, t_us: int) -> Events:
-        """Look at the world.
+        """Take a picture of the world and return its events.
 
         Args:
-            pose: of the drone.
-            scene: what there is on the ground. Arrays of a scene are not changed after it was seen.
-            t_us: time, us; more than that of the look before.
+            pose: pose of the drone.
+            scene: objects on the ground. Do not change a scene's arrays after this call.
+            t_us: time, us; later than the previous picture.
 
         Returns:
-            The events since the look before; none after a reset.
+            The events since the previous picture; none after a reset.
         """
-        boxed = self._boxed
+        box_is_valid = self._box_is_valid
         self.draw(pose, scene)
-        events = self._dvs.see(self.image, t_us, changed=self.box if boxed else None)
-        self._boxed = True
+        events = self._dvs.see(self.image, t_us, changed=self.box if box_is_valid else None)
+        self._box_is_valid = True
         return events
 
     def draw(self, pose: Pose, scene: WorldScene) -> npt.NDArray[np.float32]:
-        """The picture alone.
+        """Draw the picture without making events.
 
         Args:
-            pose: of the drone.
-            scene: what there is on the ground.
+            pose: pose of the drone.
+            scene: objects on the ground.
 
         Returns:
-            The attribute `image`, drawn anew.
+            The attribute `image`.
         """
-        view, self._boxed = self.view, False
+        view, self._box_is_valid = self.view, False
         if self._shake:
             right, down = self._rng.normal(0.0, self._shake, 2).tolist()
             view.look(pose, (right, down))
@@ -125,46 +124,42 @@ class Eye:
 
     @property
     def box(self) -> Box:
-        """Columns and rows of the image that may differ from the one before: first x and y, x and y behind the last."""
+        """Part of the image that may differ from the previous one: first column and row, last column and row + 1."""
         x0, y0, x1, y1 = self._box.tolist()
         return x0, y0, x1, y1
 
 
 def pixels(camera: Camera) -> DVSParameters:
-    """The pixels of a scenario's camera.
-
-    Args:
-        camera: of the scenario.
-    """
+    """Return the pixel parameters of a scenario's camera."""
     names = (
         "pos_thres", "neg_thres", "sigma_thres", "leak_rate_hz", "shot_noise_rate_hz", "refractory_period_s"
     )  # fmt: skip
-    given: dict[str, Any] = {name: getattr(camera, name) for name in names}
-    return DVSParameters(**given)
+    values: dict[str, Any] = {name: getattr(camera, name) for name in names}
+    return DVSParameters(**values)
 
 
 def buffers(size: int, corners: int) -> tuple[npt.NDArray[Any], ...]:
-    """What `paint` works in: points, their pictures, shares of pixels, columns touched now and before."""
+    """Allocate the work arrays of `paint`: points, their projections, pixel shares, columns touched now and before."""
     spans = np.zeros((2, size, 2), np.int64)
     spans[:, :, 0] = size
     return np.zeros((corners, 3)), np.zeros((corners + 4, 2)), np.zeros((size, size)), spans[0], spans[1]
 
 
 APART = 1e-6
-"""Ends that are not farther from each other than this are one corner, m."""
+"""Largest distance between two ends that count as one corner, m."""
 SHARPEST = 0.25
-"""Strips are mitred where 1 + cos(turn) is more than this (a turn of 138 degrees); else their ends are cut square."""
+"""Least 1 + cos(turn) of a mitred corner (a turn of 138 degrees); strips of sharper corners have square ends."""
 
 
 def strips(line: npt.NDArray[np.float64], width: float) -> npt.NDArray[np.float64]:
-    """Outlines of a line's segments; where one begins at the end of the one before, the two share a mitred edge.
+    """Return the outlines of a line's segments; consecutive segments share a mitred edge.
 
     Args:
-        line: (n, 4), segments from x, y to x, y, m; the last may end where the first begins.
-        width: of the line, m.
+    line: (n, 4), segments from x, y to x, y, m; the last may end where the first begins.
+    width: width of the line, m.
 
     Returns:
-        (n, 4, 2), corners of the strips, m. Strips of segments without a length are empty.
+    (n, 4, 2), corners of the strips, m. The strip of a segment without length is empty.
     """
     start, end = line[:, :2], line[:, 2:]
     along = end - start
@@ -172,35 +167,35 @@ def strips(line: npt.NDArray[np.float64], width: float) -> npt.NDArray[np.float6
     along = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
     side = 0.5 * width * np.stack([-along[:, 1], along[:, 0]], axis=1)
     cosine = (along * np.roll(along, 1, axis=0)).sum(1)
-    met = (np.abs(start - np.roll(end, 1, axis=0)) <= APART).all(1)
-    met &= (1.0 + cosine > SHARPEST) & (length[:, 0] > 0.0)
-    mitre = (side + np.roll(side, 1, axis=0)) / np.where(met, 1.0 + cosine, 1.0)[:, None]
-    first = np.where(met[:, None], mitre, side)
-    joined = np.roll(met, -1)
-    last = np.where(joined[:, None], np.roll(mitre, -1, axis=0), side)
+    mitred_start = (np.abs(start - np.roll(end, 1, axis=0)) <= APART).all(1)
+    mitred_start &= (1.0 + cosine > SHARPEST) & (length[:, 0] > 0.0)
+    mitre = (side + np.roll(side, 1, axis=0)) / np.where(mitred_start, 1.0 + cosine, 1.0)[:, None]
+    first = np.where(mitred_start[:, None], mitre, side)
+    mitred_end = np.roll(mitred_start, -1)
+    last = np.where(mitred_end[:, None], np.roll(mitre, -1, axis=0), side)
     return np.ascontiguousarray(np.stack([start + first, end + last, end - last, start - first], axis=1))
 
 
 SIZE = 512
-"""Texels of a side of the tile, which is repeated; a power of 2."""
+"""Width and height of the repeated tile, texels; a power of 2."""
 OCTAVES = (32, 64, 128, 256)
-"""Random values on a side of the tile; each octave has half the weight of the one before."""
+"""Random values along a side of the tile, for each octave. An octave has half the weight of the one before."""
 
 
 Pattern = tuple[npt.NDArray[np.float32], int, float]
 
 
 def pattern(ground: Ground, light: float, seed: int) -> Pattern:
-    """Brightness of a ground for the camera.
+    """Return the brightness pattern of a ground.
 
     Args:
-        ground: its texture is the largest deviation of the brightness, its grain the distance between the random
-            values of the coarsest lattice.
-        light: factor on all brightness.
-        seed: of the pattern, not negative.
+    ground: the ground. Its texture is the largest deviation of the brightness, its grain the distance between the
+        random values of the coarsest lattice.
+    light: factor on all brightness.
+    seed: seed of the pattern, >= 0.
 
     Returns:
-        Levels of `pyramid` (empty for a plain ground), texels of a side of the tile, and their size, m.
+    Levels of `pyramid` (empty for a plain ground), texels along a side of the tile, and the size of a texel, m.
     """
     size = ground.grain * OCTAVES[0] / SIZE
     if ground.texture == 0.0:
@@ -210,22 +205,22 @@ def pattern(ground: Ground, light: float, seed: int) -> Pattern:
 
 
 def tile(rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """A tile of value noise: random values on ever finer lattices, with smooth steps in between.
+    """Return a tile of value noise: random values on finer and finer lattices, with smooth interpolation.
 
     Args:
-        rng: draws the values.
+    rng: random generator of the values.
 
     Returns:
-        (SIZE, SIZE), mean 0, between -1 and 1, one of which is reached.
+    (SIZE, SIZE), mean 0, largest absolute value 1.
 
     Source: D. Ebert et al., Texturing and Modeling, 3rd ed., 2003, chapter 2 (value noise, sums of octaves).
     """
     total = np.zeros((SIZE, SIZE))
-    for k, cells in enumerate(OCTAVES):
-        values = rng.uniform(-1.0, 1.0, (cells, cells)) * 0.5**k
-        place = (np.arange(SIZE) + 0.5) * cells / SIZE
-        low = place.astype(np.int64)
-        share = place - low
+    for octave, cells in enumerate(OCTAVES):
+        values = rng.uniform(-1.0, 1.0, (cells, cells)) * 0.5**octave
+        position = (np.arange(SIZE) + 0.5) * cells / SIZE
+        low = position.astype(np.int64)
+        share = position - low
         share = share * share * (3.0 - 2.0 * share)
         high = (low + 1) % cells
         rows = values[low] * (1.0 - share[:, None]) + values[high] * share[:, None]
@@ -235,13 +230,13 @@ def tile(rng: np.random.Generator) -> npt.NDArray[np.float64]:
 
 
 def pyramid(level: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-    """A tile and its means over ever larger squares.
+    """Return the mipmap of a tile: the tile and its means over larger and larger squares.
 
     Args:
-        level: (n, n), the tile; n a power of 2.
+    level: (n, n), the tile; n a power of 2.
 
     Returns:
-        (m,), the tile, then means over 2 x 2, 4 x 4, ... texels, to the mean of all, each row by row.
+    (m,), the tile, then the means over 2 x 2, 4 x 4, ... texels, down to one value; each level row by row.
     """
     levels = [level]
     while len(level) > 1:

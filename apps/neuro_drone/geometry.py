@@ -1,7 +1,7 @@
-"""Where the drone is, what there is to be seen, and where its camera sees it.
+"""Poses of the drone, objects of the world, and the projection of the world into the camera's picture.
 
-World: x, y on the ground, z up, m. Heading: counter-clockwise from x, so that a drone of heading 0 looks along x and
-has y on its left. Picture: x to the right, y downwards, px; centres of pixels are whole numbers.
+World: x and y on the ground, z up, m. Heading: counter-clockwise from x, so a drone of heading 0 looks along x and has
+y on its left. Picture: x to the right, y downwards, px; pixel centres are whole numbers.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 AIM = 63.0
-"""Row and column of the picture at which a target shall be, px. Source: thesis, section 7.3.7 (63 x 63 px)."""
+"""Row and column of the picture where the controller keeps the target, px. Source: thesis, section 7.3.7."""
 
 
 @dataclass(slots=True)
 class Pose:
-    """Place and attitude of a drone.
+    """Position and attitude of a drone.
 
     Attributes:
-        x, y, z: m.
-        yaw: heading, rad.
-        pitch: nose down, rad.
-        roll: right side down, rad.
+    x, y, z: position, m.
+    yaw: heading, rad.
+    pitch: rotation with the nose down, rad.
+    roll: rotation with the right side down, rad.
     """
 
     x: float
@@ -37,11 +37,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldScene:
-    """Objects on the ground; how bright they are is the scenario's.
+    """Objects on the ground. The scenario sets their brightness.
 
     Attributes:
-        ball: x, y, z of the middle and the radius, m; None for no ball.
-        line: (n, 4) float64, segments from x, y to x, y on the ground, m; None for no line.
+    ball: x, y and z of the centre, and the radius, m; None for no ball.
+    line: (n, 4) float64, segments from x, y to x, y on the ground, m; None for no line.
     """
 
     ball: tuple[float, float, float, float] | None = None
@@ -52,19 +52,20 @@ class CameraView:
     """A pinhole camera below a drone.
 
     Args:
-        size: pixels of a side.
-        fov: angle of view over the whole width, degrees.
-        tilt: of the optical axis below the horizontal, degrees; 90 looks straight down.
-        fixed: to the body, so that it rolls and pitches with it; else a gimbal keeps it level.
-        roll: by which it is turned about its axis, clockwise seen from behind, degrees.
+    size: width and height of the picture, px.
+    fov: angle of view over the whole width, degrees.
+    tilt: angle of the optical axis below the horizontal, degrees; 90 looks straight down.
+    fixed: True mounts the camera on the body, so it rolls and pitches with the drone; False keeps it level by a
+        gimbal.
+    roll: rotation of the camera about its optical axis, clockwise seen from behind, degrees.
 
     Attributes:
-        matrix: (4, 3), the camera's axes right, down and forward in the world, and its place (m).
-        focal: focal length, px.
-        middle: where the optical axis meets the picture, px, on both axes.
+    matrix: (4, 3), rows 0 to 2 are the camera's axes right, down and forward in the world; row 3 is its position, m.
+    focal: focal length, px.
+    middle: row and column where the optical axis meets the picture, px.
 
-    Source: thesis, figure 66 (128 x 128 pixels, 65 degrees) and section 7.3.2 (tilted by 30 degrees, without a
-        word on the reference; here always below the horizontal).
+    Source: thesis, figure 66 (128 x 128 pixels, 65 degrees) and section 7.3.2 (tilted by 30 degrees; the thesis does
+    not name the reference direction, here the tilt is below the horizontal).
     """
 
     def __init__(
@@ -77,14 +78,15 @@ class CameraView:
         self.look(Pose(0.0, 0.0, 1.0))
 
     def look(self, pose: Pose, shake: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Take up a pose.
+        """Move the camera to the pose of the drone.
 
         Args:
-            pose: of the drone.
-            shake: by how much the camera is turned right and down beside it, rad.
+            pose: pose of the drone.
+            shake: extra rotations of the camera to the right and down, rad.
         """
         tilt, pan = self.tilt + shake[1], shake[0]
         ct, st, cp, sp = cos(tilt), sin(tilt), cos(pan), sin(pan)
+        # axes of the camera as (front, left, up) of the body
         right, down = (-sp, -cp, 0.0), (-st * cp, st * sp, -ct)
         if self.roll:
             c, s = cos(self.roll), sin(self.roll)
@@ -95,7 +97,7 @@ class CameraView:
         cy, sy = cos(pose.yaw), sin(pose.yaw)
         m = self.matrix
         if self.fixed:
-            # front, left and up of the body in the world
+            # front, left and up of the body in world coordinates
             c1, s1, c2, s2 = cos(pose.pitch), sin(pose.pitch), cos(pose.roll), sin(pose.roll)
             front = (cy * c1, sy * c1, -s1)
             left = (cy * s1 * s2 - sy * c2, sy * s1 * s2 + cy * c2, c1 * s2)
@@ -110,11 +112,11 @@ class CameraView:
         self._rows: list[list[float]] = m.tolist()
 
     def project(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """Where a point of the world is in the picture.
+        """Project a point of the world into the picture.
 
         Returns:
-            Column and row, px, and depth along the optical axis, m; what is behind the camera has a depth of at most
-            0, and column and row are then infinite.
+            Column and row, px, and depth along the optical axis, m. A point behind the camera has a depth of at most 0
+            and an infinite column and row.
         """
         right, down, forward, (px, py, pz) = self._rows
         x, y, z = x - px, y - py, z - pz
@@ -127,10 +129,9 @@ class CameraView:
         return u, v, depth
 
     def tall(self, x: float, y: float, z: float, radius: float) -> float:
-        """How tall a ball's picture is, px: from its highest to its lowest row.
+        """Return the height of a ball's picture, highest to lowest row, px.
 
-        Returns:
-            The height; infinite where the ball is not wholly in front of the camera.
+        Infinite if part of the ball is beside or behind the camera.
         """
         _, down, forward, (px, py, pz) = self._rows
         x, y, z = x - px, y - py, z - pz
@@ -138,23 +139,23 @@ class CameraView:
         if depth <= radius:
             return inf
         b = x * down[0] + y * down[1] + z * down[2]
-        # The planes through the camera that touch the ball and hold the direction to the right meet the picture there.
+        # Two planes through the camera's right axis touch the ball and cut the picture at these rows.
         return 2.0 * self.focal * radius * sqrt(b * b + depth * depth - radius * radius) / (depth**2 - radius**2)
 
     def depth_of(self, v: float, radius: float, tall: float) -> float:
-        """How far along the optical axis a ball is whose middle is in a row and whose picture is so tall, m.
+        """Return the depth of a ball, m, from the height of its picture; the inverse of `tall`.
 
         Args:
-            v: row, px.
-            radius: m.
-            tall: see there, px.
+            v: row of the ball's centre, px.
+            radius: radius of the ball, m.
+            tall: height of the ball's picture, px.
         """
         slant, wide = ((v - self.middle) / self.focal) ** 2 + 1.0, 2.0 * self.focal * radius / tall
         half = radius**2 + 0.5 * wide**2 * slant
         return sqrt(half + sqrt(half * half - radius**4 - (wide * radius) ** 2))
 
     def ray(self, u: float, v: float) -> tuple[float, float, float]:
-        """Direction in the world of what a pixel sees, of length 1 along the optical axis."""
+        """Return the direction in the world of the ray through a pixel, scaled to length 1 along the optical axis."""
         right, down, forward, _ = self._rows
         a, b = (u - self.middle) / self.focal, (v - self.middle) / self.focal
         return (
@@ -164,26 +165,26 @@ class CameraView:
         )
 
     def row(self, v: float) -> tuple[float, float, float]:
-        """A vector at right angles to all that a row of the picture sees; it points upwards in the picture."""
+        """Return the normal of the plane of all rays of a picture row, pointing upwards in the picture."""
         _, down, forward, _ = self._rows
         b = (v - self.middle) / self.focal
         return b * forward[0] - down[0], b * forward[1] - down[1], b * forward[2] - down[2]
 
     def place(self) -> tuple[float, float, float]:
-        """Where the camera is, m."""
+        """Return the position of the camera in the world, m."""
         x, y, z = self._rows[3]
         return x, y, z
 
     def ground(self, u: float, v: float, height: float = 0.0) -> tuple[float, float] | None:
-        """Where on a level plane a pixel looks.
+        """Return the point where the ray of a pixel meets a level plane.
 
         Args:
             u: column, px.
             v: row, px.
-            height: of the plane above the ground, m.
+            height: height of the plane above the ground, m.
 
         Returns:
-            x and y, m; None where the pixel looks at the sky.
+            x and y, m; None if the ray points at the horizon or above.
         """
         dx, dy, dz = self.ray(u, v)
         px, py, pz = self._rows[3]
@@ -193,5 +194,5 @@ class CameraView:
         return px + s * dx, py + s * dy
 
     def sees(self, u: float, v: float) -> bool:
-        """Whether a place is on the picture."""
+        """Return whether column `u` and row `v` are inside the picture."""
         return -0.5 <= u < self.size - 0.5 and -0.5 <= v < self.size - 0.5

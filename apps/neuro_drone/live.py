@@ -1,4 +1,4 @@
-"""A drone that flies in real time: the world in one process, the controller in another, events over the loopback."""
+"""Flight in real time: the world in one process, the controller in another, events sent over the loopback."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from neuro.apps import Environments
 from neuro.realtime import Histogram
 from neuro_drone.controllers.pilot import ControllerPilot
 from neuro_drone.env import CELLS, DroneEnv, count
-from neuro_drone.evaluate import Flights, FlightTest, Lap, Start, begun, fly_lap
+from neuro_drone.evaluate import Flights, FlightTest, Lap, Start, fly_lap, reset_arguments
 from neuro_drone.geometry import CameraView
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario
@@ -34,26 +34,26 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 FORMAT = "faery13"
-_LOOK = struct.Struct("<?qq")  # whether an episode begins, number of the step, events that were sent so far
-_ANSWER = struct.Struct("<q3d")  # number of the step, action
+_LOOK = struct.Struct("<?qq")  # beginning of an episode, index of the step, events sent so far
+_ANSWER = struct.Struct("<q3d")  # index of the step, action
 _HOST = "127.0.0.1"
 _LOST = 0.25
-"""Share of a step for which events that were sent are waited for."""
+"""Longest wait for the events of a step, as a share of the step. Events that arrive later are lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveTest:
-    """What came of laps that were flown in real time.
+    """The results of laps in real time.
 
     Attributes:
-        tried: the laps, as of a test.
-        latency: from the receipt of a step's first events to the sending of its action.
-        missed: steps at whose end no action had come, so that the one before went on.
-        steps: of all laps.
+        test: the laps as the result of a test.
+        latency: time from the arrival of a step's first events to the sending of its action.
+        missed: steps without an action in time, in which the previous action continued.
+        steps: control steps of all laps.
         lost: events that were sent and not received.
     """
 
-    tried: FlightTest
+    test: FlightTest
     latency: Histogram
     missed: int
     steps: int
@@ -62,10 +62,17 @@ class LiveTest:
 
 @dataclass(slots=True)
 class _Radio:
-    """The controller as the world has it: events go out, and at the end of a step the action is what has come by then.
+    """The world's end of the link: sends events, and at the end of a step uses the last action that has arrived.
 
-    As in a test, an action holds for the whole step after its look. It is asked for at the end of that step, so a step
-    stands still for no answer.
+    As in a test, an action holds for the whole step after its events. The action is read at the end of that step, so
+    the world never waits for it.
+
+    Attributes:
+        url: address for the events.
+        socket: socket for looks and actions.
+        step_s: duration of a step, s.
+        missed: steps without an action in time.
+        steps: steps so far.
     """
 
     url: str
@@ -81,11 +88,11 @@ class _Radio:
     _action: Floats = field(default_factory=lambda: np.zeros(3))
 
     def begin(self, copies: int, block: int) -> None:
-        """A lap begins; the camera's clock goes on."""
+        """Begin a lap; the camera's clock continues."""
         self._begins, self._action, self._t_us = True, np.zeros(3), self._last_us
 
     def act(self, observations: Floats, infos: Sequence[Mapping[str, Any]]) -> Floats:
-        """Send the events of the last step, wait until this one is over, and take the action that has come."""
+        """Send the events of the last step, wait until the current step ends, and return the last action received."""
         events: Events = infos[0]["events"]
         if self._begins:
             self._due = time.monotonic()
@@ -113,17 +120,17 @@ class _Radio:
 def _world(
     scenario: Scenario, starts: Sequence[Start], url: str, answers: int, speed: float, report: Connection
 ) -> None:
-    """Fly laps in real time, in a process of its own, which leaves Ctrl-C to its parent and ends with it."""
+    """Fly laps in real time in a separate process, which ignores Ctrl-C and ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
             radio.connect((_HOST, answers))
-            begins = [begun(start, index) for index, start in enumerate(starts)]
+            begins = [reset_arguments(start, index) for index, start in enumerate(starts)]
             env = Flights(scenario, [begins[0], *begins])
             pilot: Any = _Radio(url, radio, scenario.step / 1000.0 / speed)
             loop = ClosedLoop(pilot, Environments(env), learns=False)
             env.reset()
-            env.step(np.zeros(scenario.axes))  # all that a step needs is in memory when the laps begin
+            env.step(np.zeros(scenario.axes))  # compiles the kernels before the laps begin
             for start in starts:
                 report.send(fly_lap(loop, env, start))
             report.send((pilot.missed, pilot.steps))
@@ -145,25 +152,26 @@ def fly_live(
     """Fly one lap from each start in real time, with frozen weights.
 
     Args:
-        model: what was learnt.
-        starts: of the laps.
-        scenario: another one than that of the training.
-        backend: what runs the controller's network.
-        speed: how many times as fast as in real time.
+        model: the trained model.
+        starts: starts of the laps.
+        scenario: scenario of the laps; default the scenario of the training.
+        backend: backend of the controller's network.
+        speed: factor on real time; 2 is twice as fast.
         report: called after each lap.
-        page: makes a page on the controller's network, which has figures to show; it is closed at the end.
+        page: function that makes a page of the controller's network from the simulation and a function of figures to
+            show. The page is closed at the end.
 
     Raises:
-        ModelError: a start cannot be, the backend refuses the network, the controller is none and cannot be shown, or
-            the world's process fails.
+        ModelError: a start is impossible, the backend refuses the network, a page is requested for a controller without
+            a network, or the world's process fails.
     """
     world = scenario or model.scenario
     loop = model.loop(DroneEnv(world), backend=backend)
     if model.controller == "oracle":
-        raise ModelError("controller 'oracle' sees the true error, which no camera sends: expected another one")
+        raise ModelError("controller 'oracle' needs the true error, which no camera sends: expected another controller")
     sim: Simulation | None = None if isinstance(loop.pilot, ControllerPilot) else loop.sim
     if page is not None and sim is None:
-        raise ModelError("the controller is no network: expected a spiking one, which a page shows")
+        raise ModelError(f"controller '{model.controller}' is no spiking network: expected one for a page")
     size = CameraView(fov=world.camera.fov, tilt=world.camera.tilt).size
     laps: list[Lap] = []
     looks = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -171,7 +179,7 @@ def fly_live(
         stream = stack.enter_context(listen(f"udp://{_HOST}:0", format=FORMAT, sensor=(size, size)))
         stack.enter_context(looks).bind((_HOST, 0))
         pilot = _Pilot(loop.pilot, stream, looks, size, _LOST * world.step / 1000.0 / speed)
-        shown = None if page is None or sim is None else stack.enter_context(page(sim, pilot.figures))
+        open_page = None if page is None or sim is None else stack.enter_context(page(sim, pilot.figures))
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
         words = (world, tuple(starts), stream.url, looks.getsockname()[1], speed, theirs)
@@ -181,19 +189,19 @@ def fly_live(
         try:
             while True:
                 pilot.answer()
-                if shown is not None:
-                    shown.tick()
+                if open_page is not None:
+                    open_page.tick()
                 ended = not process.is_alive()
                 while ours.poll():
-                    told = ours.recv()
-                    if isinstance(told, Lap):
-                        laps.append(told)
+                    message = ours.recv()
+                    if isinstance(message, Lap):
+                        laps.append(message)
                         if report is not None:
-                            report(told)
-                    elif isinstance(told, str):
-                        raise ModelError(f"the world's process failed: {told}")
+                            report(message)
+                    elif isinstance(message, str):
+                        raise ModelError(f"the world's process failed: {message}")
                     else:
-                        missed, steps = told
+                        missed, steps = message
                         return LiveTest(FlightTest(tuple(laps)), pilot.latency, missed, steps, pilot.lost)
                 if ended:
                     raise ModelError("the world's process ended before its laps")
@@ -204,28 +212,33 @@ def fly_live(
 
 
 class _Pilot:
-    """The controller's end: looks come, actions go."""
+    """The controller's end of the link: receives looks, and sends actions.
+
+    Attributes:
+        latency: times from the arrival of events to the sending of the action.
+        lost: events that were sent and not received.
+    """
 
     def __init__(self, controller: Any, stream: Any, looks: socket.socket, size: int, patience_s: float) -> None:
         self._controller, self._stream, self._looks, self._patience_s = controller, stream, looks, patience_s
         self._shift = (size // CELLS).bit_length() - 1
         self._counts = np.zeros((CELLS, CELLS), dtype=np.int64)
-        self.latency, self.lost, self._taken = Histogram(), 0, 0
+        self.latency, self.lost, self._received = Histogram(), 0, 0
         looks.settimeout(0.1)
         controller.begin(1, 0)
-        self._act()  # all that an action needs is in memory when the laps begin
+        self._act()  # compiles the kernels before the laps begin
 
     def _act(self) -> Floats:
         counts = self._counts.astype(np.float64).reshape(1, -1)
         return np.asarray(self._controller.act(counts, ({"counts": self._counts},))[0])
 
     def figures(self) -> dict[str, str]:
-        """What a page shows of it."""
+        """Return the figures for a page."""
         times = ", ".join(self.latency.texts)
         return {"event to action: p50, p99, largest": f"{times} ms", "events lost": f"{self.lost:,}"}
 
     def answer(self) -> None:
-        """Wait a little for a look, and answer it."""
+        """Wait up to 0.1 s for a look, and answer it with an action."""
         try:
             message, world = self._looks.recvfrom(_LOOK.size)
         except TimeoutError:
@@ -238,15 +251,15 @@ class _Pilot:
             events = self._stream.take()
             began = min(began, self._stream.received_ns or began)
             count(events.x, events.y, self._shift, self._counts)
-            self._taken += len(events)
-            left = deadline - time.monotonic()
-            if self._taken >= sent or left <= 0:
+            self._received += len(events)
+            remaining_s = deadline - time.monotonic()
+            if self._received >= sent or remaining_s <= 0:
                 break
-            self._stream.wait(left)
-        self.lost, self._taken = self.lost + max(0, sent - self._taken), max(sent, self._taken)
+            self._stream.wait(remaining_s)
+        self.lost, self._received = self.lost + max(0, sent - self._received), max(sent, self._received)
         if begins:
             self._controller.begin(1, 0)
-        action, found = np.zeros(3), self._act()
-        action[: len(found)] = found
-        self._looks.sendto(_ANSWER.pack(number, *action.tolist()), world)
+        message_action, action = np.zeros(3), self._act()
+        message_action[: len(action)] = action
+        self._looks.sendto(_ANSWER.pack(number, *message_action.tolist()), world)
         self.latency.add(time.monotonic_ns() - began)

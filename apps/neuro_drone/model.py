@@ -1,12 +1,12 @@
-"""A trained controller in one file.
+"""A trained controller and its file.
 
 ```
 /            attributes: format "neuro drone model 2", controller, seed, steps and episode, settings and scenario
              (JSON), and the versions of neuro, python, numpy and numba
-/learnt      arrays, what the controller has learnt: of a network the weights of each projection that learns
-/world       groups, what the encoders and teachers of the network's world have learnt, if that is anything
-/history     arrays, one value an episode of the training: returns, lengths, steps
-/curve       arrays, one value a test along the training: steps, error_px, lost
+/learnt      learnt arrays of the controller; for a network the weights of each projection that learns
+/world       groups, learnt arrays of the encoders and teachers of the network's world, if there are any
+/history     arrays, one value per episode of the training: returns, lengths, steps
+/curve       arrays, one value per test during the training: steps, error_px, lost
 /network     the files of the network before learning, if the controller has one
 ```
 """
@@ -42,20 +42,20 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """What training gives, and all that testing needs.
+    """The result of a training, with all that a test needs.
 
     Attributes:
-        controller: its name.
-        scenario: that it was trained in.
-        seed: of the training.
-        steps: of the training.
-        episode: most steps of one.
-        settings: of the controller, all of them; of a network also the parameters that were set.
-        learnt: arrays, see `Learner.learnt`.
-        history: (episodes,) each: returns, lengths and steps, see `neuro.Log`.
-        network: files of the network before learning by name, or none.
-        curve: (tests,) each: steps of the training, error_px with frozen weights and lost, see `Curve`.
-        world: what encoders and teachers of the network's world have learnt, by name.
+        controller: name of the controller.
+        scenario: scenario of the training.
+        seed: seed of the training.
+        steps: steps of the training.
+        episode: longest episode of the training, steps.
+        settings: all settings of the controller; for a network also its changed parameters.
+        learnt: learnt arrays, see `Learner.learnt`.
+        history: returns, lengths and steps, (episodes,) each, see `neuro.Log`.
+        network: files of the network before learning, by name; empty for other controllers.
+        curve: steps of the training, error_px with frozen weights and lost, (tests,) each, see `Curve`.
+        world: learnt arrays of the encoders and teachers of the network's world, by name.
     """
 
     controller: str
@@ -70,8 +70,8 @@ class Model:
     curve: Arrays = field(default_factory=dict)
     world: Mapping[str, Arrays] = field(default_factory=dict)
 
-    def told(self) -> dict[str, Any]:
-        """The arguments of the training without its steps, as plain data; the network as a hash."""
+    def training_arguments(self) -> dict[str, Any]:
+        """Return the arguments of the training except its steps, as plain data, with a hash of the network."""
         digest = hashlib.blake2b(digest_size=16)
         for name in sorted(self.network):
             digest.update(name.encode() + self.network[name].tobytes())
@@ -84,13 +84,14 @@ class Model:
             "network": digest.hexdigest(),
         }
 
-    def made(self, scenario: Scenario) -> Any:
+    def make_controller(self, scenario: Scenario) -> Any:
         """Return the controller of `make` before learning, for a scenario."""
         settings = dict(self.settings)
         if self.network:
             own = kind_of(self.controller).settings.own()
             settings = {name: settings[name] for name in settings.keys() & own.keys()}
-            settings |= {"network": unpacked(self.network), "start": "equal"}
+            # the stored network already has its parameters and initial weights
+            settings |= {"network": unpack_network(self.network), "start": "equal"}
         return make(self.controller, scenario, self.seed, settings)
 
     def loop(
@@ -102,20 +103,20 @@ class Model:
         record: bool = False,
         block: int | None = None,
     ) -> neuro.ClosedLoop:
-        """Return the closed loop in which the controller flies, with what it has learnt.
+        """Return the closed loop in which the trained controller flies.
 
         Args:
-            env: a `DroneEnv`, perhaps wrapped, whose scenario may be another than that of the training.
-            learns: whether it goes on learning, if it can, on what it learnt on.
-            backend: what runs a spiking network that learns no more.
-            record: whether spikes of a network are kept.
-            block: control steps of a block, in place of those of the network's world.
+            env: a `DroneEnv`, possibly wrapped. Its scenario may differ from that of the training.
+            learns: True keeps learning, on the backend of the training, if the controller learns.
+            backend: backend of a spiking network that does not learn.
+            record: True records the spikes of a network.
+            block: control steps per block; default the value of the network's world.
 
         Raises:
             ModelError: the network does not fit the scenario, or the backend refuses it.
         """
-        scenario: Scenario = env.unwrapped.scenario  # type: ignore[attr-defined]  # as said above
-        learns, made = learns and kind_of(self.controller).learns, self.made(scenario)
+        scenario: Scenario = env.unwrapped.scenario  # type: ignore[attr-defined]  # a DroneEnv, see env
+        learns, made = learns and kind_of(self.controller).learns, self.make_controller(scenario)
         if isinstance(made, Spiking):
             return self._network_loop(made, env, learns, backend, record, block)
         if self.learnt:
@@ -137,12 +138,14 @@ class Model:
         return frozen
 
     def save(self, path: Path) -> None:
-        """Write the file; another model of that name is replaced once the new one is complete.
+        """Write the model to a file. An existing model file is replaced once the new one is complete.
 
         Raises:
-            ModelError: it cannot be written, or something else has that name.
+            ModelError: the file cannot be written, or exists and is no model.
         """
-        with hdf5.writing(path, FORMAT, record=provenance(seed=self.seed, network=self.told()["network"])) as file:
+        with hdf5.writing(
+            path, FORMAT, record=provenance(seed=self.seed, network=self.training_arguments()["network"])
+        ) as file:
             for name in ("controller", "seed", "steps", "episode"):
                 file.attrs[name] = getattr(self, name)
             file.attrs["settings"] = json.dumps(dict(self.settings))
@@ -156,10 +159,10 @@ class Model:
 
     @classmethod
     def load(cls, path: Path) -> Model:
-        """Read a file.
+        """Read a model from a file.
 
         Raises:
-            ModelError: there is no such file, it is something else, or damaged.
+            ModelError: the file is missing, damaged, or no model.
         """
         with hdf5.reading(path, FORMAT) as file:
             record_input(path)
@@ -175,18 +178,18 @@ class Model:
             )
 
 
-def packed(net: neuro.Network) -> dict[str, npt.NDArray[np.uint8]]:
-    """The files of a network by name, as bytes: YAML, and what it keeps beside it."""
+def pack_network(net: neuro.Network) -> dict[str, npt.NDArray[np.uint8]]:
+    """Return the files of a saved network by name, as bytes: the YAML file and its data files."""
     with tempfile.TemporaryDirectory() as folder:
         net.save(Path(folder) / _NETWORK)
         return {file.name: np.fromfile(file, np.uint8) for file in sorted(Path(folder).iterdir())}
 
 
-def unpacked(files: Arrays) -> neuro.Network:
-    """The network that `packed` took."""
+def unpack_network(files: Arrays) -> neuro.Network:
+    """Load a network from the result of `pack_network`."""
     with tempfile.TemporaryDirectory() as folder:
         for name, data in files.items():
             data.tofile(Path(folder) / Path(name).name)
         net = neuro.load(Path(folder) / _NETWORK)
-    net.world_origin = None  # what is wrong with its world is not in that file
+    net.world_origin = None  # the file is temporary, so errors must not name it
     return net

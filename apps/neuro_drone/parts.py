@@ -1,4 +1,4 @@
-"""The parts of a scenario and what their values may be."""
+"""The parts of a scenario and the limits of their values."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from neuro import ModelError
 from neuro.apps import check_fields, setting
 
 GRAVITY = 9.81
-"""m/s^2."""
+"""Acceleration of free fall, m/s^2."""
 
 MASS = 0.716
-"""Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.body`."""
+"""Mass of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.body`."""
 
 
 def check_whole(name: str, value: Any, least: int = 0, below: str = "") -> None:
-    """Refuse what is no whole number of at least `least`; with `below` "2^63", also what does not fit into 64 bits."""
+    """Raise an error unless the value is a whole number >= `least` and, with `below` "2^63", fits into 64 bits."""
     if isinstance(value, bool) or not isinstance(value, int) or value < least or (below and value >= 2**63):
         end = f" and < {below}" if below else ""
         raise ModelError(f"{name} = {value!r}: expected a whole number >= {least}{end}")
@@ -35,23 +35,23 @@ class WorldPart:
 
 @dataclass(frozen=True, slots=True)
 class Ball(WorldPart):
-    """A ball that goes round a closed Bezier curve through a star of four branches; on the ground unless it rises.
+    """A ball that follows a closed Bezier curve through a star of four branches.
 
     Attributes:
-        lap: length of the curve, m.
-        speed: of the ball, m/s.
-        radius: m.
-        brightness: share of full scale.
-        axes: 2, the drone moves in x and y only; or 3, it also climbs and sinks, to see the ball as tall as `tall`.
-        tall: of three axes: how tall the ball's picture shall be, px.
-        rise: how far it goes up slowly and comes down again, m.
-        rise_time: that takes so long, s.
-        bounce: how high it jumps, m; how long a jump takes follows from gravity.
-        swell: its radius grows and shrinks by this share.
-        swell_time: that takes so long, s.
+    lap: length of the curve, m.
+    speed: speed of the ball, m/s.
+    radius: radius of the ball, m.
+    brightness: share of full scale.
+    axes: 2, the drone moves in x and y only; or 3, it also climbs and sinks, to keep the ball's picture at `tall`.
+    tall: with three axes, target height of the ball's picture, px.
+    rise: height of a slow rise and descent, m.
+    rise_time: period of the rise and descent, s.
+    bounce: height of a jump, m; gravity sets its duration.
+    swell: share by which the radius grows and shrinks.
+    swell_time: period of the growing and shrinking, s.
 
     Source: thesis, figure 63 (0.075 m/s) and section 7.3.7 (13 px in the picture, which sets the radius; "to avoid
-        being too close or too far from the target").
+    being too close or too far from the target").
     """
 
     _place = "task.ball"
@@ -74,13 +74,13 @@ class Line(WorldPart):
     """A hexagon painted on the ground; the drone flies forward, moves sideways and turns.
 
     Attributes:
-        side: of the hexagon, m.
-        width: of the line, m.
-        speed: forward, m/s.
-        brightness: share of full scale.
-        direction: 1 anticlockwise seen from above, -1 clockwise, 0 drawn for each episode.
+    side: length of a side of the hexagon, m.
+    width: width of the line, m.
+    speed: forward speed of the drone, m/s.
+    brightness: share of full scale.
+    direction: 1 anticlockwise seen from above, -1 clockwise, 0 drawn for each episode.
 
-    Source: thesis, figure 65 (0.075 m/s); sides long enough that one is seen at a time.
+    Source: thesis, figure 65 (0.075 m/s). The sides are long enough that the camera sees one at a time.
     """
 
     _place = "task.line"
@@ -97,10 +97,10 @@ class Ground(WorldPart):
     """The ground.
 
     Attributes:
-        brightness: share of full scale, on average.
-        texture: contrast of a pattern on it, as a share of the brightness; 0 for plain.
-        grain: size of the pattern's largest spots, m.
-        redraw: a new pattern for each episode.
+    brightness: mean share of full scale.
+    texture: contrast of the ground's pattern as a share of the brightness; 0 for plain ground.
+    grain: size of the pattern's largest spots, m.
+    redraw: True draws a new pattern for each episode.
     """
 
     _place = "ground"
@@ -113,19 +113,19 @@ class Ground(WorldPart):
 
 @dataclass(frozen=True, slots=True)
 class Camera(WorldPart):
-    """The event camera; its pixels are those of `neuro.events.DVSParameters`.
+    """The event camera. Its pixels have the parameters of `neuro.events.DVSParameters`.
 
     Attributes:
-        tilt: below the horizontal, degrees.
-        fov: over the whole width, degrees.
-        mount: gimbal (stays level) or body (rolls and pitches with the drone).
-        roll: by which it is turned about its axis, clockwise seen from behind, degrees; the picture, and with it all
-            errors, turn the other way.
-        shake: standard deviation of a small random turn in each step, degrees; a still picture makes no events.
-        pos_thres, neg_thres: contrast thresholds, log units.
-        sigma_thres: their standard deviation from pixel to pixel.
-        leak_rate_hz, shot_noise_rate_hz: noise of a pixel, Hz.
-        refractory_period_s: s.
+    tilt: angle of the optical axis below the horizontal, degrees.
+    fov: angle of view over the whole width, degrees.
+    mount: gimbal (stays level) or body (rolls and pitches with the drone).
+    roll: rotation about the optical axis, clockwise seen from behind, degrees. The picture, and with it every
+        error, turns the other way.
+    shake: standard deviation of a small random rotation in each step, degrees; a still picture makes no events.
+    pos_thres, neg_thres: contrast thresholds, log units.
+    sigma_thres: standard deviation of the thresholds over the pixels.
+    leak_rate_hz, shot_noise_rate_hz: noise rates of a pixel, Hz.
+    refractory_period_s: refractory period of a pixel, s.
     """
 
     _place = "camera"
@@ -148,19 +148,19 @@ class Drone(WorldPart):
     """The quadrotor.
 
     Attributes:
-        physics: kinematic or bullet.
-        height: above the ground, m.
-        v_max: speed that an action of 1 asks for, m/s.
-        climb_max: speed upwards that an action of 1 asks for, m/s.
-        yaw_max: rate of turning that an action of 1 asks for, rad/s.
-        spin: over a ball, rate at which it is turned anticlockwise whatever the actions, rad/s.
-        lag: time constant of the speed, s.
-        a_max: largest acceleration, m/s^2.
-        drag: acceleration by a wind of 1 m/s, 1/s.
+    physics: kinematic or bullet.
+    height: height above the ground, m.
+    v_max: speed of an action of 1, m/s.
+    climb_max: upward speed of an action of 1, m/s.
+    yaw_max: rate of turning of an action of 1, rad/s.
+    spin: over a ball, constant rate of turning anticlockwise that no action changes, rad/s.
+    lag: time constant of the speed, s.
+    a_max: largest acceleration, m/s^2.
+    drag: acceleration by a wind of 1 m/s, 1/s.
 
     Source: thesis, figure 63 (2.4 m); drag: Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor
-        dynamics subject to rotor drag", IEEE RA-L 3(2), 2018 (about 0.5 forward and 0.4 sideways); the others are
-        measured choices, see docs/how-to/drone.md.
+    dynamics subject to rotor drag", IEEE RA-L 3(2), 2018 (about 0.5 forward and 0.4 sideways); the other values are
+    measured choices, see docs/how-to/drone.md.
     """
 
     _place = "drone"
@@ -181,16 +181,16 @@ class Wind(WorldPart):
     """Level wind, the same everywhere.
 
     Attributes:
-        speed: m/s, without gusts.
-        towards: where it blows to, degrees counter-clockwise from x.
-        turning: by how much that changes in a second, degrees/s, once it blows.
-        gust: standard deviation of what gusts add on each axis, m/s.
-        gust_time: time constant of the gusts, s.
-        since: when it begins to blow, s after the start of an episode.
+    speed: mean speed without gusts, m/s.
+    towards: direction in which the wind blows, degrees counter-clockwise from x.
+    turning: rate at which the direction changes once the wind blows, degrees/s.
+    gust: standard deviation of the gusts on each axis, m/s.
+    gust_time: time constant of the gusts, s.
+    since: start of the wind, s after the start of an episode.
 
-    Source: gusts are noise through a filter of first order, as the longitudinal ones of the Dryden spectra of
-        MIL-F-8785C, section 3.7, which for 3 m, the lowest height that it covers, and 5 m/s has 0.2 times the speed and
-        4.6 s.
+    Source: gusts are noise through a first-order filter, as the longitudinal gusts of the Dryden spectra of
+    MIL-F-8785C, section 3.7. For 3 m, the lowest height in its range, and 5 m/s the standard has a deviation of 0.2
+    times the speed and 4.6 s.
     """
 
     _place = "wind"
@@ -205,11 +205,11 @@ class Wind(WorldPart):
 
 @dataclass(frozen=True, slots=True)
 class Load(WorldPart):
-    """What the drone takes up, or drops, in flight; its controller goes on as if it had not.
+    """A load that the drone picks up or drops in flight; its controller is not informed.
 
     Attributes:
-        mass: taken up, kg; negative where it is dropped. The drone has 0.716 kg.
-        since: when, s after the start of an episode.
+    mass: mass picked up, kg; negative if it is dropped. The drone has 0.716 kg.
+    since: time of the change, s after the start of an episode.
 
     Source: Ascending Technologies' data sheet of the Hummingbird has a largest load of 0.2 kg.
     """
@@ -222,13 +222,13 @@ class Load(WorldPart):
 
 @dataclass(frozen=True, slots=True)
 class Motors(WorldPart):
-    """Motors that do not do what is commanded, in the plane of the ground; no controller is informed of it.
+    """Motors that deviate from the command in the plane of the ground; no controller is informed.
 
     Attributes:
-        mirror: right is taken for left, and left for right.
-        angle: by which the flight is then turned, anticlockwise seen from above, degrees.
-        gain: how many times as fast as commanded the drone flies.
-        since: when this begins, s after the start of an episode; before, the motors do what is commanded.
+    mirror: True swaps right and left.
+    angle: rotation of the flight after the mirroring, anticlockwise seen from above, degrees.
+    gain: factor on the commanded speed.
+    since: start of the deviation, s after the start of an episode.
     """
 
     _place = "motors"
@@ -239,7 +239,7 @@ class Motors(WorldPart):
     since: float = setting(0.0, "s", at_least=0.0, at_most=100_000.0)
 
     def flown(self, right: float, down: float) -> tuple[float, float]:
-        """What the drone does at a command to fly to the right and down the picture, as shares of v_max."""
+        """Return the flight that results from a command. Both are right and down the picture, shares of v_max."""
         right = -right if self.mirror else right
         c, s = self.gain * cos(radians(self.angle)), self.gain * sin(radians(self.angle))
         return right * c + down * s, down * c - right * s

@@ -1,4 +1,4 @@
-"""Closed paths on the ground: the star that the ball goes round, and the hexagon that is painted."""
+"""Closed paths on the ground: the ball's star and the painted hexagon."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from neuro_drone.parts import check_whole
 Floats = npt.NDArray[np.float64]
 
 INNER = 0.5
-"""Distance of the star's inner points from its middle, as a share of that of its tips; the thesis gives a picture."""
+"""Radius of the star's inner points as a share of the radius of its tips, read off the figure in the thesis."""
 
 HANDLE = 0.25
-"""Distance of a Bezier curve's second point from its first, as a share of that of its last; rounds the tips."""
+"""Distance of a Bezier curve's control points from its ends, as a share of the chord; rounds the tips."""
 
 PIECES = 4096
+"""Straight pieces of the ball's path."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """How the path of an episode differs from the scenario's.
+    """Changes of an episode's path relative to the scenario's path.
 
     Attributes:
-        scale: of the path, a factor.
-        turn: of the path about its middle, degrees anticlockwise.
-        stretch: of a line: factor along x, and its inverse along y, after the turn.
-        speed: factor on that of the ball, or of the drone along a line.
-        begin: of a ball: share of the path by which the beginning moves on; of a line: share of the first side.
+    scale: factor on the size of the path.
+    turn: rotation of the path about its centre, degrees anticlockwise.
+    stretch: for a line, factor along x and its inverse along y, after the turn.
+    speed: factor on the speed of the ball, or of the drone along a line.
+    begin: shift of the beginning: for a ball a share of the path, for a line a share of the first side.
     """
 
     scale: float = 1.0
@@ -42,7 +43,7 @@ class Variation:
     begin: float = 0.0
 
     def __str__(self) -> str:
-        """In a few words."""
+        """Describe the path, e.g. "a path scaled by 1.10, turned by 30 degrees, 0.90 times as fast"."""
         if self == FIXED:
             return "the fixed path"
         size = f"scaled by {self.scale:.2f}" + (f", stretched by {self.stretch:.2f}" if self.stretch != 1.0 else "")
@@ -50,17 +51,17 @@ class Variation:
 
 
 FIXED = Variation()
-"""The scenario's path as it is."""
+"""The scenario's path without changes."""
 
 
-def drawn(rng: np.random.Generator, line: bool) -> Variation:
-    """A variation: factors are drawn evenly in their logarithm, all else evenly.
+def draw_variation(rng: np.random.Generator, line: bool) -> Variation:
+    """Draw a variation: factors uniformly in their logarithm, angles and shifts uniformly.
 
-    The ranges are so wide that what flies without looking, as a recorded flight that is replayed, loses its target.
+    The ranges are wide enough that a controller that ignores the camera, such as a replayed flight, loses its target.
 
     Args:
-        rng: draws it.
-        line: of a line, else of a ball.
+    rng: random generator.
+    line: True for a line, False for a ball.
     """
 
     def factor(low: float, high: float) -> float:
@@ -75,10 +76,10 @@ def drawn(rng: np.random.Generator, line: bool) -> Variation:
 
 
 PATHS = ("varied", "fixed")
-"""What the paths of a test's laps can be."""
+"""Names of the paths of a test's laps."""
 
 TESTS = 1_000_000
-"""Seed of what tests draw, paths and noise, so that it is not that of a training."""
+"""Seed of the paths and noise of tests, so that a test differs from the training."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +87,12 @@ class FlightCourse:
     """The paths of a test's laps.
 
     Attributes:
-        path: varied (each lap has a path of its own, see `drawn`) or fixed (the scenario's, as in the thesis; a flight
-            that was recorded can fly it blindly).
-        seed: of the varied paths.
+    path: "varied" draws a path for each lap, see `draw_variation`; "fixed" is the scenario's path, as in the thesis (a
+        replayed flight can complete it without seeing).
+    seed: seed of the varied paths.
 
     Raises:
-        ModelError: there is no such path, or the seed is no whole number >= 0 or would change nothing.
+    ModelError: there is no such path, the seed is no whole number >= 0, or a seed is given for the fixed path.
     """
 
     path: str = "varied"
@@ -105,32 +106,32 @@ class FlightCourse:
             raise ModelError(f"seed of the paths = {self.seed}: the fixed path has none: expected path varied")
 
     def __str__(self) -> str:
-        """In a few words."""
+        """Describe the paths, e.g. "varied paths, seed 0"."""
         return f"varied paths, seed {self.seed}" if self.path == "varied" else "the fixed path"
 
     def lap(self, index: int, line: bool) -> Variation:
-        """The path of a lap.
+        """Return the path of a lap.
 
         Args:
-            index: of the lap, from 0.
-            line: of a line, else of a ball.
+            index: number of the lap, from 0.
+            line: True for a line, False for a ball.
         """
-        return FIXED if self.path == "fixed" else drawn(np.random.default_rng((TESTS, self.seed, index)), line)
+        return FIXED if self.path == "fixed" else draw_variation(np.random.default_rng((TESTS, self.seed, index)), line)
 
 
 VARIED = FlightCourse()
-"""What is flown if nothing else is said."""
+"""The default paths of a test."""
 
 
 class Path:
-    """A closed path along straight pieces.
+    """A closed path of straight pieces.
 
     Args:
-        points: (n, 2) corners, m; the last is joined to the first.
+    points: (n, 2) corners, m; the last is joined to the first.
 
     Attributes:
-        points: as given.
-        length: once round, m.
+    points: the corners.
+    length: length of the whole path, m.
     """
 
     def __init__(self, points: Floats) -> None:
@@ -141,19 +142,19 @@ class Path:
         self._per_metre = len(points) / self.length
 
     def at(self, s: float) -> tuple[float, float]:
-        """The place after `s` metres from the first point of a path whose pieces are equally long, round and round."""
-        f = s * self._per_metre
-        i = int(f // 1.0)
-        f -= i
-        i %= len(self._xs) - 1
+        """Return the position `s` metres after the first point. All pieces must have equal lengths; `s` wraps round."""
+        share = s * self._per_metre
+        piece = int(share // 1.0)
+        share -= piece
+        piece %= len(self._xs) - 1
         xs, ys = self._xs, self._ys
-        return xs[i] + f * (xs[i + 1] - xs[i]), ys[i] + f * (ys[i + 1] - ys[i])
+        return xs[piece] + share * (xs[piece + 1] - xs[piece]), ys[piece] + share * (ys[piece + 1] - ys[piece])
 
     def varied(self, by: Variation) -> Path:
-        """This path scaled, turned and stretched.
+        """Return this path scaled, turned and stretched.
 
         Args:
-            by: how; speed and begin make no difference.
+            by: the variation; its speed and begin are ignored.
         """
         if by == FIXED:
             return self
@@ -162,32 +163,38 @@ class Path:
         return Path(turned * (by.scale * by.stretch, by.scale / by.stretch))
 
     def segments(self) -> Floats:
-        """All pieces, (n, 4): from x, y to x, y, m."""
+        """Return all pieces, (n, 4): from x, y to x, y, m."""
         return np.hstack([self.points, np.roll(self.points, -1, 0)])
 
 
 def star(lap: float) -> Path:
-    """The closed Bezier curve through the eight points of a star of four branches, around the origin.
+    """Return the closed Bezier curve through the eight points of a star of four branches, around the origin.
 
-    Between two points it is a cubic whose tangents are parallel to the chord of the neighbours, so that the curve is
-    smooth all round; then it is cut into pieces of equal length.
+    Each piece between two points is a cubic whose tangents are parallel to the chord of the neighbouring points, so the
+    curve is smooth everywhere. The curve is then cut into pieces of equal length.
 
     Args:
-        lap: its length, m.
+    lap: length of the curve, m.
 
     Source: thesis, figures 62 and 63 ("a Bezier curve defined by 8 control points, positioned in a four-branch star
-        shape").
+    shape").
     """
     angle = np.arange(8) * (pi / 4)
     radius = np.where(np.arange(8) % 2 == 0, 1.0, INNER)
-    p = np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1)
-    q = np.roll(p, -1, 0)
-    chord = q - np.roll(p, 1, 0)
-    side = np.hypot(*(q - p).T)[0]
+    starts = np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1)
+    ends = np.roll(starts, -1, 0)
+    chord = ends - np.roll(starts, 1, 0)
+    side = np.hypot(*(ends - starts).T)[0]
     tangent = HANDLE * side * chord / np.hypot(*chord.T)[:, None]
     t = np.linspace(0.0, 1.0, 2 * PIECES, endpoint=False)[:, None, None]
     u = 1.0 - t
-    curve = u**3 * p + 3 * u**2 * t * (p + tangent) + 3 * u * t**2 * (q - np.roll(tangent, -1, 0)) + t**3 * q
+    # cubic Bezier curves between all pairs of neighbours at once, (samples, 8, 2)
+    curve = (
+        u**3 * starts
+        + 3 * u**2 * t * (starts + tangent)
+        + 3 * u * t**2 * (ends - np.roll(tangent, -1, 0))
+        + t**3 * ends
+    )
     fine = curve.transpose(1, 0, 2).reshape(-1, 2)
     fine = np.vstack([fine, fine[:1]])
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))))
@@ -197,11 +204,11 @@ def star(lap: float) -> Path:
 
 
 def hexagon(side: float, direction: int = 1) -> Path:
-    """A regular hexagon around the origin.
+    """Return a regular hexagon around the origin.
 
     Args:
-        side: m.
-        direction: 1 anticlockwise seen from above, -1 clockwise.
+    side: length of a side, m.
+    direction: 1 anticlockwise seen from above, -1 clockwise.
 
     Source: thesis, figures 64 and 65.
     """

@@ -1,4 +1,4 @@
-"""What the commands tell: how far they are, tables, JSON and pictures."""
+"""Output of the commands: progress, tables, JSON and pictures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import FlightTest, Lap
 from neuro_drone.geometry import AIM
 from neuro_drone.live import LiveTest
-from neuro_drone.model import Model, unpacked
+from neuro_drone.model import Model, unpack_network
 from neuro_drone.parts import Ball
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import NAMES, Scenario, load
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
 MARK = "<!-- neuro drone compare -->"
 TABLE = sealed("a table of 'neuro drone compare'", MARK, "<!-- digest {} -->")
 LINES = 10
-"""Lines of each training where there is no terminal."""
+"""Progress lines per training without a terminal."""
 AXES = {"ball": ("right, px", "down, px", "taller, px"), "line": ("right, px", "lean, degrees")}
-"""What the error on each axis is; the third of a ball where the drone climbs."""
+"""Name and unit of the error on each axis; a ball has the third if the drone climbs."""
 
 
 class Bars:
-    """One bar for each thing that is under way.
+    """Progress bars, one per running task.
 
     Args:
-        lines: that are printed of each where there is no terminal.
+        lines: progress lines printed per task without a terminal.
     """
 
     def __init__(self, lines: int = LINES) -> None:
@@ -56,7 +56,7 @@ class Bars:
         where = Console(stderr=True, highlight=False)
         self._bar = Progress(*columns, console=where, transient=True, disable=not self._screen)
         self._tasks: dict[str, Any] = {}
-        self._said: dict[str, int] = {}
+        self._printed: dict[str, int] = {}
         self._bar.start()
         return self
 
@@ -64,11 +64,11 @@ class Bars:
         self._bar.stop()
 
     def training(self, progress: TrainingProgress) -> None:
-        """Show how far a training is."""
+        """Show the progress of a training."""
         self.at(f"seed {progress.seed}", progress.step, progress.steps, progress.text)
 
     def laps(self, total: int) -> Callable[[Lap], None]:
-        """What shows how many laps of so many are flown; only on a terminal."""
+        """Return a function that shows the number of flown laps; only on a terminal."""
         flown: list[float] = []
 
         def show(lap: Lap) -> None:
@@ -79,61 +79,61 @@ class Bars:
         return show
 
     def at(self, what: str, done: int, total: int, message: str) -> None:
-        """Show how far something is; elsewhere than on a terminal some lines are printed."""
+        """Show the progress of a task: a bar on a terminal, else some lines."""
         text, part = f"{what}: {message}", done * self._lines // total
         if what not in self._tasks:
             self._tasks[what] = self._bar.add_task("", total=total)
-            self._said[what] = 0
+            self._printed[what] = 0
         self._bar.update(self._tasks[what], description=text, completed=done, total=total)
-        if not self._screen and part > self._said[what]:
+        if not self._screen and part > self._printed[what]:
             typer.echo(text, err=True)
-        self._said[what] = part
+        self._printed[what] = part
         if done >= total:
             self._bar.update(self._tasks[what], visible=len(self._tasks) == 1)
 
 
-def named(model: Model) -> str:
-    """Controller and scenario in a few words."""
-    learnt = f", {model.steps:,} steps, seed {model.seed}" if model.steps else ""
-    return f"{model.controller} in {model.scenario.name}{learnt}"
+def describe_model(model: Model) -> str:
+    """Return controller, scenario and training as text, e.g. "snn in B60, 60,000 steps, seed 0"."""
+    training = f", {model.steps:,} steps, seed {model.seed}" if model.steps else ""
+    return f"{model.controller} in {model.scenario.name}{training}"
 
 
-def learnt(model: Model) -> str:
-    """What came of a training: of frozen weights first, since learning disturbs the flight."""
+def describe_training(model: Model) -> str:
+    """Describe the result of a training: first the error with frozen weights, since learning disturbs the flight."""
     if not model.steps:
-        return f"{model.controller} does not learn; it is kept as it is"
+        return f"{model.controller} does not learn; stored without training"
     returns, lengths = model.history["returns"], model.history["lengths"]
     last = max(1, len(lengths) // 10)
     tested = model.curve.get("error_px", np.zeros(0))
-    frozen = f"{tested[-1]:.1f} px with frozen weights in short flights from afar; " if len(tested) else ""
+    frozen = f"{tested[-1]:.1f} px with frozen weights in short flights from far starts; " if len(tested) else ""
     reward = returns[-last:].sum() / lengths[-last:].sum() if len(lengths) else np.nan
     return (
-        f"{named(model)}: {frozen}a mean reward of {reward:.3f} in the last tenth of {len(lengths):,} episodes, in "
-        "which it explores, or what teaches it steers"
+        f"{describe_model(model)}: {frozen}mean reward {reward:.3f} in the last tenth of {len(lengths):,} episodes, "
+        "with learning on, where exploration or the teacher also steers"
     )
 
 
-def figures(model: Model, tried: FlightTest, course: FlightCourse) -> str:
-    """All figures of a test as JSON."""
-    words = tried.as_words() | {"path": course.path, "test_seed": course.seed}
+def figures(model: Model, test: FlightTest, course: FlightCourse) -> str:
+    """Return all figures of a test as JSON."""
+    words = test.as_words() | {"path": course.path, "test_seed": course.seed}
     about = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
     each = words.pop("each")
     return json.dumps({**words, **about, "axes": list(axes(model.scenario)), "per_start": each}, indent=1)
 
 
 def live_figures(model: Model, live: LiveTest, offline: FlightTest, course: FlightCourse) -> str:
-    """All figures of laps in real time as JSON, beside those of the same laps offline."""
-    words = json.loads(figures(model, live.tried, course))
+    """Return all figures of laps in real time as JSON, beside those of the same laps offline."""
+    words = json.loads(figures(model, live.test, course))
     latency = {"p50": live.latency.ms(0.5), "p99": live.latency.ms(0.99), "largest": live.latency.largest_ms}
     counts = {"flown": live.steps, "missed": live.missed, "events_lost": live.lost}
-    beside = {"error_px": offline.error_px, "laps": offline.laps}
-    return json.dumps(words | {"offline": beside, "latency_ms": latency} | counts, indent=1)
+    offline_figures = {"error_px": offline.error_px, "laps": offline.laps}
+    return json.dumps(words | {"offline": offline_figures, "latency_ms": latency} | counts, indent=1)
 
 
 def show_live(live: LiveTest, offline: FlightTest) -> None:
-    """Print what real time added."""
+    """Print the same laps offline, latency, missed steps and lost events."""
     lines = (
-        f"offline the same laps: {offline.laps} of {offline.starts}, {offline.error_px:.2f} px",
+        f"the same laps offline: {offline.laps} of {offline.starts}, {offline.error_px:.2f} px",
         f"events to action: {live.latency}",
         f"{live.missed:,} of {live.steps:,} steps without an action in time, {live.lost:,} events lost",
     )
@@ -142,36 +142,36 @@ def show_live(live: LiveTest, offline: FlightTest) -> None:
 
 
 def axes(scenario: Scenario) -> tuple[str, ...]:
-    """What the error on each axis is, with its unit."""
+    """Return name and unit of the error on each axis."""
     return AXES[scenario.kind][: scenario.axes]
 
 
-def show(model: Model, tried: FlightTest, course: FlightCourse) -> None:
+def show(model: Model, test: FlightTest, course: FlightCourse) -> None:
     """Print a row for each start, and the means."""
     names = axes(model.scenario)
     line = model.scenario.kind == "line"
     columns = ("start", *(("way",) if line else ()), ">steps", ">error, px", *(f">|{name}|" for name in names), "lap")
     rows: list[tuple[object, ...]] = []
-    for one in tried.each:
+    for one in test.each:
         way = (("left" if one.start.direction > 0 else "right"),) if line else ()
-        came = "yes" if one.lap else "lost" if one.lost else "no"
+        result = "yes" if one.lap else "lost" if one.lost else "no"
         errors = (f"{error:.2f}" for error in (one.error_px, *one.absolute))
-        rows.append((", ".join(f"{error:g}" for error in one.start.error), *way, one.steps, *errors, came))
-    mean = (f"{e:.2f}" for e in (tried.error_px, *tried.absolute))
-    steps = round(sum(one.steps for one in tried.each) / tried.starts)
-    rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{tried.laps} of {tried.starts}"))
+        rows.append((", ".join(f"{error:g}" for error in one.start.error), *way, one.steps, *errors, result))
+    mean = (f"{e:.2f}" for e in (test.error_px, *test.absolute))
+    steps = round(sum(one.steps for one in test.each) / test.starts)
+    rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{test.laps} of {test.starts}"))
     out = console()
-    how = "learning goes on, what teaches steers" if tried.learning else "weights frozen, no dopamine"
-    out.print(table(columns, rows, title=f"{named(model)}; {how}; {course}"))
-    signed = ", ".join(f"{name} {value:.2f}" for name, value in zip(names, tried.signed, strict=True))
+    how = "learning on, the teacher also steers" if test.learning else "weights frozen, no dopamine"
+    out.print(table(columns, rows, title=f"{describe_model(model)}; {how}; {course}"))
+    signed = ", ".join(f"{name} {value:.2f}" for name, value in zip(names, test.signed, strict=True))
     out.print(
-        f"{tried.laps} of {tried.starts} laps, {tried.error_px:.2f} px; signed means, which hide errors of both signs: "
+        f"{test.laps} of {test.starts} laps, {test.error_px:.2f} px; signed means, in which opposite signs cancel: "
         f"{signed}"
     )
 
 
 def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Columns and rows of the table of a comparison."""
+    """Return columns and rows of the table of a comparison."""
     columns = ("controller", ">steps", ">seeds", ">error, px", ">laps", ">absolute", ">signed", ">learning on, px")
     rows: list[tuple[str, ...]] = []
     for one in summaries:
@@ -192,8 +192,8 @@ def show_comparison(summaries: Sequence[Summary]) -> None:
     out.print(table(columns, rows, title=_about(summaries)))
     names = " and ".join(axes(summaries[0].row.scenario))
     out.print(
-        f"absolute and signed: mean errors ({names}); signed as the thesis prints them, where errors of both signs "
-        "cancel.\nlearning on: dopamine itself steers, so that this figure is not what was learnt."
+        f"absolute and signed: mean errors ({names}); signed as in the thesis, where opposite signs cancel.\n"
+        "learning on: the dopamine also steers, so this is not the error of the learnt weights."
     )
 
 
@@ -212,14 +212,14 @@ def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
 
 
 def comparison(summaries: Sequence[Summary]) -> str:
-    """All figures of a comparison as JSON."""
+    """Return all figures of a comparison as JSON."""
     name, course = summaries[0].row.scenario.name, summaries[0].course
     about = {"scenario": name, "path": course.path, "test_seed": course.seed}
     return json.dumps(about | {"rows": [one.as_words() for one in summaries]}, indent=1)
 
 
 def list_scenarios() -> None:
-    """Print the scenarios that come along."""
+    """Print the scenarios of this package."""
     rows = []
     for name in NAMES:
         world = load(name)
@@ -228,23 +228,24 @@ def list_scenarios() -> None:
         ground = f"texture {world.ground.texture:g}" if world.ground.texture else "plain"
         shake = f"{world.camera.shake:g}" if world.camera.shake else "-"
         numbers = (f"{number:g}" for number in (world.axes, world.step, world.camera.tilt))
-        seen = (size, f"{task.speed:g}", ground, shake)
-        rows.append((name, world.kind, *numbers, *seen, in_flight(world), world.drone.physics))
+        rows.append(
+            (name, world.kind, *numbers, size, f"{task.speed:g}", ground, shake, in_flight(world), world.drone.physics)
+        )
     columns = ("name", "task", ">axes", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake")
     console().print(table((*columns, "in flight", "physics"), rows))
 
 
 def in_flight(world: Scenario) -> str:
-    """What changes during a lap, by the scenario's words."""
-    there: dict[str, float] = {"wind": world.wind.speed or world.wind.gust, "load": world.load.mass}
-    there["spin"] = world.drone.spin
+    """Return the names of the settings that disturb a lap, e.g. "wind, rise"; "-" for none."""
+    disturbances: dict[str, float] = {"wind": world.wind.speed or world.wind.gust, "load": world.load.mass}
+    disturbances["spin"] = world.drone.spin
     if isinstance(world.task, Ball):
-        there |= {word: getattr(world.task, word) for word in ("rise", "bounce", "swell")}
-    return ", ".join(word for word, value in there.items() if value) or "-"
+        disturbances |= {word: getattr(world.task, word) for word in ("rise", "bounce", "swell")}
+    return ", ".join(word for word, value in disturbances.items() if value) or "-"
 
 
 def list_controllers() -> None:
-    """Print the controllers, and the settings of each."""
+    """Print the controllers and their settings."""
     rows = []
     for name, kind in CONTROLLERS.items():
         own = {word: getattr(kind.settings, word) for word in kind.settings.own()}
@@ -254,9 +255,9 @@ def list_controllers() -> None:
     console().print(table(("name", "what", "learns from", "settings"), rows))
 
 
-def write_pictures(model: Model, tried: FlightTest, folder: Path) -> list[Path]:
-    """Draw where the target was and, of a trained model, how the training went and the weights; gives the files."""
-    figures = {"density.png": density(model, tried)}
+def write_pictures(model: Model, test: FlightTest, folder: Path) -> list[Path]:
+    """Draw the positions of the target, and for a trained model the training and the weights. Return the files."""
+    figures = {"density.png": density(model, test)}
     if len(model.history.get("returns", ())):
         figures["training.png"] = training(model)
     if weight_maps(model):
@@ -276,39 +277,35 @@ MOTORS = {
     "ball": ("right", "left", "backwards", "forward", "up", "down"),
     "line": ("right", "left", "turn right", "turn left"),
 }
-"""What a spike of each motor asks for: the positive and the negative one of each axis."""
+"""Direction of each motor: the positive and the negative motor of each axis."""
 
 
 def motors(scenario: Scenario) -> tuple[str, ...]:
-    """The names of the motors, see `MOTORS`.
-
-    Args:
-        scenario: that is flown.
-    """
+    """Return the names of a scenario's motors, see `MOTORS`."""
     return MOTORS[scenario.kind][: 2 * scenario.axes]
 
 
-def density(model: Model, tried: FlightTest) -> Figure:
-    """Where the target was in the picture, with the marginal distributions; of a line column and angle.
+def density(model: Model, test: FlightTest) -> Figure:
+    """Draw the positions of the target in the picture with their marginal distributions; for a line column and angle.
 
     Args:
-        model: that was tried.
-        tried: its laps.
+        model: the tested model.
+        test: results of its laps.
 
     Source: thesis, figures 77 (ball) and 80 (line; the angle of an upright line is 90 degrees).
     """
     from matplotlib.colors import LogNorm
 
     line = model.scenario.kind == "line"
-    track = np.concatenate([one.track for one in tried.each])
+    track = np.concatenate([one.track for one in test.each])
     x, y = AIM + track[:, 0], (90.0 - track[:, 1] if line else AIM + track[:, 1])
     edges = np.arange(-0.5, 128.0, 1.0), np.linspace(0.0, 180.0, 121) if line else np.arange(-0.5, 128.0, 1.0)
-    seen, _, _ = np.histogram2d(x, y, bins=edges)
+    visits, _, _ = np.histogram2d(x, y, bins=edges)
     fig = _figure(6.2, 6.75)
     place = {"left": 0.11, "right": 0.985, "bottom": 0.08, "top": 0.905}
     grid = fig.add_gridspec(2, 2, width_ratios=(6, 1), height_ratios=(1, 6), wspace=0.03, hspace=0.03, **place)
     main = fig.add_subplot(grid[1, 0])
-    share = np.ma.masked_equal(seen.T / len(track), 0.0)
+    share = np.ma.masked_equal(visits.T / len(track), 0.0)
     main.pcolormesh(*edges, share, cmap="YlGnBu", norm=LogNorm(0.3 / len(track), 1.0), rasterized=True)
     main.axvline(AIM, color=SOFT, lw=0.6, ls=":")
     main.axhline(90.0 if line else AIM, color=SOFT, lw=0.6, ls=":")
@@ -317,24 +314,24 @@ def density(model: Model, tried: FlightTest) -> Figure:
     if not line:
         main.invert_yaxis()
     above, right = fig.add_subplot(grid[0, 0], sharex=main), fig.add_subplot(grid[1, 1], sharey=main)
-    above.stairs(seen.sum(1), edges[0], fill=True, color=BLUE, alpha=0.75)
-    right.stairs(seen.sum(0), edges[1], fill=True, color=BLUE, alpha=0.75, orientation="horizontal")
+    above.stairs(visits.sum(1), edges[0], fill=True, color=BLUE, alpha=0.75)
+    right.stairs(visits.sum(0), edges[1], fill=True, color=BLUE, alpha=0.75, orientation="horizontal")
     above.axis("off")
     right.axis("off")
     what = "column and angle of the line" if line else "position of the ball"
-    error = f"mean distance {tried.error_px:.2f} px"
+    error = f"mean distance {test.error_px:.2f} px"
     if line:
-        error = f"mean absolute error {tried.absolute[0]:.1f} px and {tried.absolute[1]:.1f} degrees"
+        error = f"mean absolute error {test.absolute[0]:.1f} px and {test.absolute[1]:.1f} degrees"
     fig.suptitle(literal(f"{model.controller} in {model.scenario.name}: {what}"), x=0.02, ha="left", fontsize=12)
-    fig.text(0.02, 0.93, f"{error} · {tried.laps} of {tried.starts} laps · all steps, log shade", color=SOFT)
+    fig.text(0.02, 0.93, f"{error} · {test.laps} of {test.starts} laps · all steps, log shade", color=SOFT)
     return fig
 
 
 def training(model: Model) -> Figure:
-    """Steps and mean reward of each episode of a training, with learning on, and the error of frozen weights along it.
+    """Draw steps and mean reward of each episode of a training, and the error of frozen weights during it.
 
     Args:
-        model: that was trained.
+        model: the trained model.
 
     Source: thesis, figures 78 and 79; it has no frozen weights.
     """
@@ -354,7 +351,7 @@ def training(model: Model) -> Figure:
         tested, fell = model.curve, model.curve["lost"] > 0
         panels[2].plot(tested["steps"], tested["error_px"], "o-", ms=3.5, lw=1.6, color=GREEN)
         panels[2].plot(tested["steps"][fell], tested["error_px"][fell], "x", ms=7, color=GREEN)
-    for axes, name in zip(panels, ("steps", "reward of a step", "error, px"), strict=True):
+    for axes, name in zip(panels, ("steps", "reward per step", "error, px"), strict=True):
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel(name)
     panels[2].set_xlabel(f"steps ({len(at):,} episodes)")
@@ -366,31 +363,31 @@ def training(model: Model) -> Figure:
 
 
 def weight_maps(model: Model) -> dict[str, npt.NDArray[np.float64]]:
-    """The weights of each motor, where its fields are in the picture.
+    """Return the weights of each motor as maps of the fields.
 
     Args:
-        model: any; only a spiking network between 64 cells and its motors, or a read-out of 64 fields, has maps.
+        model: any model. A spiking network with a projection from 64 cells to its motors and the LMS readout have maps.
 
     Returns:
-        (8, 8) by name, empty if there are none: of a network by what the motor asks for, of LMS by axis.
+        (8, 8) maps by name: one per motor of a network, one per axis of LMS; empty for other models.
     """
-    learnt, names = dict(model.learnt), motors(model.scenario)
-    if model.network and not learnt:
-        sim = neuro.compile(unpacked(model.network))
-        learnt = {part.name: sim.get(part.name, "weight") for part in sim.program.projections}
-    if "cells_motors" in learnt and learnt["cells_motors"].size == 64 * len(names):
-        maps = np.asarray(learnt["cells_motors"], float).reshape(64, -1).T
+    arrays, names = dict(model.learnt), motors(model.scenario)
+    if model.network and not arrays:
+        sim = neuro.compile(unpack_network(model.network))
+        arrays = {part.name: sim.get(part.name, "weight") for part in sim.program.projections}
+    if "cells_motors" in arrays and arrays["cells_motors"].size == 64 * len(names):
+        maps = np.asarray(arrays["cells_motors"], float).reshape(64, -1).T
         return {name: one.reshape(8, 8) for name, one in zip(names, maps, strict=True)}
     if model.controller == "lms":
-        return {name: one.reshape(8, 8) for name, one in zip(names[::2], learnt["weights"], strict=True)}
+        return {name: one.reshape(8, 8) for name, one in zip(names[::2], arrays["weights"], strict=True)}
     return {}
 
 
 def weights(model: Model) -> Figure:
-    """The maps of `weight_maps`.
+    """Draw the maps of `weight_maps`.
 
     Args:
-        model: one that has maps.
+        model: a model that has maps.
     """
     maps = weight_maps(model)
     low, high = min(one.min() for one in maps.values()), max(one.max() for one in maps.values())
@@ -399,21 +396,21 @@ def weights(model: Model) -> Figure:
     place = {"left": 0.5 / width, "right": 1.0 - 1.1 / width, "top": 0.8, "bottom": 0.09}
     every = fig.subplots(1, len(maps), gridspec_kw=place)
     for axes, (name, one) in zip(every, maps.items(), strict=True):
-        shown = axes.imshow(one, cmap="viridis", vmin=low, vmax=high, extent=(-0.5, 127.5, 127.5, -0.5))
+        image = axes.imshow(one, cmap="viridis", vmin=low, vmax=high, extent=(-0.5, 127.5, 127.5, -0.5))
         axes.plot(AIM, AIM, "+", color="white", ms=9)
         axes.set_title(name, fontsize=10)
         axes.set_xticks((0, 63, 127))
         axes.set_yticks((0, 63, 127) if axes is every[0] else ())
     unit = "weight" if model.controller == "lms" else "weight, pA"
     box = every[-1].get_position()
-    fig.colorbar(shown, cax=fig.add_axes((1.0 - 0.95 / width, box.y0, 0.12 / width, box.height)), label=unit)
-    title = f"{model.controller} in {model.scenario.name}, seed {model.seed}: what speaks for which action"
+    fig.colorbar(image, cax=fig.add_axes((1.0 - 0.95 / width, box.y0, 0.12 / width, box.height)), label=unit)
+    title = f"{model.controller} in {model.scenario.name}, seed {model.seed}: weights from the fields to each action"
     fig.suptitle(literal(title), x=0.02, ha="left", fontsize=12)
     return fig
 
 
 def _figure(width: float, height: float) -> Figure:
-    """An empty figure that no window and no global state knows of."""
+    """Return an empty figure outside pyplot's global state."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=DPI)

@@ -1,4 +1,4 @@
-"""A scenario: world, camera, drone and task; made by name, from a YAML file, or from words."""
+"""A scenario: world, camera, drone and task; loaded by name, from a YAML file, or from plain data."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, 
 
 FOLDER = Path(__file__).parent / "scenarios"
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
-"""The scenarios that come along."""
+"""Names of the scenarios in this package."""
 
 TASKS: dict[str, type[Ball | Line]] = {"ball": Ball, "line": Line}
 NOWHERE = Where("")
 BULLET_A_MAX = 8.0
-"""m/s^2; a rigid body that is asked for more sinks and turns away, since its rotors are at their limits."""
+"""Largest a_max of physics bullet, m/s^2. Above it the rotors reach their limits, and the drone sinks and turns."""
 SEED = Quantity(whole=True, at_least=0)
 ERROR = Quantity(at_least=-180, at_most=180)
-"""Of an axis at the beginning, px or degrees."""
+"""Limits of an initial error, px or degrees."""
 PARTS: dict[str, type[WorldPart]] = {
     "camera": Camera,
     "ground": Ground,
@@ -38,17 +38,17 @@ class Scenario:
     """World, camera, drone and task of an episode.
 
     Attributes:
-        name: what it is called.
-        step: between two actions, ms.
-        task: what is followed.
-        camera, ground, drone, wind, load, motors: of the world.
-        light: factor on all brightness.
-        start: error on each axis at the beginning of each episode, ball px and px, line px and degrees; None draws it.
-            Of three axes the third may be left out, it is then 0.
-        seed: of the first episode when `reset` is given none; None takes one from the machine.
+    name: name of the scenario.
+    step: control step, the time between two actions, ms.
+    task: the ball or line to follow.
+    camera, ground, drone, wind, load, motors: parts of the world.
+    light: factor on all brightness.
+    start: initial error on each axis in each episode: px and px for a ball, px and degrees for a line; None draws
+        it. With three axes the third may be left out and is then 0.
+    seed: seed of the first episode if `reset` has none; None takes one from the operating system.
 
     Raises:
-        ModelError: a value is out of its range, or two do not go together.
+    ModelError: a value is out of its range, or two values are incompatible.
     """
 
     name: str = "B60"
@@ -75,16 +75,16 @@ class Scenario:
         if self.seed is not None:
             check(SEED, self.seed, "seed")
             object.__setattr__(self, "seed", int(self.seed))
-        self._together()
+        self._check_combinations()
 
-    def _together(self) -> None:
-        """Refuse what cannot be at the same time."""
+    def _check_combinations(self) -> None:
+        """Raise an error for values that are incompatible with each other."""
         kind, task = self.kind, self.task
-        way = task.speed * self.step / 1000.0
+        path = task.speed * self.step / 1000.0
         lap = task.lap if isinstance(task, Ball) else 6.0 * task.side
-        if way > 0.01 * lap:
+        if path > 0.01 * lap:
             raise ModelError(
-                f"task.{kind}.speed = {task.speed:g}: {way:g} m in a step of {self.step:g} ms: "
+                f"task.{kind}.speed = {task.speed:g}: {path:g} m in a step of {self.step:g} ms: "
                 f"expected at most a hundredth of the lap of {lap:g} m",
                 path=("task", kind, "speed"),
             )
@@ -94,12 +94,12 @@ class Scenario:
                 "whose rotors have no more to steer with",
                 path=("drone", "a_max"),
             )
-        blown, wind = self.drone.drag * self.wind.speed, self.wind
-        most = min(self.drone.a_max, self.drone.v_max / self.drone.lag)
-        if blown > most:
+        wind_acceleration, wind = self.drone.drag * self.wind.speed, self.wind
+        limit = min(self.drone.a_max, self.drone.v_max / self.drone.lag)
+        if wind_acceleration > limit:
             raise ModelError(
-                f"wind.speed = {wind.speed:g}: it accelerates the drone by {blown:g} m/s^2, and the drone has at most "
-                f"{most:g} against it",
+                f"wind.speed = {wind.speed:g}: the wind accelerates the drone by {wind_acceleration:g} m/s^2: expected "
+                f"at most {limit:g}, which is all that the drone has against it",
                 path=("wind", "speed"),
             )
         if isinstance(task, Ball):
@@ -127,44 +127,44 @@ class Scenario:
 
     @property
     def kind(self) -> str:
-        """Of the task: ball or line."""
+        """Kind of the task: "ball" or "line"."""
         return "ball" if isinstance(self.task, Ball) else "line"
 
     @property
     def axes(self) -> int:
-        """Actions, and errors that go with them."""
+        """Number of actions, and of the errors that they correct."""
         return self.task.axes if isinstance(self.task, Ball) else 2
 
     def as_words(self) -> dict[str, Any]:
-        """All values as plain data in the grammar of the YAML files; what is None is left out."""
+        """Return all values that are not None as plain data in the grammar of the YAML files."""
         out = asdict(self) | {"task": {self.kind: asdict(self.task)}}
         if self.start is not None:
             out["start"] = list(self.start)
         return {word: value for word, value in out.items() if value is not None}
 
     @classmethod
-    def from_words(cls, said: Mapping[str, Any]) -> Scenario:
-        """What `as_words` gave, also after a way through JSON or YAML; what is not said has its default.
+    def from_words(cls, values: Mapping[str, Any]) -> Scenario:
+        """Return the scenario of `as_words`, also after a conversion to JSON or YAML. Missing values have defaults.
 
         Raises:
-            ModelError: as `load`.
+            ModelError: see `load`.
         """
         try:
-            return _scenario(_node(said))
+            return _scenario(_node(values))
         except ModelError as error:
             raise error.but(where=None) from None
 
 
 def load(scenario: Scenario | str | Path, /, **changes: Any) -> Scenario:
-    """A scenario with some values changed.
+    """Return a scenario with some values changed.
 
     Args:
-        scenario: one of `NAMES`, a YAML file, or a scenario.
-        **changes: values in the grammar of the files, ``camera={"tilt": 30}``; of a part only what is named changes.
-            Names with dots do the same: ``**{"camera.tilt": 30}``.
+    scenario: a name of `NAMES`, a YAML file, or a scenario.
+    **changes: values in the grammar of the files, e.g. ``camera={"tilt": 30}``; other values of the part stay.
+        Dotted names have the same effect: ``**{"camera.tilt": 30}``.
 
     Raises:
-        ModelError: there is none of that name, or a value is not as expected; in a file with line and column.
+    ModelError: there is no scenario of this name, or a value is wrong. Errors in a file have line and column.
     """
     if isinstance(scenario, Scenario):
         base = scenario
@@ -174,17 +174,17 @@ def load(scenario: Scenario | str | Path, /, **changes: Any) -> Scenario:
         base = _scenario(document, path.stem)
     if not changes:
         return base
-    said = base.as_words()
+    values = base.as_words()
     for name, value in changes.items():
-        *way, word = name.split(".")
-        for outer in reversed([*way, word]):
+        *parents, word = name.split(".")
+        for outer in reversed([*parents, word]):
             value = {outer: value}
-        _merge(said, value)
-    return Scenario.from_words(said)
+        _merge(values, value)
+    return Scenario.from_words(values)
 
 
 def _file(name: str | Path) -> Path:
-    """The file of a scenario."""
+    """Return the file of a scenario by its name or path."""
     if isinstance(name, str) and name in NAMES:
         return FOLDER / f"{name}.yaml"
     path = Path(name)
@@ -194,9 +194,9 @@ def _file(name: str | Path) -> Path:
 
 
 def _scenario(root: Node, name: str = "") -> Scenario:
-    """The scenario that a document describes."""
-    said = words(root, [one.name for one in fields(Scenario)], "a scenario")
-    values = {word: _plain(word, node) for word, node in said.items()}
+    """Return the scenario that a document describes."""
+    nodes = words(root, [one.name for one in fields(Scenario)], "a scenario")
+    values = {word: _plain(word, node) for word, node in nodes.items()}
     with about(root):
         for word, kind in PARTS.items():
             if word in values:
@@ -208,7 +208,7 @@ def _scenario(root: Node, name: str = "") -> Scenario:
 
 
 def _plain(word: str, node: Node) -> Any:
-    """What is said of a part as plain data, with known words only."""
+    """Return the node of a part as plain data, after checking its names."""
     if word in PARTS:
         return _words(PARTS[word], node, word)
     if word != "task":
@@ -222,12 +222,12 @@ def _plain(word: str, node: Node) -> Any:
 
 
 def _words(part: type[WorldPart], node: Node, what: str) -> dict[str, Any]:
-    known = [one.name for one in fields(part)]  # type: ignore[arg-type]
-    return {word: plain(inner) for word, inner in words(node, known, what).items()}
+    names = [one.name for one in fields(part)]  # type: ignore[arg-type]
+    return {word: plain(inner) for word, inner in words(node, names, what).items()}
 
 
 def _node(value: Any) -> Node:
-    """Words as if they were read."""
+    """Convert plain data to nodes, as if they were read from a file."""
     if isinstance(value, Mapping):
         value = {str(word): _node(inner) for word, inner in value.items()}
     elif isinstance(value, (list, tuple)):
@@ -236,15 +236,15 @@ def _node(value: Any) -> Node:
 
 
 def errors(what: str, value: Any, axes: int) -> tuple[float, ...]:
-    """The error on each axis at the beginning of an episode.
+    """Check the initial error of an episode and return it as a tuple.
 
     Args:
-        what: its name, for messages.
-        value: two numbers, or one for each axis.
-        axes: how many there are.
+    what: name of the value, for messages.
+    value: two numbers, or one for each axis.
+    axes: number of axes.
 
     Raises:
-        ModelError: it is not.
+    ModelError: the value has another form or is out of range.
     """
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, (list, tuple)) or len(value) not in (2, axes):
@@ -255,19 +255,19 @@ def errors(what: str, value: Any, axes: int) -> tuple[float, ...]:
     return tuple(check(ERROR, one, what) for one in value)
 
 
-def _merge(said: dict[str, Any], changes: Mapping[str, Any]) -> None:
+def _merge(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
     for word, value in changes.items():
         if is_dataclass(value) and not isinstance(value, type):
             value = {"ball" if isinstance(value, Ball) else "line": asdict(value)} if word == "task" else asdict(value)
-        inner = said.get(word)
-        if isinstance(value, Mapping) and isinstance(inner, dict) and not (word == "task" and _other(inner, value)):
+        inner = values.get(word)
+        if isinstance(value, Mapping) and isinstance(inner, dict) and not (word == "task" and _replaces(inner, value)):
             _merge(inner, value)
         elif value is None:
-            said.pop(word, None)
+            values.pop(word, None)
         else:
-            said[word] = dict(value) if isinstance(value, Mapping) else value
+            values[word] = dict(value) if isinstance(value, Mapping) else value
 
 
-def _other(task: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether a task is another one, which replaces the first as a whole."""
-    return any(kind in other and kind not in task for kind in TASKS)
+def _replaces(task: Mapping[str, Any], change: Mapping[str, Any]) -> bool:
+    """Return whether a change names another kind of task, which replaces the task as a whole."""
+    return any(kind in change and kind not in task for kind in TASKS)

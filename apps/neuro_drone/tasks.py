@@ -1,4 +1,4 @@
-"""Tasks, a ball and a line: each sets a start, moves the target, and judges by geometry, never by the picture."""
+"""The tasks, a ball and a line: each sets a start, moves the target, and judges the drone by geometry."""
 
 from __future__ import annotations
 
@@ -15,34 +15,38 @@ from neuro_drone.parts import GRAVITY, Ball, Line
 from neuro_drone.paths import FIXED, Path, Variation, hexagon, star
 
 FARTHEST = 64.5
-"""Largest error that is still in the picture, px: from the aim to the right or the lower border."""
+"""Largest error inside the picture, px: from the aim to the right or the lower border."""
 
 LARGEST_ERROR = 20.0
-"""Mean distance of a target from the aim with which a lap still counts, px."""
+"""Largest mean distance of the target from the aim in a lap that counts, px."""
 
 NEARER = 0.75
-"""What a lap needs at most of the mean error that is to be had without following, as a share of it."""
+"""Largest mean error of a lap that counts, as a share of the mean error of a drone that does not follow."""
 
 
 def border(error: tuple[float, ...]) -> tuple[float, float]:
-    """Column and row just out of the picture on the side where a target was, px; for one that no pixel looks at."""
+    """Return the column and row just outside the picture on the side of the last error, px.
+
+    Used for a target behind the camera, which has no projection.
+    """
     u, v = error[:2]
     return AIM + copysign(FARTHEST, u), AIM + copysign(FARTHEST, v)
 
 
 class Judged(NamedTuple):
-    """How the drone stands at one moment.
+    """State of the task after a step.
 
     Attributes:
-        target: column and row of the target, px; of one that no pixel can look at, at the border on its last side.
-        error: signed, on each axis: ball px and px, and of three axes px by which it is too tall; line px and degrees.
-        scaled: the error as a share of the largest, on each axis; of the third of what is wanted.
-        error_px: ball: distance of the target from the aim; line: distance to the side, px.
-        reward: 1 - e / e_max, 0 to 1.
-        progress: share of the lap, 0 to 1.
-        lost: the target is out of the picture.
-        done: the lap is over.
-        lap: it counts.
+    target: column and row of the target, px; for a target behind the camera, the border on its last side.
+    error: signed error on each axis. Ball: px and px, with three axes also the excess height of its picture, px.
+        Line: px and degrees.
+    scaled: error on each axis as a share of the largest error; the third axis as a share of the target height.
+    error_px: ball: distance of the target from the aim, px. Line: horizontal distance to the line, px.
+    reward: 1 - e / e_max, 0 to 1.
+    progress: share of the lap, 0 to 1.
+    lost: True if the target is outside the picture.
+    done: True if the lap is over.
+    lap: True if the lap is over and counts.
     """
 
     target: tuple[float, float]
@@ -57,12 +61,12 @@ class Judged(NamedTuple):
 
 
 class Task(Protocol):
-    """What is followed.
+    """A target to follow.
 
     Attributes:
-        forward: speed that the drone has whatever the action, m/s, in this episode.
-        turns: the second action turns the drone; else it moves it backwards.
-        path: along which the target is in this episode.
+    forward: constant forward speed of the drone in this episode, m/s.
+    turns: True if the second action turns the drone, False if it moves the drone backwards.
+    path: path of the target in this episode.
     """
 
     forward: float
@@ -79,26 +83,26 @@ class Task(Protocol):
         """Begin an episode.
 
         Args:
-            rng: of what is not given.
-            start: error on each axis at the beginning, in the units of `Judged.error`; None draws one.
-            direction: 1 anticlockwise, -1 clockwise, 0 as the scenario says.
-            varied: how the path differs from the scenario's.
+            rng: random generator of the start and the direction.
+            start: initial error on each axis, in the units of `Judged.error`; None draws one.
+            direction: 1 anticlockwise, -1 clockwise, 0 uses the scenario's.
+            varied: change of the scenario's path.
 
         Returns:
-            Where the drone is, level.
+            The level pose of the drone.
 
         Raises:
-            ModelError: no place of the drone gives this start.
+            ModelError: no pose of the drone has this initial error.
         """
 
     def scene(self) -> WorldScene:
-        """What there is to be seen now."""
+        """Return the current objects on the ground."""
 
     def advance(self, seconds: float) -> WorldScene:
-        """Let time pass; returns what there is to be seen then."""
+        """Advance the target in time and return the objects on the ground."""
 
     def judge(self, view: CameraView, pose: Pose) -> Judged:
-        """Judge the drone at `pose`, whose camera is `view`; once after each `advance`."""
+        """Judge the drone at `pose` with the camera `view`. Call once after each `advance`."""
 
 
 PIECES = 100
@@ -112,31 +116,36 @@ TALL_SPREAD = 0.4
 TALLEST = 2.0
 TALL_ERROR = 0.15
 E_MAX = hypot(FARTHEST, FARTHEST)
+"""Constants of `BallTask`, in order: pieces of the path; largest distance of the aim from a covered piece, share of
+the lap; pieces on both sides of the ball that can be covered; least share of covered pieces; largest initial error,
+px; draws of a start; largest distance of a start, drone heights; largest initial error of the picture's height,
+factor at which a ball is lost, and largest mean error of a lap that counts, as shares of the target height; error with
+reward 0, px."""
 
 
 class BallTask:
-    """A ball on the star, and a drone that moves in x and y, and of three axes in z.
+    """A ball on the star, and a drone that moves in x and y, with three axes also in z.
 
-    A lap counts when
+    A lap counts if
 
-    - the ball went once round without leaving the picture,
+    - the ball completes the path without leaving the picture,
     - the mean error after the first tenth is at most 20 px,
-    - at least 80 of 100 equal pieces of the path were covered: the aim (the point at the ball's height at which the
-      camera aims) came within 5 % of the lap's length of the piece while the ball was within 10 pieces of it,
-    - after the first tenth the aim was, on average, at most 3/4 as far from the ball as that of a camera that stands
-      over the middle of the star,
-    - of three axes: the ball's picture was, after the first tenth, on average at most 15 % taller or less tall than
-      wanted. It is also lost where it is twice as tall, or half; the reward is the mean of that of the place and that
-      of the size.
+    - at least 80 of 100 equal pieces of the path are covered: the aim (the point at the ball's height where the camera
+      looks) comes within 5 % of the lap's length of the piece while the ball is within 10 pieces of it,
+    - after the first tenth, the mean distance of the aim from the ball is at most 3/4 of the distance for a camera that
+      hovers over the centre of the star,
+    - with three axes: after the first tenth, the height of the ball's picture differs from the target height by at most
+      15 % on average. The ball is also lost if its picture has half or twice the target height. The reward is the mean
+      of the rewards for position and for size.
 
-    So a camera that stands still does not score, wherever it is (the third), nor does one that flies at a pace of its
-    own: on average over the ball's places it is never nearer than one in the middle (the last). On the fixed path what
-    keeps the ball's time scores though it sees nothing, if it starts near the ball: hence the variation of a test.
+    A camera that hovers anywhere fails the third condition. A camera that flies at a speed of its own fails the fourth:
+    averaged over the ball's positions, no such camera is nearer than one over the centre. On the fixed path, a replayed
+    flight that starts near the ball scores without seeing it; tests therefore vary the path.
 
     Args:
-        ball: path, speed and size.
-        view: of the drone's camera.
-        height: of the drone, m.
+        ball: path, speed and size of the ball.
+        view: the drone's camera.
+        height: height of the drone, m.
 
     Source: thesis, section 7.3.1.3 and equation 130.
     """
@@ -158,7 +167,7 @@ class BallTask:
         self._aims: list[tuple[float, float, float]] = []
 
     def _set(self) -> None:
-        """Put the ball where it is at this time."""
+        """Update the ball's position and radius."""
         (x, y), (z, radius) = self.path.at(self._first + self.way), hop(self.ball, self._time)
         self._place = x, y, z, radius
 
@@ -172,17 +181,17 @@ class BallTask:
         """See `Task`; the start is in px, the heading is 0."""
         self._begin(varied)
         self.view.look(Pose(0.0, 0.0, self.height))
-        offset = self._drawn(rng) if start is None else self._offset(*start)
+        offset = self._draw_start(rng) if start is None else self._offset(*start)
         if offset is None:
             place = ", ".join(f"{one:g}" for one in start or ())
-            half = " and a ball from half to twice as tall as it shall be" if self.ball.axes == 3 else ""
+            half = " and a ball from half to twice its target height" if self.ball.axes == 3 else ""
             raise ModelError(f"start [{place}] px: expected a place of the picture below the horizon{half}")
         return Pose(self._place[0] - offset[0], self._place[1] - offset[1], offset[2])
 
-    def _drawn(self, rng: np.random.Generator) -> tuple[float, float, float]:
-        """A start within 50 px on both axes, the first that is drawn which is not near the horizon or above it.
+    def _draw_start(self, rng: np.random.Generator) -> tuple[float, float, float]:
+        """Draw errors within 50 px on both axes until the ball is well below the horizon, and return the offset.
 
-        Of three axes the ball is also up to 40 % too tall or too small.
+        With three axes, the height of the ball's picture is also up to 40 % too large or too small.
         """
         for _ in range(TRIES):
             error = rng.uniform(-SPREAD, SPREAD, 2).tolist()
@@ -194,7 +203,7 @@ class BallTask:
         raise ModelError("camera: all starts within 50 px are near the horizon", hint="tilt it further down")
 
     def _offset(self, du: float, dv: float, tall: float = 0.0) -> tuple[float, float, float] | None:
-        """From where the ball has an error: its x and y seen from the drone, and the drone's height, m."""
+        """Return the ball's x and y relative to the drone and the drone's height, m, for an error; None for no pose."""
         u, v, ball = AIM + du, AIM + dv, self.ball
         if not self.view.sees(u, v):
             return None
@@ -239,10 +248,10 @@ class BallTask:
         scaled: tuple[float, ...] = (max(-1.0, min(1.0, du / 64.0)), max(-1.0, min(1.0, dv / 64.0)))
         reward = 1.0 - error / E_MAX
         if self.ball.axes == 3:
-            tall, wanted = view.tall(*self._place), self.ball.tall
-            off = min(tall, TALLEST * wanted) - wanted
-            errors, scaled = (du, dv, off), (*scaled, off / wanted)
-            reward = 0.5 * (reward + 1.0 - abs(off) / wanted)
+            tall, target = view.tall(*self._place), self.ball.tall
+            excess = min(tall, TALLEST * target) - target
+            errors, scaled = (du, dv, excess), (*scaled, excess / target)
+            reward = 0.5 * (reward + 1.0 - abs(excess) / target)
             lost = lost or not self._right_size(tall)
         if progress > 0.1:
             self._sum += error
@@ -261,7 +270,7 @@ class BallTask:
         return near and tall and self._sum <= LARGEST_ERROR * self._count and self.coverage() >= COVERED
 
     def coverage(self) -> float:
-        """Share of the path's pieces that were covered up to now."""
+        """Return the share of the path's pieces that are covered so far."""
         if not self._aims:
             return 0.0
         aims = np.array(self._aims)
@@ -273,7 +282,7 @@ class BallTask:
 
 @lru_cache(maxsize=8)  # a training flies the same few paths all the time
 def _way(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
-    """The ball's path, where its pieces begin (from where the ball does), and their mean distance from its middle."""
+    """Return the ball's path, the points between its pieces, (PIECES, 2), and their mean distance from the centre."""
     path = star(lap).varied(varied)
     ends = np.arange(PIECES) * (path.length / PIECES)
     pieces = np.array([path.at(varied.begin * path.length + s) for s in ends])
@@ -281,13 +290,13 @@ def _way(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
 
 
 def hop(ball: Ball, time: float) -> tuple[float, float]:
-    """Height of a ball's middle and its radius, m.
+    """Return the height of a ball's centre and its radius, m.
 
-    A slow rise is half a wave of a cosine; jumps are parabolas, one after the other, as of a ball that loses nothing.
+    A slow rise is one period of a cosine. Jumps are parabolas without loss of energy.
 
     Args:
-        ball: of the scenario.
-        time: since the start of the episode, s; the ball then lies on the ground and has its own radius.
+        ball: the scenario's ball.
+        time: time since the start of the episode, s; at 0 the ball lies on the ground with its own radius.
     """
     radius = up = ball.radius
     if ball.swell:
@@ -302,40 +311,44 @@ def hop(ball: Ball, time: float) -> tuple[float, float]:
 
 SPREAD_PX = 35.0
 SPREAD_DEGREES = 15.0
+"""Largest initial errors along a line, px and degrees."""
 ALONG = radians(45.0)
+"""Largest deviation from a side's direction that counts as flight along the side, rad."""
 SLOWEST = 1.5
+"""Largest time of a lap, as a multiple of the time along the line."""
 SIDES = 6
 EVENLY = radians(15.0)
-"""How far a heading that turns evenly is off those of the sides, on average: 30 degrees at the corners, 0 half way.
+"""Mean deviation from the sides' directions of a heading that turns at a constant rate, rad.
 
-A quarter of the mean turn at a corner; of a hexagon that is stretched it is more.
+The deviation is 30 degrees at a corner and 0 in the middle of a side, so the mean is a quarter of the mean turn at a
+corner. A stretched hexagon has a larger one.
 """
 
 
 class LineTask:
     """A hexagon on the ground, and a drone that flies forward, moves sideways and turns.
 
-    Where a side crosses row 63 of the picture its column and its lean (to the right of upright, in the picture) give
-    the error; of several sides the one nearest to column 63 counts. The line is lost when none crosses the row in the
-    picture. e = (|u - 63| / 64.5 + |lean| / 90) / 2 and e_max = 1.
+    The error is the column u where a side crosses row 63 of the picture, and the lean of the side there (clockwise from
+    upright, in the picture). If several sides cross the row, the crossing nearest to column 63 counts. The line is lost
+    if no side crosses the row inside the picture. e = (|u - 63| / 64.5 + |lean| / 90) / 2 and e_max = 1.
 
-    Progress is that of the point of the hexagon nearest to where the camera aims: ways back are taken off, ways
-    forward are added once the heading is within 45 degrees of the side's direction of travel, if that takes no more
-    than half a side. A lap counts when
+    Progress is the position on the hexagon of the point nearest to the camera's aim. Backward motion is subtracted.
+    Forward motion is added once the heading is within 45 degrees of the side's direction of travel, unless the point
+    has moved by more than half a side in the meantime. A lap counts if
 
     - the progress is the whole hexagon, and the line was never lost,
-    - the heading is 360 degrees, 45 more or less, beyond that of the first side, in the direction of travel,
-    - after the first tenth the line was, on average, at most 20 px beside the middle,
-    - and the heading at most 11.25 degrees off that of the nearest side: 3/4 of the 15 degrees of one that turns
-      evenly.
+    - the heading has turned by 360 +- 45 degrees from the first side, in the direction of travel,
+    - after the first tenth, the line is on average at most 20 px from the middle,
+    - after the first tenth, the heading deviates from the nearest side on average by at most 11.25 degrees: 3/4 of the
+      15 degrees of a heading that turns at a constant rate.
 
-    So one action all the time does not score, though its circle may stay within 5 px of the line (the last).
-    After 1.5 times the time that a lap takes along the line the episode ends without one.
+    A constant action therefore does not score: its circle may stay within 5 px of the line, but fails the last
+    condition. An episode ends without a lap after 1.5 times the time of a lap along the line.
 
     Args:
-        line: path, speed and width.
-        view: of the drone's camera.
-        height: of the drone, m.
+        line: path, speed and width of the line.
+        view: the drone's camera.
+        height: height of the drone, m.
 
     Source: thesis, sections 7.3.1.3 and 7.3.7.
     """
@@ -365,10 +378,11 @@ class LineTask:
         direction: int = 0,
         varied: Variation = FIXED,
     ) -> Pose:
-        """See `Task`; the start is in px and degrees, at the middle of the first side unless that is varied."""
-        drawn = (int(rng.integers(2)) * 2 - 1, *rng.uniform(-1.0, 1.0, 2).tolist())
-        direction = direction or self.line.direction or drawn[0]
-        du, lean = (drawn[1] * SPREAD_PX, drawn[2] * SPREAD_DEGREES) if start is None else start[:2]
+        """See `Task`; the start is in px and degrees, at the middle of the first side unless `varied` shifts it."""
+        random_direction = int(rng.integers(2)) * 2 - 1
+        shift, turn = rng.uniform(-1.0, 1.0, 2).tolist()
+        direction = direction or self.line.direction or random_direction
+        du, lean = (shift * SPREAD_PX, turn * SPREAD_DEGREES) if start is None else start[:2]
         self._begin(direction, varied)
         place = self._start(AIM + du, radians(lean)) if abs(lean) < 90.0 else None
         if place is None:
@@ -380,11 +394,11 @@ class LineTask:
         if start is not None:
             self.view.look(pose)
             if abs(self._crossing(self.view)[0] - AIM - du) > 1e-3:
-                raise ModelError(f"start [{du:g} px, {lean:g} degrees]: there another side of the hexagon is nearer")
+                raise ModelError(f"start [{du:g} px, {lean:g} degrees]: another side of the hexagon is nearer there")
         return pose
 
     def _start(self, u: float, lean: float) -> tuple[float, float, float] | None:
-        """The pose whose picture of the start on the first side crosses row 63 at `u` with a lean."""
+        """Return x, y and yaw at which the first side crosses row 63 at `u` with a lean, rad; None for no pose."""
         view = self.view
         view.look(Pose(0.0, 0.0, self.height))
         here = view.ground(u, AIM) if view.sees(u, AIM) else None
@@ -430,8 +444,11 @@ class LineTask:
         return Judged((u, AIM), (du, lean), scaled, abs(du), reward, progress, lost, done, lap)
 
     def _crossing(self, view: CameraView) -> tuple[float, float]:
-        """Column at which a side crosses row 63, nearest to column 63, and its lean, degrees; infinite for none."""
-        # A point of the ground is on the row where its dot product with `n` is 0; n is normal to all rays of the row.
+        """Return the column nearest to 63 where a side crosses row 63, px, and the side's lean, degrees.
+
+        The column is infinite if no side crosses the row.
+        """
+        # n is normal to all rays of the row, so the row contains the ground points whose dot product with n is 0.
         best, lean = inf, 0.0
         n, (px, py, pz) = view.row(AIM), view.place()
         base = n[0] * px + n[1] * py + n[2] * pz
@@ -452,7 +469,7 @@ class LineTask:
         return self._sum <= LARGEST_ERROR * self._count and self._off <= NEARER * EVENLY * self._count
 
     def _go(self, view: CameraView, yaw: float) -> float:
-        """Take account of the way made since the last moment; how far the heading is off the nearest side's."""
+        """Update the progress, and return the deviation of the heading from the nearest side's direction, rad."""
         aim = view.ground(AIM, AIM)
         if aim is None:
             return pi
@@ -462,13 +479,16 @@ class LineTask:
             self._place = place
         way = (place - self._place + 0.5 * SIDES) % SIDES - 0.5 * SIDES
         leap = way > 0.5
-        if way <= 0.0 or abs(off) <= ALONG or leap:  # else it counts when the heading is right again
+        if way <= 0.0 or abs(off) <= ALONG or leap:  # else the way counts once the heading is right again
             self.way += 0.0 if leap else way
             self._place = place
         return off
 
     def _nearest(self, x: float, y: float) -> tuple[float, int]:
-        """Where on the hexagon the point nearest to a place is: sides from the first corner, and the side it is on."""
+        """Return the position on the hexagon nearest to x, y, in sides from the first corner, and the side's index.
+
+        E.g. 2.5 and 2 for the middle of the third side.
+        """
         best, place, side = inf, 0.0, 0
         for k, (x0, y0, x1, y1) in enumerate(self._sides):
             dx, dy = x1 - x0, y1 - y0

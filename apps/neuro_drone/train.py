@@ -1,4 +1,4 @@
-"""Training in the closed loop, which goes on after a kill; the training curve; `--set`."""
+"""Training in the closed loop with checkpoints, the training curve, and `--set`."""
 
 from __future__ import annotations
 
@@ -22,42 +22,43 @@ from neuro_drone.controllers.pilot import ControllerPilot
 from neuro_drone.controllers.spiking import EPISODES, Spiking
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Flights
-from neuro_drone.model import FORMAT, Model, packed
+from neuro_drone.model import FORMAT, Model, pack_network
 from neuro_drone.parts import check_whole
-from neuro_drone.paths import drawn
+from neuro_drone.paths import draw_variation
 from neuro_drone.scenario import Scenario, load
 
 STEPS = 60_000
-"""Steps of a training. Source: thesis, table 5."""
+"""Default steps of a training. Source: thesis, table 5."""
 
 TEST_EVERY = 2000
-"""Steps of training from one test of frozen weights to the next."""
+"""Steps of training between two tests of frozen weights."""
 
 FLIGHTS, FLIGHT_STEPS = 2, 60
-"""Of a test: a sixteenth of the steps that are learnt from. The first half of a flight is the way to the target."""
+"""Flights of a test, and steps of a flight: a sixteenth of the training steps. In the first half of a flight, the drone
+approaches the target."""
 
 TEST_SEED = 2_000_016
-"""Of starts, paths and noise: the same in every test, and not those of a training or of `neuro drone test`.
+"""Seed of starts, paths and noise: the same in every test, other than in a training and in `neuro drone test`.
 
-It is the first from 2,000,000 on with which the two balls begin in opposite quarters of the picture, more than 25 px
-off on each axis, and the two lines on opposite sides, more than 10 px off, one in each direction.
+The value is the first seed >= 2,000,000 with which the two balls start in opposite quarters of the picture, more than
+25 px off on each axis, and the two lines on opposite sides, more than 10 px off, one in each direction.
 """
 
 LAST = 20
-"""Episodes of which the mean reward is told."""
+"""Episodes of the mean reward in a progress report."""
 _CURVE = {"steps": np.int64, "error_px": np.float64, "lost": np.int64}
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
-        seed: of the training.
-        episodes: that have ended.
-        step, steps: done, and all.
-        reward: mean of a step in the last episodes, not a number before the first; the best is 1.
-        frozen_px: mean of the last test with frozen weights; not a number before the first.
+        seed: seed of the training.
+        episodes: completed episodes.
+        step, steps: completed steps, and all steps.
+        reward: mean reward per step in the last episodes, at most 1; NaN before the first episode.
+        frozen_px: mean error of the last test with frozen weights, px; NaN before the first test.
     """
 
     seed: int
@@ -69,7 +70,7 @@ class TrainingProgress:
 
     @property
     def text(self) -> str:
-        """Steps, and how well it flies, in a few words."""
+        """Describe the progress: steps, error with frozen weights, and reward."""
         frozen = "" if math.isnan(self.frozen_px) else f", {self.frozen_px:.1f} px frozen, from afar"
         learning = "" if math.isnan(self.reward) else f", reward {self.reward:.3f} a step while it learns"
         return f"{self.step:,} of {self.steps:,} steps{frozen}{learning}"
@@ -89,33 +90,30 @@ def train(
     out: Path | None = None,
     report: Report | None = None,
 ) -> Model:
-    """Teach a controller; one that cannot learn is only put into a model.
+    """Train a controller and return its model. A controller that does not learn is stored without training.
 
     Args:
-        scenario: the world and the task, its name or its file.
+        scenario: the scenario, its name or its file.
         controller: a name of `CONTROLLERS`.
-        steps: of control, in all.
-        episode: most steps of one; it ends before where the target is lost or the lap is over. The network's world
-            or `EPISODES` says it if not given.
-        seed: of everything random; episodes begin where it says.
-        settings: of the controller, by name.
-        out: file for the model. A checkpoint is kept beside it; the same call continues from there to the same bits.
-            A training that is complete is not done again.
+        steps: control steps of the whole training.
+        episode: longest episode, steps; an episode ends earlier if the target is lost or the lap is over. Default: the
+            value in the network's world, else `EPISODES`.
+        seed: seed of everything random, also of the starts.
+        settings: settings of the controller by name.
+        out: file of the model. A checkpoint is written beside it; the same call continues from the checkpoint to the
+            same bits. A complete training is loaded instead of repeated.
         report: called with the progress after each episode.
-
-    Returns:
-        The model.
 
     Raises:
         ModelError: a name or a setting is wrong, or `out` belongs to another training.
     """
     model = untrained(load(scenario), controller, seed, episode, settings or {})
     check_whole("steps", steps, 1)
-    words = model.told() | {"steps": steps}
+    words = model.training_arguments() | {"steps": steps}
     if out is not None:
-        if out.is_file() and (made := Model.load(out)).told() | {"steps": made.steps} == words:
+        if out.is_file() and (stored := Model.load(out)).training_arguments() | {"steps": stored.steps} == words:
             Checkpoint(out, "", {}).remove()
-            return made
+            return stored
         check_output(out, hdf5.kind(FORMAT))
     if kind_of(controller).learns:
         model = _learn(model, steps, out, words, report)
@@ -128,28 +126,28 @@ def train(
 def untrained(
     scenario: Scenario, controller: str, seed: int, episode: int | None, settings: Mapping[str, Any]
 ) -> Model:
-    """The model of a controller before learning; the words are those of `train`."""
+    """Return the model of a controller before learning; the arguments are those of `train`."""
     check_whole("seed", seed, below="2^63")
     made = make(controller, scenario, seed, settings)
-    files, own = {}, None
+    files, world_episode = {}, None
     if isinstance(made, Spiking):
-        made.loop(DroneEnv(scenario))  # what does not fit is told of the user's file
-        files, own = packed(made.net), made.world.episode
-    episode = (own or EPISODES[scenario.kind]) if episode is None else episode
+        made.loop(DroneEnv(scenario))  # errors here name the user's file; the stored network has none
+        files, world_episode = pack_network(made.net), made.world.episode
+    episode = (world_episode or EPISODES[scenario.kind]) if episode is None else episode
     check_whole("episode", episode, 1)
     return Model(controller, scenario, seed, 0, episode, settings_of(controller, scenario, settings), network=files)
 
 
 def _learn(model: Model, steps: int, out: Path | None, words: Mapping[str, Any], report: Report | None) -> Model:
-    """Learn in the closed loop until all steps are done, with tests on the way."""
+    """Learn in the closed loop until all steps are done, with tests of frozen weights in between."""
     env = gymnasium.wrappers.TimeLimit(DroneEnv(model.scenario), model.episode)
     loop = model.loop(env, learns=True)
     checkpoint = None if out is None else loop.checkpoint(out, words)
-    found = {} if checkpoint is None else checkpoint.resume()
-    loop.go_on(found)
-    curve, episodes = Curve(model, found.get("curve")), len(loop.log)
+    arrays = {} if checkpoint is None else checkpoint.resume()
+    loop.go_on(arrays)
+    curve, episodes = Curve(model, arrays.get("curve")), len(loop.log)
 
-    def tell() -> None:
+    def report_progress() -> None:
         log = loop.log
         reward = log.returns[-LAST:].sum() / log.lengths[-LAST:].sum() if len(log) else math.nan
         if report is not None:
@@ -160,12 +158,12 @@ def _learn(model: Model, steps: int, out: Path | None, words: Mapping[str, Any],
         curve.follow(loop)
         if len(loop.log) > episodes:
             episodes = len(loop.log)
-            tell()
+            report_progress()
 
     def after(loop: ClosedLoop) -> None:
         if checkpoint is not None:
             checkpoint.keep(**loop.arrays(), curve=curve.arrays())
-        tell()
+        report_progress()
 
     loop.watch = watch
     loop.until(End(steps=steps), after=after)
@@ -179,31 +177,32 @@ def _learn(model: Model, steps: int, out: Path | None, words: Mapping[str, Any],
 
 
 class Curve:
-    """The training curve: how well a controller would fly if it learnt no more; exploration and dopamine hide that.
+    """The training curve: the error of frozen weights in tests during a training.
 
-    It is tested with frozen weights along a training, which neither it nor its randomness is touched by.
+    While a controller learns, exploration and dopamine hide the quality of its weights. The tests change neither the
+    training nor its random numbers.
 
-    The error is that in the picture, as in the history of a training: of a line that of its column, and where the drone
-    climbs that of the ball's place. The other axes tell in the flights that are lost.
+    The error is `error_px`: for a line the error of its column, and if the drone climbs the error of the ball's
+    position. Errors on the other axes only show as lost flights.
 
     Args:
-        model: before learning.
-        found: what `arrays` gave, to go on from there.
+        model: the model before learning.
+        points: result of `arrays`, to continue a curve.
     """
 
-    def __init__(self, model: Model, found: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
+    def __init__(self, model: Model, points: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
         line, rngs = model.scenario.kind == "line", [np.random.default_rng((TEST_SEED, k)) for k in range(FLIGHTS)]
-        begins = [(int(rng.integers(2**31)), {"path": drawn(rng, line)}) for rng in rngs]
+        begins = [(int(rng.integers(2**31)), {"path": draw_variation(rng, line)}) for rng in rngs]
         self._env = Flights(model.scenario, cycle(begins))
         self._loop = model.loop(self._env)
-        self._points: dict[str, list[Any]] = {name: found[name].tolist() if found else [] for name in _CURVE}
+        self._points: dict[str, list[Any]] = {name: points[name].tolist() if points else [] for name in _CURVE}
         self._last = self._points["steps"][-1] if self._points["steps"] else 0
 
     def follow(self, loop: ClosedLoop) -> None:
-        """Test once if a test was due since the last.
+        """Test once if a test is due.
 
         Args:
-            loop: of the training.
+            loop: closed loop of the training.
         """
         if loop.steps // TEST_EVERY == self._last // TEST_EVERY:
             return
@@ -215,9 +214,9 @@ class Curve:
         self._loop.test(FLIGHTS, most=FLIGHT_STEPS)
         errors, lost = [], 0
         for track, last in zip(self._env.errors, self._env.last, strict=True):
-            far = [px for _, px in track]
-            far += far[-1:] * (FLIGHT_STEPS - len(far))  # of a flight that lost the target the last error stays
-            errors.append(np.mean(far[FLIGHT_STEPS // 2 :]))
+            distances = [px for _, px in track]
+            distances += distances[-1:] * (FLIGHT_STEPS - len(distances))  # after a loss the last error counts
+            errors.append(np.mean(distances[FLIGHT_STEPS // 2 :]))
             lost += last["lost"]
         self._env.errors.clear()
         self._env.last.clear()
@@ -226,21 +225,21 @@ class Curve:
 
     @property
     def last_px(self) -> float:
-        """The error of the last test; not a number before the first."""
+        """Error of the last test, px; NaN before the first test."""
         return float(self._points["error_px"][-1]) if self._points["error_px"] else math.nan
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """One value a test: steps of the training, error_px (mean of the flights) and lost (how many)."""
+        """Return one value per test: steps of the training, error_px (mean of the flights) and lost (lost flights)."""
         return {name: np.array(self._points[name], kind) for name, kind in _CURVE.items()}
 
     def close(self) -> None:
-        """No test follows."""
+        """Close the environment of the tests."""
         self._env.close()
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingJob:
-    """A training among several; the words are those of `train`."""
+    """One of several trainings; the attributes are the arguments of `train`."""
 
     scenario: Scenario | str | Path
     controller: str = "snn"
@@ -251,25 +250,25 @@ class TrainingJob:
     out: Path | None = None
 
     def run(self, report: Report | None = None) -> Model:
-        """Train."""
+        """Train and return the model."""
         return train(report=report, **{name: getattr(self, name) for name in self.__slots__})
 
 
 def side_by_side(
     jobs: Sequence[TrainingJob], processes: int | None = None, report: Report | None = None
 ) -> list[Model]:
-    """Train several, each in a process of its own; each gives what it gives alone. See `neuro.apps.side_by_side`.
+    """Run several trainings in processes of their own, with the same results as alone; see `neuro.apps.side_by_side`.
 
     Args:
-        jobs: what to train.
-        processes: at a time; all cores if not given.
-        report: called with the progress of each, by its seed.
+        jobs: the trainings.
+        processes: processes at a time; default the number of cores.
+        report: called with the progress of each training.
 
     Returns:
         The models, in the order of the jobs.
 
     Raises:
-        ModelError: of the first job that raises one.
+        ModelError: the first error of a job.
     """
     return apps.side_by_side(TrainingJob.run, jobs, processes, report)
 
@@ -277,30 +276,30 @@ def side_by_side(
 _WORDS = {one.name for one in fields(Scenario)}
 
 
-def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
-    """A scenario and the settings of a controller, with changes.
+def apply_changes(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
+    """Apply the changes of `--set` to a scenario and to the settings of a controller, and check both.
 
     Args:
-        scenario: its name or file.
-        controller: its name.
-        texts: "name=value": with a dot, or a word that only a scenario has, a change of the scenario; else a setting
-            of the controller.
+        scenario: name or file of the scenario.
+        controller: name of the controller.
+        texts: changes "name=value". A name with a dot, or one that only a scenario has, changes the scenario; any other
+            name is a setting of the controller.
 
     Raises:
-        ModelError: there is no such scenario, controller or word, or a value cannot be.
+        ModelError: there is no such scenario, controller or name, or a value is invalid.
     """
     own = set(kind_of(controller).settings.own())
-    values = _said(texts)
+    values = _parse_changes(texts)
     world = {name for name in values if "." in name or name in _WORDS - own}
     changed = load(scenario, **{name: values[name] for name in values if name in world})
     settings = {name: values[name] for name in values if name not in world}
-    known = own | _WORDS
+    names = own | _WORDS
     try:
-        untrained(changed, controller, 0, None, settings)  # mistakes are told before any work
-    except ModelError as error:  # a name that is none of the network's parameters may be meant for a setting
-        for name in sorted(settings.keys() - known):
-            if error.kind.startswith("unknown parameter") and get_close_matches(name, known, 1):
-                raise unknown(f"setting of controller '{controller}'", name, known) from None
+        untrained(changed, controller, 0, None, settings)  # raises errors before any training starts
+    except ModelError as error:  # an unknown parameter of the network may be a misspelt setting
+        for name in sorted(settings.keys() - names):
+            if error.kind.startswith("unknown parameter") and get_close_matches(name, names, 1):
+                raise unknown(f"setting of controller '{controller}'", name, names) from None
         raise
     maker = kind_of(controller).maker
     if isinstance(maker, type) and issubclass(maker, Deep):
@@ -308,8 +307,8 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     return changed, settings
 
 
-def _said(texts: Sequence[str]) -> dict[str, Any]:
-    """Changes by name; the seed of a scenario is refused, since all episodes of a command have seeds of their own."""
+def _parse_changes(texts: Sequence[str]) -> dict[str, Any]:
+    """Return changes by name. Refuse the scenario's seed, since all episodes of a command have seeds of their own."""
     values = assignments(list(texts))
     if "seed" in values:
         raise ModelError("--set seed: it would change nothing", hint="training has --seed; tests have fixed seeds")
@@ -317,16 +316,16 @@ def _said(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def pilot(model: Path | None, scenario: str | None, controller: str | None, texts: Sequence[str]) -> Model:
-    """A trained model, or one of a controller that does not learn.
+    """Load a trained model, or make the model of a controller that does not learn.
 
     Args:
         model: file of the model.
-        scenario: another one than the model's; of a controller B60 if not given.
-        controller: its name, if there is no file.
-        texts: changes, see `chosen`; of a model only those of the scenario.
+        scenario: scenario of the flights; default the model's, without a model B60.
+        controller: name of the controller, if there is no file.
+        texts: changes, see `apply_changes`; with a model only changes of the scenario.
 
     Raises:
-        ModelError: as `chosen`, or a controller by name must learn first.
+        ModelError: see `apply_changes`; or the named controller must be trained first.
     """
     if model is None:
         name = controller or ""
@@ -336,10 +335,10 @@ def pilot(model: Path | None, scenario: str | None, controller: str | None, text
                 f"controller '{name}' has to learn first: expected a model, or one of {fixed}",
                 hint=f"neuro drone train --controller {name}",
             )
-        world, settings = chosen(scenario or "B60", name, texts)
+        world, settings = apply_changes(scenario or "B60", name, texts)
         return train(world, name, settings=settings)
     trained = Model.load(model)
-    changes = _said(texts)
+    changes = _parse_changes(texts)
     for name in changes:
         if "." not in name and name not in _WORDS:
             raise ModelError(

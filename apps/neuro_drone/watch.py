@@ -1,7 +1,6 @@
 """A lap as one page for a browser: the world, the camera's events, spikes and actions side by side.
 
-`fly` flies a lap and keeps all that was seen, thought and done; `page` is that as text, `watch` does both.
-
+`fly` flies and records a lap, `page` makes the HTML text, and `watch` does both.
 """
 
 from __future__ import annotations
@@ -17,51 +16,51 @@ import numpy.typing as npt
 import neuro
 from neuro.apps import html, player, sealed
 from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import Flights, Start, begun, fly_lap
+from neuro_drone.evaluate import Flights, Start, fly_lap, reset_arguments
 from neuro_drone.geometry import CameraView
-from neuro_drone.model import Model, packed, unpacked
+from neuro_drone.model import Model, pack_network, unpack_network
 from neuro_drone.parts import Ball, Line
 from neuro_drone.paths import VARIED, FlightCourse
 from neuro_drone.report import motors
 
 MOST = 3_000_000
-"""Events, and spikes of a population, of a page; of more an even choice is shown."""
+"""Most events, and most spikes of a population, on a page. Larger numbers are thinned evenly."""
 
 PAGE = sealed(
     "a page of 'neuro drone watch'", '<meta name="generator" content="neuro drone watch">', "<!-- digest {} -->"
 )
 
 TALL, EDGE = 216, 86
-"""Height of the raster, and width of the names beside it, px."""
+"""Height of the raster and width of the names beside it, px."""
 COLOURS = ("a", "b", "c", "d", "e", "f")
-"""Of the motors."""
+"""Colours of the motors, names of the page's style."""
 CAMERA = html.Html(
     '<i style="background:var(--on)"></i>brighter <i style="background:var(--off);margin-left:4px"></i>darker '
-    '<i style="border:1.5px solid var(--target);border-radius:50%;margin-left:6px"></i>true place'
+    '<i style="border:1.5px solid var(--target);border-radius:50%;margin-left:6px"></i>true position'
 )
 TRAINING = html.Html(
-    'by steps: <i style="background:var(--d)"></i>error, weights frozen, short flights from afar: what was learnt '
+    'by steps: <i style="background:var(--d)"></i>error with frozen weights in short flights from far starts '
     '<b style="color:var(--target);margin-left:6px">×</b> target lost in one of them '
-    '<i style="background:var(--soft);margin-left:4px"></i>mean reward of a step of episodes with learning on: '
-    "dopamine steers, and exploration disturbs"
+    '<i style="background:var(--soft);margin-left:4px"></i>mean reward per step of episodes with learning on, '
+    "where the dopamine also steers and exploration disturbs"
 )
 
 POINTS = 600
-"""Points of the path."""
+"""Most points of the drawn path."""
 
 FAR = 6.0
-"""How far away the ground is drawn that the camera sees, m; towards the horizon it would have no end."""
+"""Largest distance of the drawn footprint of the camera, m; towards the horizon the footprint is infinite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightSpikes:
-    """Of one population.
+    """Spikes of one population.
 
     Attributes:
-        name: of it.
-        size: neurons.
-        times: ms since the start, (n,).
-        ids: (n,) neurons.
+        name: name of the population.
+        size: number of neurons.
+        times: (n,), times of the spikes since the start, ms.
+        ids: (n,), neurons of the spikes.
     """
 
     name: str
@@ -72,29 +71,29 @@ class FlightSpikes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """What happened in each step of a lap, from the start (without an action) on.
+    """The record of a lap: n steps, the first of which is the start without an action.
 
     Attributes:
-        model: that flew.
-        start: where it began.
-        path: (m, 2) the target's way, m.
-        poses: (n, 3) place and heading of the drone, m and rad.
-        heights: (n,) of the drone, m.
-        winds: (n, 2) in which it flew to there, m/s.
-        loads: (n,) that it carried, kg.
-        footprints: (n, 4, 2) corners of what the camera sees of the ground, clockwise from the far left, m.
-        balls: (n, 2) the ball's place, m; empty for a line.
-        talls: (n,) how tall its picture is, px; 0 for a line.
-        targets: (n, 2) column and row of the target in the picture, px.
-        errors: (n,) px.
-        actions: (n, axes); that of the start is 0.
-        counts: (n, 8, 8) events of the fields.
-        events: (n,) of each step, in x, y and p.
+        model: the model that flew.
+        start: the start of the lap.
+        path: (m, 2), path of the target, m.
+        poses: (n, 3), position and heading of the drone, m and rad.
+        heights: (n,), height of the drone, m.
+        winds: (n, 2), wind during the step, m/s.
+        loads: (n,), mass of the load, kg.
+        footprints: (n, 4, 2), corners of the camera's view of the ground, clockwise from the far left, m.
+        balls: (n, 2), position of the ball, m; empty for a line.
+        talls: (n,), height of the ball's picture, px; 0 for a line.
+        targets: (n, 2), column and row of the target in the picture, px.
+        errors: (n,), error, px.
+        actions: (n, axes); the action of the start is 0.
+        counts: (n, 8, 8), events of the fields.
+        events: (n,), number of events of each step, in the order of x, y and p.
         x, y, p: column, row and polarity of all events.
-        spikes: of all populations of the controller, if it has any.
-        lap: whether the lap counts.
-        lost: whether the target was lost.
-        backend: what ran the controller's network.
+        spikes: spikes of all populations of the controller; empty without a spiking network.
+        lap: True if the lap counts.
+        lost: True if the target was lost.
+        backend: backend of the controller's network.
     """
 
     model: Model
@@ -121,66 +120,65 @@ class Flight:
     backend: str = "event"
 
 
-class _Filmed(Flights):
-    """A lap of which all is kept, by the names of `Flight`."""
+class _RecordedFlight(Flights):
+    """An environment that records every step of a lap, by the names of `Flight`."""
 
     def reset(self, **words: Any) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin the lap."""
-        self.kept: dict[str, list[Any]] = {}
-        self.seen: list[neuro.events.Events] = []
-        answer = super().reset(**words)
-        self._keep(np.zeros(self.scenario.axes))
-        return answer
+        self.values: dict[str, list[Any]] = {}
+        self.events: list[neuro.events.Events] = []
+        result = super().reset(**words)
+        self._record(np.zeros(self.scenario.axes))
+        return result
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
         """See `DroneEnv`."""
-        answer = super().step(action)
-        self._keep(np.array(action))
-        return answer
+        result = super().step(action)
+        self._record(np.array(action))
+        return result
 
-    def _keep(self, action: npt.NDArray[Any]) -> None:
+    def _record(self, action: npt.NDArray[Any]) -> None:
         info = self.last[-1]
         measured = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
-        for name, value in (_where(self) | measured).items():
-            self.kept.setdefault(name, []).append(value)
-        self.seen.append(info["events"])
+        for name, value in (_world_state(self) | measured).items():
+            self.values.setdefault(name, []).append(value)
+        self.events.append(info["events"])
 
 
 def fly(model: Model, start: Start, backend: str = "event") -> Flight:
-    """Fly a lap with frozen weights.
+    """Fly a lap with frozen weights and record it.
 
     Args:
-        model: what flies; spikes of a network, also those of its inputs, are all kept.
-        start: where.
-        backend: what runs the controller's network.
+        model: the trained model. All spikes of a network are recorded, also those of its inputs.
+        start: start of the lap.
+        backend: backend of the controller's network.
 
     Raises:
-        ModelError: the start cannot be, or the backend refuses the network.
+        ModelError: the start is impossible, or the backend refuses the network.
     """
-    env, listened = _Filmed(model.scenario, [begun(start)]), model
+    env, probed_model = _RecordedFlight(model.scenario, [reset_arguments(start)]), model
     if model.network:
-        net = unpacked(model.network)
+        net = unpack_network(model.network)
         for name, population in net.populations.items():
             if isinstance(population.model, neuro.poisson_generator):
                 net.probe(f"heard_{name}", population)
-        listened = replace(model, network=packed(net))
-    loop = listened.loop(env, backend=backend, record=True)
+        probed_model = replace(model, network=pack_network(net))
+    loop = probed_model.loop(env, backend=backend, record=True)
     lap = fly_lap(loop, env, start)
     env.close()
-    kept = env.kept
-    whole: dict[str, Any] = {name: np.array(values) for name, values in kept.items() if name != "balls"}
-    balls = np.array([ball for ball in kept["balls"] if ball is not None]).reshape(-1, 2)
-    whole |= {name: np.concatenate([getattr(part, name) for part in env.seen]) for name in "xyp"}
-    each, recorded = np.array([len(part) for part in env.seen]), []
+    arrays: dict[str, Any] = {name: np.array(values) for name, values in env.values.items() if name != "balls"}
+    balls = np.array([ball for ball in env.values["balls"] if ball is not None]).reshape(-1, 2)
+    arrays |= {name: np.concatenate([getattr(part, name) for part in env.events]) for name in "xyp"}
+    counts, recordings = np.array([len(part) for part in env.events]), []
     if model.network:
-        recorded = [(part, loop.sim.spikes(part.name)) for part in loop.sim.program.populations if part.records]
-    spikes = tuple(FlightSpikes(part.name, part.size, *trains) for part, trains in recorded)
-    whole |= {"path": env.task.path.points, "spikes": spikes, "balls": balls, "events": each}
-    return Flight(model, start, **whole, lap=lap.lap, lost=lap.lost, backend=backend)
+        recordings = [(part, loop.sim.spikes(part.name)) for part in loop.sim.program.populations if part.records]
+    spikes = tuple(FlightSpikes(part.name, part.size, *trains) for part, trains in recordings)
+    arrays |= {"path": env.task.path.points, "spikes": spikes, "balls": balls, "events": counts}
+    return Flight(model, start, **arrays, lap=lap.lap, lost=lap.lost, backend=backend)
 
 
-def _where(env: DroneEnv) -> dict[str, Any]:
-    """How the world is now, by the names of `Flight`."""
+def _world_state(env: DroneEnv) -> dict[str, Any]:
+    """Return the state of the world after a step, by the names of `Flight`."""
     ball, pose, weather = env.task.scene().ball, env.body.pose, env.weather
     return {
         "poses": (pose.x, pose.y, pose.yaw),
@@ -194,7 +192,7 @@ def _where(env: DroneEnv) -> dict[str, Any]:
 
 
 def footprint(view: CameraView) -> list[tuple[float, float]]:
-    """Corners of what a camera sees of the ground up to `FAR`, clockwise from the far left."""
+    """Return the corners of a camera's view of the ground up to `FAR`, clockwise from the far left, m."""
     low, high = -0.5, view.size - 0.5
     x, y, _ = view.place()
     for row in np.arange(low, high, 2.0).tolist():
@@ -215,18 +213,18 @@ def watch(
     """Fly a lap and write the page.
 
     Args:
-        model: what flies, with frozen weights.
-        file: the page.
-        start: error on each axis at the beginning; if not given -30 px on both, of a line 20 px and 10 degrees. Of
-            three axes the third may be left out, it is then 0.
-        backend: what runs the controller's network.
-        course: whose first path is flown.
+        model: the trained model, flown with frozen weights.
+        file: file of the page.
+        start: initial error on each axis; default -30 px on both, for a line 20 px and 10 degrees. With three axes the
+            third may be left out and is then 0.
+        backend: backend of the controller's network.
+        course: paths of a test; the lap has the first.
 
     Returns:
-        What came of the lap, in a few words.
+        The result of the lap as text, see `outcome`.
 
     Raises:
-        ModelError: the file is not called .html or cannot be written, the start cannot be, or the backend refuses
+        ModelError: the file is not called .html or cannot be written, the start is impossible, or the backend refuses
             the network.
     """
     line = isinstance(model.scenario.task, Line)
@@ -240,18 +238,18 @@ def watch(
 
 
 def outcome(flight: Flight) -> str:
-    """Return duration, error and end of a lap in a few words."""
+    """Return duration, error and end of a lap as text."""
     end = "a lap that counts" if flight.lap else "the target was lost" if flight.lost else "no lap that counts"
     seconds = (len(flight.errors) - 1) * flight.model.scenario.step / 1000.0
     return f"{seconds:.1f} s, mean error {flight.errors[1:].mean():.2f} px, {end}"
 
 
 def page(flight: Flight) -> str:
-    """The page as text."""
+    """Return the page as HTML text."""
     model, world = flight.model, flight.model.scenario
-    taught = f"after {model.steps:,} steps of training (seed {model.seed})" if model.steps else "which does not learn"
+    training = f"after {model.steps:,} steps of training (seed {model.seed})" if model.steps else "which does not learn"
     thinned = player.evenly(len(flight.x), MOST)
-    about = [f"{model.controller}, {taught}", "weights frozen, no dopamine", str(flight.start.path), outcome(flight)]
+    about = [f"{model.controller}, {training}", "weights frozen, no dopamine", str(flight.start.path), outcome(flight)]
     about += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
     about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
     steps, window = len(flight.errors) - 1, max(3000.0, 20 * world.step) / world.step
@@ -273,7 +271,7 @@ def page(flight: Flight) -> str:
     note += "" if flight.spikes else "; this controller has no spiking neurons"
     below = [
         player.Panel(spikes, [_raster(flight, window), _actions(flight, window)], note),
-        player.Panel("Error", [_errors(flight)], "of the whole lap, px; click to go there", controls=True),
+        player.Panel("Error", [_errors(flight)], "of the whole lap, px; click to move the time", controls=True),
     ]
     if len(model.history.get("returns", ())):
         below.append(player.Panel("Training", [_training(model)], TRAINING))
@@ -286,9 +284,9 @@ def page(flight: Flight) -> str:
 
 
 def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]]:
-    """World, camera, fields and stick."""
+    """Return the panels of world, camera, fields and action."""
     world, names = flight.model.scenario, motors(flight.model.scenario)
-    seen = {
+    world_data = {
         "path": flight.path[:: max(1, len(flight.path) // POINTS)].ravel(), "poses": flight.poses.ravel(),
         "foot": flight.footprints.ravel(), "balls": flight.balls.ravel(), "heights": flight.heights,
         "winds": flight.winds.ravel(), "loads": flight.loads, "climbs": world.axes > 2, "step": world.step,
@@ -308,7 +306,7 @@ def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]
     return [
         player.Panel(
             "World",
-            [player.Track("world", "world", "drone, camera and target from above", seen, square=True)],
+            [player.Track("world", "world", "drone, camera and target from above", world_data, square=True)],
             "from above",
         ),
         player.Panel(
@@ -324,13 +322,13 @@ def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]
 
 
 def _busy(flight: Flight) -> int:
-    """Events of the fullest field, exceeded in a tenth of the steps: its shade is the darkest."""
+    """Return the events of a field with the darkest shade: exceeded by some field in a tenth of the steps."""
     fullest = np.sort(flight.counts.max(axis=(1, 2)))
     return max(1, int(fullest[int(0.9 * len(fullest))]))
 
 
 def _raster(flight: Flight, window: float) -> player.Track:
-    """Spikes of all populations; of a controller without neurons the events of the fields."""
+    """Return the raster of the spikes of all populations; without spiking neurons, of the events of the fields."""
     world, names = flight.model.scenario, motors(flight.model.scenario)
     if not flight.spikes:
         counts = flight.counts.reshape(len(flight.counts), -1)
@@ -362,18 +360,18 @@ def _actions(flight: Flight, window: float) -> player.Track:
         for axis, actions in enumerate(flight.actions.T)
     ]
     lane = {"low": -1, "high": 1, "zero": True, "lines": lines}
-    return player.Track("curve", "actions", "actions along time", {"lanes": [lane], "window": window, "edge": EDGE}, 76)
+    return player.Track("curve", "actions", "actions over time", {"lanes": [lane], "window": window, "edge": EDGE}, 76)
 
 
 def _errors(flight: Flight) -> player.Track:
     line = {"y": flight.errors, "style": "area", "colour": "accent"}
     lane = {"low": 0, "high": max(10.0, flight.errors.max()), "marks": 3, "unit": " px", "lines": [line]}
     data = {"lanes": [lane], "edge": EDGE, "cursor": "ink", "click": True, "fades": True}
-    return player.Track("curve", "lap", "error along the lap", data, 54)
+    return player.Track("curve", "lap", "error over the lap", data, 54)
 
 
 def _training(model: Model) -> player.Track:
-    """Errors with frozen weights along the training, and the mean reward of a step of each episode."""
+    """Return the plot of the error with frozen weights during the training, and of the mean reward per step."""
     history, curve = model.history, model.curve
     tested, frozen, lost = (np.asarray(curve.get(name, ()), float) for name in ("steps", "error_px", "lost"))
     rewards = {"x": history["steps"], "y": history["returns"] / history["lengths"], "style": "dots", "colour": "soft"}
@@ -386,4 +384,4 @@ def _training(model: Model) -> player.Track:
         {"low": 0, "high": 1, "marks": 2, "lines": [rewards]},
     ]
     data = {"lanes": lanes, "edge": EDGE, "end": model.steps, "axis": "steps"}
-    return player.Track("curve", "training", "error and reward along the training", data, 160)
+    return player.Track("curve", "training", "error and reward over the training", data, 160)

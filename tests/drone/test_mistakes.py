@@ -12,7 +12,7 @@ from drones import SHORT  # noqa: F401
 from neuro.core import hdf5
 from neuro.core.extras import install
 from neuro_drone.controllers import make  # noqa: F401  (named in messages.yaml, as all of these)
-from neuro_drone.energy import priced  # noqa: F401
+from neuro_drone.energy import compute_bills  # noqa: F401
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import grid  # noqa: F401
 from neuro_drone.model import Model  # noqa: F401

@@ -14,7 +14,7 @@ import neuro_models
 from drones import SHORT, stop_at
 from neuro_drone import train as training
 from neuro_drone.controllers import make
-from neuro_drone.energy import priced, show, words
+from neuro_drone.energy import compute_bills, show, words
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Start, grid, try_out
 from neuro_drone.model import Model
@@ -117,7 +117,7 @@ def test_seeds_differ_and_side_by_side_changes_nothing(monkeypatch):
 def test_a_file_that_comes_back(tmp_path, snn):
     snn.save(tmp_path / "model.h5")
     back = Model.load(tmp_path / "model.h5")
-    assert (back.told(), back.steps) == (snn.told(), 1000)
+    assert (back.training_arguments(), back.steps) == (snn.training_arguments(), 1000)
     assert same(back, snn)
     assert networks(back) == networks(snn)
     net = neuro.Network("own", resolution=1.0)
@@ -215,7 +215,7 @@ MACS = 64 * 64 + 64 * 64 + 64 * 9
 
 @pytest.fixture(scope="module")
 def bills():
-    return priced(train(LAP, "static"), ("loihi", "spinnaker", "cpu"))
+    return compute_bills(train(LAP, "static"), ("loihi", "spinnaker", "cpu"))
 
 
 def test_bills(bills, capsys):
@@ -239,7 +239,7 @@ def test_bills(bills, capsys):
     assert (loihi["in_time"], spinnaker["in_time"], cpu["in_time"]) == (True, True, None)
     assert spinnaker["time_us"] == pytest.approx(20_000)  # 1 ms of network in 1 ms
     assert loihi["share_of_step"] == pytest.approx(loihi["time_us"] / 20_000)
-    fine = priced(train(LAP, "static", settings={"resolution": 0.5}), ("spinnaker",))
+    fine = compute_bills(train(LAP, "static", settings={"resolution": 0.5}), ("spinnaker",))
     assert json.loads(words(fine))["bills"][0]["in_time"] is False
     show(bills)
     assert "Davies" not in capsys.readouterr().out
@@ -255,7 +255,7 @@ def test_bills(bills, capsys):
     learnt = {f"q_net.q_net.{k}.weight": np.zeros(shape, np.float32) for k, shape in shapes.items()}
     learnt |= {f"q_net.q_net.{k}.bias": np.zeros(shape[0], np.float32) for k, shape in shapes.items()}
     model = Model("dqn", LAP, 0, 1, 100, {"hidden": 16}, learnt=learnt)
-    bills = priced(model, ("loihi", "gpu"))
+    bills = compute_bills(model, ("loihi", "gpu"))
     assert [(d.target, d.items[0].of, d.items[0].count) for d in bills.dense] == [
         ("gpu", "dqn: 64-16-16-9", 64 * 16 + 16 * 16 + 16 * 9)
     ]

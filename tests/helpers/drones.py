@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from neuro_drone.controllers.pilot import loop_of
-from neuro_drone.evaluate import Flights, Lap, Start, begun, fly_lap
+from neuro_drone.evaluate import Flights, Lap, Start, reset_arguments, fly_lap
 from neuro_drone.scenario import Scenario, load
 
 SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})
@@ -23,11 +23,11 @@ def stop_at(step: int) -> Callable[[Any], None]:
 
 def begin_lap(env: Any, start: Start, index: int = 0) -> dict[str, Any]:
     """Begin a lap of the test; gives the environment's info."""
-    seed, options = begun(start, index)
+    seed, options = reset_arguments(start, index)
     return env.reset(seed=seed, options=options)[1]
 
 
 def lap_of(controller: Any, world: Scenario, start: Start, index: int = 0) -> tuple[Lap, Flights]:
     """A lap of a controller, and its environment as it is then."""
-    env = Flights(world, [begun(start, index)])
+    env = Flights(world, [reset_arguments(start, index)])
     return fly_lap(loop_of(controller, env), env, start), env

@@ -1,7 +1,7 @@
-"""What decides on the actions: all controllers behind one small interface, by name.
+"""The controllers of the drone behind one interface, by name.
 
-`CONTROLLERS` is the table; a new controller is a class with the methods of `Controller` (of `Learner` if it learns), a
-frozen dataclass of its settings and one row.
+`CONTROLLERS` is the table. A new controller is a class with the methods of `Controller` (of `Learner` if it learns), a
+frozen dataclass of settings, and one row.
 """
 
 from __future__ import annotations
@@ -38,24 +38,28 @@ __all__ = ["CONTROLLERS", "Controller", "ControllerKind", "Learner", "make", "se
 
 
 class Controller(Protocol):
-    """What flies the drone."""
+    """A controller that flies the drone."""
 
     def begin(self) -> None:
-        """An episode begins."""
+        """Begin an episode."""
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> npt.NDArray[np.float64]:
-        """Decide.
+        """Return the action.
 
         Args:
             counts: (8, 8) events of the last step in each field of the picture.
-            info: what the environment gave beside them; only the oracle looks at it.
+            info: the environment's `info`; only the oracle uses it.
 
         Returns:
-            (axes,) in [-1, 1]: to the right and down the picture, and up; of a line to the right and turn right.
+            (axes,) in [-1, 1]: right, down the picture, and up; along a line right and turn right.
         """
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """Hear what the last action led to: `info["supervised_error"]` is the signed error of each axis, in [-1, 1]."""
+        """Learn from the result of the last action.
+
+        Args:
+            info: the environment's `info`; `info["supervised_error"]` is the signed error on each axis, in [-1, 1].
+        """
 
 
 @runtime_checkable
@@ -63,20 +67,21 @@ class Learner(Controller, Protocol):
     """A controller that learns."""
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
-        """What was learnt, for the model file."""
+        """Return the learnt arrays for the model file."""
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """All that it takes to go on with learning bit for bit, for a checkpoint."""
+        """Return the state for a checkpoint, from which learning continues bit for bit."""
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Take up what `learnt` or `state` gave."""
+        """Restore the result of `learnt` or `state`."""
 
     def frozen(self) -> Controller:
-        """The same as it is now, without learning; each of its episodes is the same whatever came before."""
+        """Return a copy that does not learn. Its episodes do not depend on earlier ones."""
 
 
 ERROR, REWARD, ORACLE, NOBODY = "the error", "the reward", "the oracle", "-"
-"""What teaches a controller: the supervised error, which then also steers; the reward alone; the oracle; nothing."""
+"""Teachers of controllers: the supervised error (which also steers while a controller learns), the reward, the oracle,
+none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +89,10 @@ class ControllerKind:
     """A row of the table.
 
     Attributes:
-        what: it is, for lists.
+        what: description for lists.
         maker: class or function of scenario, seed and settings.
-        settings: the defaults.
-        taught: by what, see `ERROR`, `REWARD`, `ORACLE` and `NOBODY`.
+        settings: default settings.
+        taught: teacher: `ERROR`, `REWARD`, `ORACLE` or `NOBODY`.
     """
 
     what: str
@@ -97,19 +102,21 @@ class ControllerKind:
 
     @property
     def learns(self) -> bool:
-        """Return whether the controller is trained at all."""
+        """Return whether the controller is trained."""
         return self.taught != NOBODY
 
 
 CONTROLLERS: dict[str, ControllerKind] = {
     "nothing": ControllerKind("never moves", Nothing, NothingSettings(), taught=NOBODY),
-    "oracle": ControllerKind("in proportion to the true error, which no other one sees", Oracle, Gain(), taught=NOBODY),
-    "centroid": ControllerKind("in proportion to where the events are on average", Centroid, Gain(), taught=NOBODY),
+    "oracle": ControllerKind(
+        "proportional to the true error, which no other controller sees", Oracle, Gain(), taught=NOBODY
+    ),
+    "centroid": ControllerKind("proportional to the mean position of the events", Centroid, Gain(), taught=NOBODY),
     "static": ControllerKind("the network with weights by side", Spiking, SpikingSettings(start="sign"), taught=NOBODY),
     "static-linear": ControllerKind(
         "the network with weights by distance", Spiking, SpikingSettings(start="linear"), taught=NOBODY
     ),
-    "lms": ControllerKind("linear in the counts, learnt from the same error by least mean squares", LMS, LMSSettings()),
+    "lms": ControllerKind("linear in the counts, trained on the same error by least mean squares", LMS, LMSSettings()),
     "snn": ControllerKind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
     "snn-static-init": ControllerKind(
         "the network, learning from weights by side", Spiking, SpikingSettings(start="sign")
@@ -125,18 +132,16 @@ CONTROLLERS: dict[str, ControllerKind] = {
     ),
     "dqn": ControllerKind("deep reinforcement learning on nine actions", DQN, DQNSettings(), taught=REWARD),
     "ddpg": ControllerKind("deep reinforcement learning on continuous actions", DDPG, DDPGSettings(), taught=REWARD),
-    "ppo": ControllerKind("deep reinforcement learning of likely actions", PPO, PPOSettings(), taught=REWARD),
-    "clone": ControllerKind(
-        "acts as the oracle did, behavioural cloning", Imitation, ImitationSettings(), taught=ORACLE
-    ),
+    "ppo": ControllerKind("deep reinforcement learning of a stochastic policy", PPO, PPOSettings(), taught=REWARD),
+    "clone": ControllerKind("imitates the oracle: behavioural cloning", Imitation, ImitationSettings(), taught=ORACLE),
     "dagger": ControllerKind(
-        "acts as the oracle would where it flew itself",
+        "imitates the oracle also on its own flights: DAgger",
         Imitation,
         ImitationSettings(expert=0.5),
         taught=ORACLE,
     ),
     "random-search": ControllerKind(
-        "linear in the centroid, its weights by random search",
+        "linear in the centroid, weights by random search",
         RandomSearch,
         RandomSearchSettings(),
         taught=REWARD,
@@ -157,21 +162,21 @@ HEIGHT: dict[Any, dict[str, Any]] = {
     Centroid: {"gain": (8.0, 2.0, 1.0)},
     Imitation: {"gain": 4.0},
 }
-"""Defaults that differ for a drone that also climbs: a drone that climbs sees the ball further down, and one that flies
-forward sees it taller, so that both axes swing with gains that suit one."""
+"""Defaults that differ for a drone that also climbs. Climbing moves the ball's picture down, and flying forward makes
+the picture taller, so gains that suit a single axis make both oscillate."""
 
 
 def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Any:
-    """A controller before learning: a `Controller`, or a `Spiking` network, which acts as its world says.
+    """Return a controller before learning: a `Controller`, or a `Spiking` network.
 
     Args:
-        name: one of `CONTROLLERS`.
-        scenario: what it is going to fly in.
-        seed: of everything random in it.
-        settings: values by name that differ from its defaults; of a spiking network also the network's parameters.
+        name: a name of `CONTROLLERS`.
+        scenario: scenario of the flights.
+        seed: seed of everything random in the controller.
+        settings: changed settings by name; for a spiking network also its parameters.
 
     Raises:
-        ModelError: there is no such controller or setting, or a value is out of its bounds.
+        ModelError: there is no such controller or setting, or a value is out of its range.
     """
     kind = kind_of(name)
     if scenario.axes == 3 and isinstance(kind.maker, type) and issubclass(kind.maker, Deep):
@@ -180,17 +185,17 @@ def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, An
 
 
 def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """All settings that `make` would take, defaults too, as plain data.
+    """Return all settings of a controller, with defaults, as plain data.
 
-    A model keeps them, so that it flies the same whatever becomes of the defaults.
+    A model stores them, so later changes of the defaults do not change its flight.
 
     Args:
-        name: one of `CONTROLLERS`.
-        scenario: what it is going to fly in.
-        settings: as for `make`; a network that is no name and no file is left out.
+        name: a name of `CONTROLLERS`.
+        scenario: scenario of the flights.
+        settings: changed settings, as for `make`; a network that is no name and no file is left out.
 
     Raises:
-        ModelError: as `make`.
+        ModelError: see `make`.
     """
     return _settings(name, scenario, settings).as_words()
 
@@ -202,10 +207,10 @@ def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> Con
 
 
 def kind_of(name: str) -> ControllerKind:
-    """The row of a controller.
+    """Return the row of a controller.
 
     Raises:
-        ModelError: there is none.
+        ModelError: there is no such controller.
     """
     if name not in CONTROLLERS:
         raise unknown("controller", name, CONTROLLERS)

@@ -1,7 +1,7 @@
-"""Deep reinforcement learning beside the spiking network: what DQN, DDPG and PPO have in common, then DQN and DDPG.
+"""Deep reinforcement learning: the common base of DQN, DDPG and PPO, then DQN and DDPG.
 
-Networks, losses, optimisers and buffers are those of stable-baselines3. The steps of control are taken by the same loop
-as for every other controller, so that training, checkpoints, files and tests are the same, too.
+Networks, losses, optimizers and buffers are those of stable-baselines3. The closed loop of the other controllers runs
+the control steps, so training, checkpoints, files and tests are the same.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
 MOST = np.float32(15.0)
-"""Events in a field that are taken for 1; at as many the spiking network's cells have reached their largest rate."""
+"""Events in a field at which the input saturates at 1; the cells of the spiking network saturate there, too."""
 
 
 def observed(counts: npt.NDArray[Any], kind: str) -> Singles:
-    """What a deep network sees of the fields.
+    """Return the observation of a deep network.
 
     Args:
         counts: (8, 8) events.
-        kind: binary (whether a field had events; thesis, section 7.2.1), counts (15 and more are 1), or a coding of
-            `shares`.
+        kind: "binary" (1 for a field with events; thesis, section 7.2.1), "counts" (divided by 15, at most 1), or a
+            coding of `shares`.
 
     Returns:
         (64,) in [0, 1].
@@ -47,8 +47,8 @@ def observed(counts: npt.NDArray[Any], kind: str) -> Singles:
     if kind == "binary":
         return (flat > 0).astype(np.float32)
     if kind == "counts":
-        seen: Singles = np.minimum(flat.astype(np.float32) / MOST, np.float32(1.0))
-        return seen
+        levels: Singles = np.minimum(flat.astype(np.float32) / MOST, np.float32(1.0))
+        return levels
     return shares(counts, kind).astype(np.float32)
 
 
@@ -60,27 +60,27 @@ ACTIVATIONS: dict[str, Callable[[Singles], Singles]] = {
 
 
 class Dense:
-    """Layers of weights with an activation between two.
+    """Dense layers in NumPy.
 
     Args:
-        arrays: weights (out, in) and biases (out,) by name.
-        layers: names of the layers, from the first to the last; ".weight" and ".bias" follow.
-        activation: of the hidden layers, one of `ACTIVATIONS`.
+        arrays: weights (out, in) and biases (out,), by layer name + ".weight" or ".bias".
+        layers: names of the layers, first to last.
+        activation: activation of the hidden layers, a name of `ACTIVATIONS`.
 
     Attributes:
-        layers: weights and bias of each; not copied, so that a network that learns is seen as it is at any time.
+        layers: weights and bias of each layer. The arrays are not copied, so they follow a network that learns.
     """
 
     def __init__(self, arrays: Arrays, layers: Sequence[str], activation: str = "relu") -> None:
         self.layers = [(arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name in layers]
         self._activation = ACTIVATIONS[activation]
 
-    def __call__(self, seen: Singles) -> Singles:
-        """What the last layer gives for an observation."""
+    def __call__(self, values: Singles) -> Singles:
+        """Return the output of the last layer for an observation."""
         *hidden, (weight, bias) = self.layers
         for w, b in hidden:
-            seen = self._activation(w @ seen + b)
-        out: Singles = weight @ seen + bias
+            values = self._activation(w @ values + b)
+        out: Singles = weight @ values + bias
         return out
 
 
@@ -88,19 +88,19 @@ class Flier(Fixed):
     """A trained agent, which neither learns nor explores.
 
     Args:
-        dense: the network that acts.
-        command: the drone's action, (2,), of what the network gives.
-        observation: see `observed`.
+        dense: the policy network.
+        command: function from the network's output to the drone's action, (2,).
+        observation: kind of the observation, see `observed`.
 
     Attributes:
-        dense: as given.
+        dense: the policy network.
     """
 
     def __init__(self, dense: Dense, command: Callable[[Singles], Floats], observation: str) -> None:
         self.dense, self._command, self._kind = dense, command, observation
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """The action that the network thinks best."""
+        """Return the action of the network."""
         return self._command(self.dense(observed(counts, self._kind)))
 
 
@@ -109,14 +109,14 @@ _POLICY, _KEPT = "policy.", "kept."
 
 @dataclass(frozen=True)
 class DeepSettings(ControllerSettings):
-    """Settings of all of them.
+    """Settings of all agents.
 
     Attributes:
-        observation: binary (whether a field had events; thesis, section 7.2.1) or counts.
+        observation: binary (1 for a field with events; thesis, section 7.2.1) or counts.
         hidden: units of each of the two hidden layers.
-        rate: of learning, for Adam.
-        gamma: discount of a step.
-        batch: transitions of an update.
+        rate: learning rate of Adam.
+        gamma: discount factor per step.
+        batch: transitions per update.
     """
 
     observation: str = setting("binary", words=("binary", "counts"))
@@ -127,7 +127,7 @@ class DeepSettings(ControllerSettings):
 
 
 class Spaces(gymnasium.Env[Any, Any]):
-    """The spaces of an agent's observations and actions, for stable-baselines3; it has no steps."""
+    """An environment without steps, which gives stable-baselines3 the spaces of observations and actions."""
 
     def __init__(self, actions: gymnasium.Space[Any]) -> None:
         self.observation_space = gymnasium.spaces.Box(0.0, 1.0, (64,), np.float32)
@@ -135,18 +135,18 @@ class Spaces(gymnasium.Env[Any, Any]):
 
 
 class Deep(Fixed, ABC):
-    """An agent that learns from the reward alone: `info["reward"]` and `info["lost"]`, never the supervised error.
+    """An agent that learns from `info["reward"]` and `info["lost"]`, never from the supervised error.
 
     Args:
-        scenario: makes no difference.
-        seed: of the first weights, of exploration and of what the package draws.
+        scenario: ignored.
+        seed: seed of the initial weights, of exploration and of the package's random numbers.
         settings: see `DeepSettings`.
 
     Attributes:
-        name: of the agent.
-        acts: names of the layers of the network that acts.
-        activation: between them.
-        kept: names of the arrays of the package's buffer.
+        name: name of the agent.
+        acts: names of the layers of the policy network.
+        activation: activation of the hidden layers.
+        kept: names of the arrays of the package's buffer, for checkpoints.
     """
 
     name: ClassVar[str]
@@ -164,42 +164,42 @@ class Deep(Fixed, ABC):
 
     @abstractmethod
     def build(self, package: Any, common: dict[str, Any]) -> Any:
-        """The algorithm, made by the package with these words and the agent's own."""
+        """Return the package's algorithm, made with the common keyword arguments and the agent's own."""
 
     @property
     @abstractmethod
     def buffer(self) -> Any:
-        """The algorithm's, of transitions."""
+        """The algorithm's buffer of transitions."""
 
     @abstractmethod
     def explore(self, out: Singles, steps: int) -> Any:
-        """The agent's action of what its network gives, with exploration after so many steps."""
+        """Return the agent's action with exploration, from the network's output and the number of steps so far."""
 
     @staticmethod
     @abstractmethod
     def best(out: Singles) -> Any:
-        """The agent's action of what its network gives."""
+        """Return the agent's action without exploration, from the network's output."""
 
     @staticmethod
     @abstractmethod
     def command(chosen: Any) -> Floats:
-        """The drone's action, (2,), of the agent's."""
+        """Return the drone's action, (2,), for the agent's action."""
 
     @abstractmethod
     def optimizers(self) -> list[Any]:
-        """Those of the algorithm."""
+        """Return the optimizers of the algorithm."""
 
     @abstractmethod
     def keep(self, after: Singles, reward: float, lost: bool) -> None:
-        """Keep the transition from what was seen to what is seen after the chosen action."""
+        """Add the transition from the last observation to the one after the chosen action to the buffer."""
 
     @abstractmethod
     def update(self, after: Singles, lost: bool) -> None:
-        """Update the networks if it is time; `_steps` are done."""
+        """Update the networks if an update is due after `_steps` steps."""
 
     @cached_property
     def algorithm(self) -> Any:
-        """The algorithm of stable-baselines3, with what was learnt before.
+        """The algorithm of stable-baselines3, with the restored networks.
 
         Raises:
             ModelError: the package is not installed.
@@ -214,40 +214,40 @@ class Deep(Fixed, ABC):
             "device": "cpu",
         }
         with alone(self._seed):
-            made = self.build(package, words)
-        made.set_logger(package.common.logger.Logger(None, []))
+            algorithm = self.build(package, words)
+        algorithm.set_logger(package.common.logger.Logger(None, []))
         if self._learnt:
-            made.policy.load_state_dict({name: torch.tensor(array) for name, array in self._learnt.items()})
-        return made
+            algorithm.policy.load_state_dict({name: torch.tensor(array) for name, array in self._learnt.items()})
+        return algorithm
 
     @cached_property
     def dense(self) -> Dense:
-        """The network that acts, as it is at any time."""
+        """The policy network; shares its arrays with the algorithm."""
         return Dense(self.arrays(), self.acts, self.activation)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """All that is learnt, as it is at any time."""
+        """Return all learnt arrays, shared with the algorithm."""
         return {name: tensor.numpy() for name, tensor in self.algorithm.policy.state_dict().items()}
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """Act by the network, with exploration."""
+        """Return the network's action with exploration."""
         self._seen = observed(counts, self._settings.observation)
         self._chosen = self.explore(self.dense(self._seen), self._steps)
         return self.command(self._chosen)
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """Keep the transition, and update the networks when it is time."""
+        """Add the transition to the buffer, and update the networks if an update is due."""
         after = observed(info["counts"], self._settings.observation)
         self.keep(after, info["reward"], info["lost"])
         self._steps += 1
         self.update(after, info["lost"])
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
-        """Weights and biases of all networks, by the names that stable-baselines3 gives them."""
+        """Return weights and biases of all networks, by their names in stable-baselines3."""
         return {name: array.copy() for name, array in self.arrays().items()}
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Networks, optimisers, the buffer, and where the generator is."""
+        """Return networks, optimizers, the buffer, and the state of the random generator."""
         _, torch = needed(self.name)
         buffer, file = self.buffer, BytesIO()
         torch.save([one.state_dict() for one in self.optimizers()], file)
@@ -260,7 +260,7 @@ class Deep(Fixed, ABC):
         )
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Take up networks, or a whole state."""
+        """Restore networks or a whole state."""
         for cached in ("dense", "algorithm"):
             self.__dict__.pop(cached, None)
         if "words" not in state:
@@ -279,7 +279,7 @@ class Deep(Fixed, ABC):
         self._rng.bit_generator.state = words["rng"]
 
     def frozen(self) -> Flier:
-        """The same without learning and exploration, in NumPy."""
+        """Return a copy in NumPy without learning and exploration."""
         arrays = self._learnt if self._learnt and "algorithm" not in self.__dict__ else self.learnt()
         dense = Dense(arrays, self.acts, self.activation)
         return Flier(dense, lambda out: self.command(self.best(out)), self._settings.observation)
@@ -287,29 +287,33 @@ class Deep(Fixed, ABC):
 
 @contextmanager
 def alone(seed: int) -> Iterator[None]:
-    """Lend the global generators to the package, and one thread: of small networks more only wait for each other."""
+    """Run the package with seeded global random generators and one thread, and restore both afterwards.
+
+    The networks are so small that several threads would mostly wait for each other.
+    """
     import torch
 
-    threads, kept, drawn = torch.get_num_threads(), np.random.get_state(), torch.random.get_rng_state()  # noqa: NPY002
+    threads = torch.get_num_threads()
+    numpy_state, torch_state = np.random.get_state(), torch.random.get_rng_state()  # noqa: NPY002
     torch.set_num_threads(1)
     np.random.seed(seed)  # noqa: NPY002
     torch.random.manual_seed(seed)
     try:
         yield
     finally:
-        np.random.set_state(kept)  # noqa: NPY002
-        torch.random.set_rng_state(drawn)
+        np.random.set_state(numpy_state)  # noqa: NPY002
+        torch.random.set_rng_state(torch_state)
         torch.set_num_threads(threads)
 
 
 def needed(name: str) -> tuple[Any, Any]:
-    """The packages stable_baselines3 and torch.
+    """Import and return the packages stable_baselines3 and torch.
 
     Args:
-        name: of the controller that needs them.
+        name: name of the controller that needs them, for the message.
 
     Raises:
-        ModelError: one is not installed.
+        ModelError: a package is not installed.
     """
     try:
         import stable_baselines3
@@ -321,12 +325,12 @@ def needed(name: str) -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class ReplayingSettings(DeepSettings):
-    """Settings of agents that learn from replay; the rest are in `DeepSettings`.
+    """Settings of agents that learn from replay, beside those of `DeepSettings`.
 
     Attributes:
-        buffer: transitions kept for replay.
+        buffer: transitions in the replay buffer.
         warm: steps before the first update.
-        every: steps from one update to the next.
+        every: steps between two updates.
     """
 
     buffer: int = setting(50_000, at_least=1)
@@ -335,7 +339,7 @@ class ReplayingSettings(DeepSettings):
 
 
 class Replaying(Deep):
-    """An agent that learns from transitions drawn from all that it keeps."""
+    """An agent that learns from random transitions of its replay buffer."""
 
     kept = ("observations", "next_observations", "actions", "rewards", "dones")
 
@@ -349,7 +353,7 @@ class Replaying(Deep):
         self.buffer.add(self._seen, after, np.asarray(self._chosen), reward, lost, [{}])
 
     def update(self, after: Singles, lost: bool) -> None:
-        """Learn from a batch when it is time, see `ReplayingSettings`."""
+        """Learn from a batch if an update is due, see `ReplayingSettings`."""
         s = self._settings
         if self._steps > s.warm and self._steps % s.every == 0:
             with alone(int(self._rng.integers(2**32))):
@@ -358,14 +362,14 @@ class Replaying(Deep):
 
 @dataclass(frozen=True)
 class DQNSettings(ReplayingSettings):
-    """Settings of DQN; the rest are in `ReplayingSettings`.
+    """Settings of DQN, beside those of `ReplayingSettings`.
 
     Attributes:
-        rate: of learning. An action changes the value by less than a hundredth, so that a larger one stays noisy.
-        every: steps from one update to the next.
-        copy: steps from one copy of the network to its target to the next.
+        rate: learning rate. An action changes the value by less than 0.01, so the values of a larger rate stay noisy.
+        every: steps between two updates.
+        copy: steps between two copies of the network to its target network.
         explore: steps in which the share of random actions falls from 1 to `random`.
-        random: share of random actions from then on.
+        random: share of random actions after these steps.
     """
 
     rate: float = setting(3e-4, above=0)
@@ -376,7 +380,7 @@ class DQNSettings(ReplayingSettings):
 
 
 class DQN(Replaying):
-    """Values of the nine actions of `env.ACTIONS`, learnt from a copy of the network that lags behind.
+    """Q-learning of the nine actions of `env.ACTIONS`, with a target network.
 
     Source: V. Mnih et al., "Human-level control through deep reinforcement learning", Nature 518, 2015; thesis,
         section 4.6.5.
@@ -391,7 +395,7 @@ class DQN(Replaying):
         return package.DQN("MlpPolicy", spaces, buffer_size=self._settings.buffer, **common)
 
     def explore(self, out: Singles, steps: int) -> Any:
-        """A random action now and then, see `DQNSettings`."""
+        """Return the best action or, with the probability of `DQNSettings`, a random one."""
         s = self._settings
         if self._rng.random() < max(s.random, 1.0 - steps / s.explore * (1.0 - s.random)):
             return int(self._rng.integers(len(ACTIONS)))
@@ -399,20 +403,20 @@ class DQN(Replaying):
 
     @staticmethod
     def best(out: Singles) -> Any:
-        """The action of the largest value."""
+        """Return the action of the largest value."""
         return int(np.argmax(out))
 
     @staticmethod
     def command(chosen: Any) -> Floats:
-        """The direction that an action stands for."""
+        """Return the direction of an action."""
         return np.array(ACTIONS[chosen])
 
     def optimizers(self) -> list[Any]:
-        """That of the values."""
+        """Return the optimizer of the values."""
         return [self.algorithm.policy.optimizer]
 
     def update(self, after: Singles, lost: bool) -> None:
-        """Learn, and copy the network to its target when it is time."""
+        """Learn, and copy the network to its target if a copy is due."""
         super().update(after, lost)
         if self._steps % self._settings.copy == 0:
             self.algorithm.q_net_target.load_state_dict(self.algorithm.q_net.state_dict())
@@ -420,11 +424,11 @@ class DQN(Replaying):
 
 @dataclass(frozen=True)
 class DDPGSettings(ReplayingSettings):
-    """Settings of DDPG; the rest are in `ReplayingSettings`.
+    """Settings of DDPG, beside those of `ReplayingSettings`.
 
     Attributes:
-        noise: standard deviation of what is added to an action while learning; the first `warm` ones are drawn.
-        tau: share of the networks that their targets take over in an update.
+        noise: standard deviation of the noise on an action; the first `warm` actions are random.
+        tau: share by which the target networks approach the networks in an update.
     """
 
     noise: float = setting(0.2, at_least=0)
@@ -432,7 +436,7 @@ class DDPGSettings(ReplayingSettings):
 
 
 class DDPG(Replaying):
-    """An actor whose output is the action, and a critic that tells it where better ones lie.
+    """Deep deterministic policy gradient: an actor with continuous actions, trained by the gradient of a critic.
 
     Source: T. P. Lillicrap et al., "Continuous control with deep reinforcement learning", ICLR 2016; thesis, section
         4.7.3. Noise is independent from step to step.
@@ -447,21 +451,21 @@ class DDPG(Replaying):
         return package.DDPG("MlpPolicy", spaces, buffer_size=s.buffer, tau=s.tau, **common)
 
     def explore(self, out: Singles, steps: int) -> Any:
-        """Noise on the action."""
+        """Return the action with noise, or a random one in the first `warm` steps."""
         if steps < self._settings.warm:
             return self._rng.uniform(-1.0, 1.0, 2)
         return np.clip(self.best(out) + self._rng.normal(0.0, self._settings.noise, 2), -1.0, 1.0)
 
     @staticmethod
     def best(out: Singles) -> Any:
-        """The actor's action."""
+        """Return the actor's action."""
         return np.tanh(out)
 
     @staticmethod
     def command(chosen: Any) -> Floats:
-        """The action itself."""
+        """Return the action."""
         return np.asarray(chosen, np.float64)
 
     def optimizers(self) -> list[Any]:
-        """Those of actor and critic."""
+        """Return the optimizers of actor and critic."""
         return [self.algorithm.actor.optimizer, self.algorithm.critic.optimizer]

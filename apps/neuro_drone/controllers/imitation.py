@@ -1,4 +1,4 @@
-"""Imitation: a controller learns to act as the oracle does, from what the camera sees while the oracle acts."""
+"""Imitation: a controller learns the oracle's actions from the camera's events."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from neuro_drone.controllers.simple import Gain, Oracle
 from neuro_drone.scenario import Scenario
 
 RIDGE = 1e-3
-"""Added to the sum of squares of each field's shares, so that a field that was hardly seen has a small weight."""
+"""Ridge penalty of the least-squares fit, which keeps the weights of fields with few events small."""
 
 
 @dataclass(frozen=True)
 class ImitationSettings(Gain):
-    """Settings of imitation; `gain` is that of the oracle.
+    """Settings of imitation; `gain` is the oracle's.
 
     Attributes:
-        expert: share of the steps of a round that the oracle flies, to that of the round before; the oracle flies
-            all of the first round. 1 is behavioural cloning, less is DAgger.
-        round: steps from one fit of the actions to the next.
+        expert: factor from round to round on the share of steps that the oracle flies; the oracle flies the whole first
+            round. 1 is behavioural cloning, less is DAgger.
+        round: steps between two fits.
         coding: shares, rows or peaks, see `simple.shares`.
-        hidden: units of each of two hidden layers, which need torch; 0 is a linear read-out by least squares.
-        updates: of the hidden layers in a fit, which begins with new weights.
-        batch: steps that an update learns from.
-        rate: of learning, for Adam.
+        hidden: units of each of two hidden layers, which need torch; 0 is a linear readout by least squares.
+        updates: updates of the hidden layers in a fit; each fit begins with new weights.
+        batch: steps per update.
+        rate: learning rate of Adam.
     """
 
     expert: float = setting(1.0, at_least=0, at_most=1)
@@ -44,13 +44,13 @@ class ImitationSettings(Gain):
 
 
 class Imitation:
-    """Collects what the fields show and what the oracle does or would do there, and fits the second by the first.
+    """A controller that records inputs and the oracle's actions for them, and fits the actions by the inputs.
 
-    In a step of round i the oracle flies with probability `expert`^(i - 1), else the fit of all rounds before.
+    In each step of round i, the oracle flies with probability `expert`^(i - 1), else the fit of all previous rounds.
 
     Args:
-        scenario: the number of axes.
-        seed: of who flies, and of the hidden layers.
+        scenario: scenario of the flights; only its number of axes matters.
+        seed: seed of the choice between oracle and fit, and of the hidden layers.
         settings: see `ImitationSettings`.
 
     Source: thesis, section 4.8.1 and algorithm 11; S. Ross, G. Gordon and D. Bagnell, "A reduction of imitation
@@ -67,29 +67,29 @@ class Imitation:
         self._begin_round()
 
     def _begin_round(self) -> None:
-        """Fit the steps of the rounds before."""
+        """Fit the steps of the previous rounds, unless the oracle flies all steps of this round."""
         rounds, rest = divmod(len(self._inputs), self._settings.round)
         self._share = self._settings.expert**rounds
         if self._share < 1.0:
-            self._flier = self._flier_of(self._fit(len(self._inputs) - rest))
+            self._flier = self._make_flier(self._fit(len(self._inputs) - rest))
 
-    def _flier_of(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Flier:
-        """The controller with these layers."""
+    def _make_flier(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Flier:
+        """Return the controller with these layers."""
         dense = Dense(arrays, sorted({name.split(".")[0] for name in arrays}))
         return Flier(dense, lambda out: np.clip(out.astype(np.float64), -1.0, 1.0), self._settings.coding)
 
     def begin(self) -> None:
-        """An episode begins; see that hidden layers can be fitted."""
+        """Begin an episode; raise an error if the settings need torch and torch is not installed."""
         if self._settings.hidden:
             needed("torch", "torch", f"{self._settings.place()}: hidden = {self._settings.hidden} needs torch")
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """The action of the oracle or of what was fitted, by chance; the oracle's is remembered."""
+        """Return the action of the oracle or, by chance, of the fit. The oracle's action is kept for the next fit."""
         self._last = observed(counts, self._settings.coding), self._oracle.act(counts, info)
         return self._last[1] if self._rng.random() < self._share else self._flier.act(counts, info)
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """Keep the input and the oracle's action of the step; fit all at the end of a round."""
+        """Record the input and the oracle's action of the step, and fit all steps at the end of a round."""
         inputs, actions = self._last
         self._inputs.append(inputs)
         self._actions.append(actions)
@@ -97,13 +97,13 @@ class Imitation:
             self._begin_round()
 
     def _fit(self, steps: int) -> dict[str, npt.NDArray[Any]]:
-        """Weights and biases of each layer, fitted to the first steps."""
+        """Return weights and biases of each layer, fitted to the first `steps` steps."""
         inputs = np.array(self._inputs[:steps], np.float32).reshape(-1, 64)
         actions = np.array(self._actions[:steps]).reshape(-1, self._axes)
         s = self._settings
         if not s.hidden:
             exact = inputs.astype(np.float64)
-            # einsum waits for no other thread, as matrix products on busy cores do.
+            # einsum runs in one thread; a threaded matrix product waits for its slowest thread on busy cores.
             squares, products = np.einsum("ki,kj->ij", exact, exact), np.einsum("ki,ka->ia", exact, actions)
             weights = np.linalg.solve(squares + RIDGE * np.eye(64), products).T
             return {"0.weight": weights.astype(np.float32), "0.bias": np.zeros(self._axes, np.float32)}
@@ -123,11 +123,11 @@ class Imitation:
             return {name: tensor.numpy().copy() for name, tensor in net.state_dict().items()}
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
-        """Return weights and biases of the layers, fitted to all steps."""
+        """Return weights and biases of the layers, fitted to all steps, or the restored ones before the first step."""
         return self._fit(len(self._inputs)) if self._inputs or not self._learnt else self._learnt
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the inputs and the oracle's actions of all steps, and where the generator is."""
+        """Return the inputs and the oracle's actions of all steps, and the state of the random generator."""
         rng = json.dumps(self._rng.bit_generator.state).encode()
         return {
             "inputs": np.array(self._inputs, np.float32).reshape(-1, 64),
@@ -136,7 +136,7 @@ class Imitation:
         }
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Take up layers, or a whole state; after layers alone the rounds begin anew."""
+        """Restore layers or a whole state. With layers only, the rounds begin again."""
         if "rng" not in state:
             self._learnt = dict(state)
             return
@@ -145,5 +145,5 @@ class Imitation:
         self._begin_round()
 
     def frozen(self) -> Flier:
-        """The fit of all steps, without the oracle."""
-        return self._flier_of(self.learnt())
+        """Return the fit of all steps, without the oracle."""
+        return self._make_flier(self.learnt())

@@ -1,4 +1,4 @@
-"""A controller without a network as what acts in the closed loop."""
+"""Adapter of a controller without a network to the closed loop."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ if TYPE_CHECKING:
     from neuro_drone.controllers import Controller
 
 BLOCK = 10_000
-"""Control steps of a block of training, as of the network `drone`."""
+"""Control steps per block of training, the same as in the network `drone`."""
 Floats = npt.NDArray[np.float64]
 
 
 class ControllerPilot:
-    """A controller, or one that learns, as the pilot of a `neuro.ClosedLoop` with a single environment.
+    """The pilot of a `neuro.ClosedLoop` with a single environment that is flown by a `Controller` or a `Learner`.
 
     Args:
-        controller: that acts.
+        controller: the controller.
 
     Attributes:
-        controller: as given.
+        controller: the controller.
     """
 
     def __init__(self, controller: Controller) -> None:
         self.controller: Any = controller
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin an episode; one that was cut off by the end of a block is over."""
+        """Begin an episode. An episode that the end of a block interrupted is not continued."""
         self.controller.begin()
 
     def act(self, observations: Floats, infos: Sequence[Mapping[str, Any]]) -> Floats:
-        """Return the action for what the environment said, (1, axes)."""
+        """Return the action for the environment's last `info`, (1, axes)."""
         (info,) = infos
         action: Floats = self.controller.act(info["counts"], info)
         return action[None]
@@ -53,14 +53,14 @@ class ControllerPilot:
             self.controller.learn(moment.infos[0])
 
     def merge(self) -> None:
-        """There is one copy."""
+        """Do nothing, since there is only one copy."""
 
     def arrays(self) -> dict[str, Any]:
-        """Return what was learnt, and all that it takes to go on."""
+        """Return the learnt arrays and the state for a checkpoint."""
         return {"learnt": self.controller.learnt(), "state": self.controller.state()}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Go on from a state, or from what was learnt."""
+        """Restore a state, or learnt arrays if there is none."""
         self.controller.restore(arrays.get("state", arrays["learnt"]))
 
 
@@ -68,11 +68,11 @@ def loop_of(controller: Controller, env: Any, *, seed: int = 0, learns: bool = F
     """Return the closed loop in which a controller flies.
 
     Args:
-        controller: that acts.
-        env: a `DroneEnv`, perhaps wrapped.
-        seed: of episodes.
-        learns: whether it learns.
-        block: control steps of a block of learning.
+        controller: the controller.
+        env: a `DroneEnv`, possibly wrapped.
+        seed: seed of the episodes.
+        learns: True lets the controller learn.
+        block: control steps per block of learning.
     """
     words: dict[str, Any] = {"step": env.unwrapped.scenario.step, "seed": seed, "learns": learns, "block": block}
     return ClosedLoop(ControllerPilot(controller), Environments(env), **words)

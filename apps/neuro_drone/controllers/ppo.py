@@ -1,4 +1,4 @@
-"""PPO: an actor and a critic that learn from what they just flew, and not again from what lies further back."""
+"""PPO: an actor and a critic that learn from their latest steps only."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from neuro_drone.controllers.deep import Deep, DeepSettings, Dense, Floats, Sing
 from neuro_drone.scenario import Scenario
 
 ADAM = {"fused": True, "eps": 1e-5}
-"""Source: stable-baselines3, `ActorCriticPolicy`."""
+"""Options of the optimizer Adam. Source: stable-baselines3, `ActorCriticPolicy`."""
 
 
 @dataclass(frozen=True)
 class PPOSettings(DeepSettings):
-    """Settings of PPO; the rest are in `DeepSettings`.
+    """Settings of PPO, beside those of `DeepSettings`.
 
     Attributes:
-        rate: of learning, for Adam.
-        rollout: steps from one update to the next, and transitions that it learns from; a multiple of `batch`.
-        epochs: times that an update learns from each of them.
-        trace: weight of a later step's advantage by that of the one before it (lambda of generalised advantages).
+        rate: learning rate of Adam.
+        rollout: steps between two updates, and transitions of an update; a multiple of `batch`.
+        epochs: passes over the transitions in an update.
+        trace: lambda of generalised advantage estimation.
         clip: largest change of an action's probability in an update, as a share.
-        spread: standard deviation of the actions at first; it is learnt, too.
+        spread: initial standard deviation of the actions; the standard deviation is learnt, too.
     """
 
     rate: float = setting(3e-4, above=0)
@@ -43,9 +43,9 @@ class PPOSettings(DeepSettings):
 
 
 class PPO(Deep):
-    """Actions drawn round the actor's, and made more likely where they led further than the critic expected.
+    """Proximal policy optimization of a Gaussian policy, with a critic.
 
-    An episode that training cuts off is not taken for one that ends: what would have come is the critic's guess.
+    If training truncates an episode, the critic's value of the last state is added to the last reward.
 
     Source: J. Schulman et al., "Proximal policy optimization algorithms", arXiv:1707.06347, 2017.
 
@@ -83,38 +83,38 @@ class PPO(Deep):
 
     @cached_property
     def critic(self) -> Dense:
-        """The network that says how much reward will come, as it is at any time."""
+        """The network that predicts the return; shares its arrays with the algorithm."""
         return Dense(self.arrays(), self.judges, self.activation)
 
     @cached_property
     def log_std(self) -> Singles:
-        """Logarithm of the actions' standard deviations, as it is at any time."""
+        """Logarithm of the actions' standard deviations; shares its array with the algorithm."""
         return self.arrays()["log_std"]
 
     def begin(self) -> None:
-        """An episode begins; if the last one was cut off, its last reward takes in what would have come."""
+        """Begin an episode; add the critic's value to the last reward if the previous episode was truncated."""
         if self._cut and self.buffer.pos > 0:
             self.buffer.rewards[self.buffer.pos - 1] += self._settings.gamma * self.critic(self._after)
         self._first, self._cut = True, False
 
     def explore(self, out: Singles, steps: int) -> Any:
-        """Drawn round the actor's."""
+        """Draw an action around the actor's, and keep its log probability."""
         noise = self._rng.standard_normal(2, np.float32)
         self._log_prob = float(np.sum(-0.5 * noise**2 - self.log_std - 0.5 * log(2.0 * pi)))
         return out + np.exp(self.log_std) * noise
 
     @staticmethod
     def best(out: Singles) -> Any:
-        """The actor's action."""
+        """Return the actor's action."""
         return out
 
     @staticmethod
     def command(chosen: Any) -> Floats:
-        """The action itself, within bounds."""
+        """Return the action, clipped to [-1, 1]."""
         return np.clip(np.asarray(chosen, np.float64), -1.0, 1.0)
 
     def optimizers(self) -> list[Any]:
-        """The one of both networks."""
+        """Return the optimizer, which both networks share."""
         return [self.algorithm.policy.optimizer]
 
     def keep(self, after: Singles, reward: float, lost: bool) -> None:
@@ -125,7 +125,7 @@ class PPO(Deep):
         self._first, self._cut, self._after = False, not lost, after
 
     def update(self, after: Singles, lost: bool) -> None:
-        """Learn from the buffer when it is full, and empty it."""
+        """Learn from a full buffer, and empty the buffer."""
         if not self.buffer.full:
             return
         _, torch = needed(self.name)
@@ -135,7 +135,7 @@ class PPO(Deep):
         self.buffer.reset()
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """As `Deep`, and what was seen last, in case that the episode was cut off."""
+        """Return the state of `Deep`, the last observation, and whether the episode is still running."""
         return super().state() | {"after": self._after, "cut": np.array(self._cut)}
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:

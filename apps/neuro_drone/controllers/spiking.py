@@ -1,4 +1,4 @@
-"""The spiking network: rates in, spikes out, dopamine back, as its world says."""
+"""The spiking network as a controller: event rates in, spikes out, dopamine back."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from neuro_drone.scenario import Scenario
 from neuro_models import names, path as network_path
 
 CELLS, MOTORS, USUAL = "cells", "motors", "drone"
-SIDES = (1.0, -1.0)  # of each axis: the positive motor, the negative one
+SIDES = (1.0, -1.0)  # signs of the two motors of an axis
 WORLD = ("eta", "settle", "gain", "coding", "total")
-"""Parameters of the usual world, which a network that has none gets."""
+"""Parameters of the default world, which a network without a world gets."""
 
 EPISODES = {"ball": 100, "line": 1000}
-"""Most steps of an episode of training: 20,000 steps then begin at 200 places round the ball, so that all fields learn;
-on a line the first corner is 400 steps away."""
+"""Longest training episode, steps. Around a ball, 20,000 steps begin at 200 positions, so all fields learn. Along a
+line, the first corner is 400 steps away."""
 
 LINE = {"gain": [8.0, 4.0], "coding": "rows", "total": 800.0, "eta": 0.03}
-"""Parameters that differ for a line: a drone that turns too quickly swings its picture to the side; the lean is read
-from differences between rows, hence their equal say and more spikes."""
+"""Parameters that differ for a line. The gain of turning is smaller, since a fast turn swings the picture to the side.
+The lean shows in differences between rows, so rows have equal weight and more spikes."""
 
 
 @dataclass(frozen=True)
 class SpikingSettings(ControllerSettings):
-    """Settings of the controller; any other name is a parameter of its network.
+    """Settings of the controller. Any other name is a parameter of its network.
 
     Attributes:
-        network: one of `neuro_models`, a YAML file, or the network itself. One without a world gets that of the network
-            `drone`, whose parameters `WORLD` are then settings, too.
-        start: weights before learning: equal (the network's own), sign or linear, see `simple.pattern`.
-        strength: mean of the weights by sign or linear, pA; they lie between 0 and twice that.
-        backend: what runs the network while it learns.
-        options: of that backend, by name.
-        parameters: of the network.
+        network: a name of `neuro_models`, a YAML file, or the network. A network without a world gets the world of the
+            network `drone`, whose parameters `WORLD` are then settings, too.
+        start: initial weights: equal (the network's own), sign or linear, see `simple.pattern`.
+        strength: mean initial weight for sign and linear, pA; weights are between 0 and twice the mean.
+        backend: backend of the network while it learns.
+        options: options of the backend by name.
+        parameters: parameters of the network by name.
     """
 
     network: str | neuro.Network = USUAL
@@ -49,7 +49,7 @@ class SpikingSettings(ControllerSettings):
     parameters: Mapping[str, Any] = field(default_factory=dict, metadata={"fixed": True})
 
     def changed(self, values: Mapping[str, Any]) -> Self:
-        """Return settings with some values changed; any other name is a parameter of the network."""
+        """Return settings with some values changed. Any other name is a parameter of the network."""
         own = {name: value for name, value in values.items() if self.takes(name)}
         rest = {name: value for name, value in values.items() if name not in own}
         return replace(super().changed(own), parameters={**self.parameters, **rest})
@@ -61,21 +61,21 @@ class SpikingSettings(ControllerSettings):
 
 
 class Spiking:
-    """A network with 64 cells, whose rates follow the events in their fields, and two motors an axis.
+    """A network with 64 cells, whose rates follow the events in their fields, and two motors per axis.
 
-    An action is the difference of a pair's spikes over the most that are possible (eq. 129), times a gain that the
-    thesis does not have, cut at -1 and 1. After each step the error of an
-    axis is the dopamine of its positive motor and, with the opposite sign, of its negative one: so says its world.
+    An action is the difference of the spike counts of an axis' two motors over the largest possible count (eq. 129),
+    times a gain that the thesis does not have, clipped to [-1, 1]. After each step, the error of the axis is the
+    dopamine of the positive motor, and the negated error that of the negative motor. The network's world defines both.
 
     Args:
-        scenario: gives the time of a step and the sides of the fields.
-        seed: of the network.
-        settings: see there.
+        scenario: scenario of the flights.
+        seed: seed of the network.
+        settings: see `SpikingSettings`.
 
     Attributes:
         net: the network before learning.
-        world: of it.
-        settings: as given.
+        world: the network's world.
+        settings: the settings.
 
     Raises:
         ModelError: there is no such network or parameter.
@@ -85,49 +85,50 @@ class Spiking:
     """
 
     def __init__(self, scenario: Scenario, seed: int, settings: SpikingSettings) -> None:
-        self.settings, net = settings, _described(scenario, settings)
-        self.net = net if settings.start == "equal" else _started(net, scenario, settings)
+        self.settings, net = settings, _load_network(scenario, settings)
+        self.net = net if settings.start == "equal" else _set_initial_weights(net, scenario, settings)
         assert self.net.world_section is not None
         self.world = self.net.world_section = replace(self.net.world_section, step=scenario.step)
 
     def loop(self, env: Any, **words: Any) -> neuro.ClosedLoop:
-        """Return the closed loop in which the network learns; the words are those of `neuro.closed_loop`."""
+        """Return the closed loop in which the network learns, with keyword arguments of `neuro.closed_loop`."""
         return neuro.closed_loop(self.net, env, backend=self.settings.backend, **words, **self.settings.options)
 
 
-def _described(scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
-    """The network with its world, or the usual one."""
-    usual, said = network_path(USUAL), dict(settings.parameters)
+def _load_network(scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
+    """Load the network, and give it the default world if it has none."""
+    usual, parameters = network_path(USUAL), dict(settings.parameters)
     defaults = {"episode": EPISODES[scenario.kind], "scenario": scenario.name, "axes": scenario.axes}
     defaults |= LINE if scenario.kind == "line" else {}
     net = settings.network
     if net == USUAL:
-        return neuro.load(usual, params=defaults | said)
+        return neuro.load(usual, params=defaults | parameters)
     if not isinstance(net, neuro.Network):
         file = network_path(net) if net in names() else Path(net)
-        net = neuro.load(file, params={name: value for name, value in said.items() if name not in WORLD})
+        net = neuro.load(file, params={name: value for name, value in parameters.items() if name not in WORLD})
         if net.world_section is not None:
-            return neuro.load(file, params=said)
+            return neuro.load(file, params=parameters)
         net.world_origin = Where(str(file))
     if net.world_section is None:
-        world = neuro.load(usual, params=defaults | {name: said[name] for name in WORLD if name in said}).world_section
+        world_parameters = {name: parameters[name] for name in WORLD if name in parameters}
+        world = neuro.load(usual, params=defaults | world_parameters).world_section
         assert world is not None
         (teacher,) = world.reward.values()
-        taught = {signal.name: teacher for signal in net.signals.values() if signal.to == MOTORS}
-        net.world_section = replace(world, reward=taught or None)
+        teachers = {signal.name: teacher for signal in net.signals.values() if signal.to == MOTORS}
+        net.world_section = replace(world, reward=teachers or None)
     return net
 
 
-def _started(net: neuro.Network, scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
-    """The network with weights by the sides of the fields."""
+def _set_initial_weights(net: neuro.Network, scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
+    """Return the network with initial weights from the positions of the fields, see `simple.pattern`."""
     name, sim = f"{CELLS}_{MOTORS}", neuro.compile(net)
-    wished = pattern(scenario, settings.start)
-    weights = settings.strength * (1.0 + wished[:, :, None] * SIDES).ravel()
+    preference = pattern(scenario, settings.start)
+    weights = settings.strength * (1.0 + preference[:, :, None] * SIDES).ravel()
     projection = {p.name: p for p in sim.program.projections}.get(name)
     if projection is None or projection.size != weights.size:
         raise neuro.ModelError(
             f"start = {settings.start}: expected a projection '{name}' of all cells to all motors",
-            hint="start = equal takes the network's own weights",
+            hint="start = equal keeps the network's own weights",
         )
     sim.set_weights(name, weights)
     return sim.network()
