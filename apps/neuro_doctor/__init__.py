@@ -1,1 +1,1 @@
-"""Why a network does not work: checks of its description and of a short run, as findings with evidence and remedy."""
+"""Diagnosis of networks: checks of the description and of a short run give findings with evidence and remedy."""

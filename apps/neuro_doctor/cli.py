@@ -1,4 +1,4 @@
-"""Why a network does not work: `neuro doctor`."""
+"""The command `neuro doctor`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def hertz(text: str) -> float:
-    """A rate >= 0 Hz: a number, or one with its unit."""
+    """Parse a rate >= 0 Hz: a number, or a number with a unit."""
     from neuro import ModelError
     from neuro.apps import converted, is_measure
 
@@ -31,17 +31,22 @@ def hertz(text: str) -> float:
     return rate
 
 
-Chip = Annotated[str | None, typer.Option("--chip", metavar="NAME", help="Judge it on this chip, too.")]
-Train = Annotated[bool, typer.Option("--train", help="Judge the gradients of surrogates, too.")]
+Chip = Annotated[str | None, typer.Option("--chip", metavar="NAME", help="Also check the network on this chip.")]
+Train = Annotated[bool, typer.Option("--train", help="Also check the surrogate gradients.")]
 Drive = Annotated[
-    float, typer.Option("--drive", metavar="HZ", parser=hertz, help="Drive inputs that list no spikes at this rate.")
+    float,
+    typer.Option(
+        "--drive", metavar="HZ", parser=hertz, help="Rate of Poisson spikes for inputs without spikes of their own."
+    ),
 ]
 RewardAfter = Annotated[
     float | None,
-    typer.Option("--reward-after", metavar="MS", parser=milliseconds, help="How late a reward comes, in ms."),
+    typer.Option(
+        "--reward-after", metavar="MS", parser=milliseconds, help="Delay of a reward after the spikes that earn it, ms."
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
-Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with pictures, too.")]
+Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Web page with pictures to write.")]
 
 
 def doctor(
@@ -57,7 +62,7 @@ def doctor(
     as_json: Json = False,
     html: Html = None,
 ) -> None:
-    """Say why a network does not work: findings with evidence and remedy. The exit status is 1 if there is a fault."""
+    """Print why a network does not work: findings with evidence and remedy. The exit status is 1 for a fault."""
     from neuro.apps import check_output, output
     from neuro_doctor.diagnosis import PAGE
     from neuro_doctor.doctor import options_of
@@ -67,27 +72,26 @@ def doctor(
         check_output(html, PAGE)
     with stoppable("nothing is judged") as bar:
         bar.say("examining")
-        found = examined(file, assignments(set), seed, options)
+        diagnosis = examine_file(file, assignments(set), seed, options)
         if html is not None:
             with output(html, PAGE) as part:
-                part.write_text(PAGE.seal(found.page()), "utf-8")
-    typer.echo(json.dumps(found.as_dict(), indent=2) if as_json else str(found))
+                part.write_text(PAGE.seal(diagnosis.page()), "utf-8")
+    typer.echo(json.dumps(diagnosis.as_dict(), indent=2) if as_json else str(diagnosis))
     if html is not None and not as_json:
         typer.echo(f"{html}: written")
-    if found.faults:
+    if diagnosis.faults:
         raise typer.Exit(1)
 
 
-def examined(file: Path, params: dict[str, object], seed: int, options: Options) -> Diagnosis:
-    """The diagnosis of a file; all its mistakes are faults, and then nothing runs."""
+def examine_file(file: Path, params: dict[str, object], seed: int, options: Options) -> Diagnosis:
+    """Return the diagnosis of a network file. If the file has errors, each is a fault, and nothing runs."""
     from neuro import ModelError, load
     from neuro.apps import mistakes
-    from neuro_doctor.doctor import examine, lived, refused
+    from neuro_doctor.doctor import add_world_findings, diagnose_errors, examine
 
     if not file.exists():
         raise ModelError(f"{file}: no such file")
-    found = mistakes(file, params, seed)
-    if found.mistakes or found.program is None:
-        return refused(file.stem, found.mistakes)
-    diagnosis = examine(found.program, options)
-    return lived(diagnosis, load(file, params=params), options, seed)
+    check = mistakes(file, params, seed)
+    if check.mistakes or check.program is None:
+        return diagnose_errors(file.stem, check.mistakes)
+    return add_world_findings(examine(check.program, options), load(file, params=params), options, seed)

@@ -1,4 +1,4 @@
-"""All findings about a network, and their page."""
+"""The diagnosis of a network, its text and its web page."""
 
 from __future__ import annotations
 
@@ -16,49 +16,49 @@ from neuro_doctor.wiring import has_threshold
 
 PAGE = sealed("a page of 'neuro doctor'", '<meta name="generator" content="neuro doctor">', "<!-- digest {} -->")
 WIDE, TALL, TOP, LEFT = 900, 110, 12, 110
-"""Pixels of a drawing of potentials: its right and lower end, and where it begins."""
+"""Right, lower, upper and left edge of the curve in a drawing of potentials, px."""
 _HEADS = ("severity", "finding", "of", "place")
 
 
-def page(network: str, lead: str, findings: Sequence[Finding], seen: Observation | None) -> str:
-    """The page as HTML text.
+def page(network: str, lead: str, findings: Sequence[Finding], run: Observation | None) -> str:
+    """Return the page as HTML text.
 
     Args:
-        network: its name.
-        lead: what was found and how, in a line or two.
-        findings: what was found.
-        seen: of the run, None where nothing ran.
+        network: name of the network.
+        lead: summary of the findings and of the run.
+        findings: the findings.
+        run: record of the run, None if nothing ran.
     """
     parts = (
         html.tag("header", html.tag("h1", network), html.tag("p", lead, class_="lead")),
         html.table(_HEADS, [(e.severity, e.name, e.what, e.where or "-") for e in findings]) if findings else None,
-        *(part for each in findings for part in _finding(each, seen)),
-        *(() if seen is None else _run(seen)),
+        *(part for each in findings for part in _finding(each, run)),
+        *(() if run is None else _run(run)),
         html.tag("footer", f"Written by neuro {neuro.__version__} (neuro doctor)."),
     )
     return html.page("neuro doctor", f"{network}: a diagnosis", parts, raster.script())
 
 
-def _finding(each: Finding, seen: Observation | None) -> Iterator[html.Html]:
+def _finding(each: Finding, run: Observation | None) -> Iterator[html.Html]:
     yield html.tag("h2", f"{each.severity.capitalize()}: {each.name}")
     yield html.tag("p", html.tag("b", each.what), f" {each.where}" if each.where else None)
     yield html.tag("p", each.evidence)
     yield html.tag("p", html.tag("b", "Remedy: "), each.remedy)
-    if seen is None or each.severity == SEVERITIES[-1]:
+    if run is None or each.severity == SEVERITIES[-1]:
         return
-    shown = [k for k, p in enumerate(seen.program.populations) if p.name in each.shows]
-    yield from _raster(seen, shown)
-    yield from (_potential(seen, k) for k in shown if has_threshold(seen.program.populations[k]))
-    for q, learnt in seen.learning.items():
-        name = seen.program.projections[q].name
+    evidence = [k for k, p in enumerate(run.program.populations) if p.name in each.shows]
+    yield from _raster(run, evidence)
+    yield from (_potential(run, k) for k in evidence if has_threshold(run.program.populations[k]))
+    for q, learnt in run.learning.items():
+        name = run.program.projections[q].name
         if each.what == f"projection '{name}'":
-            found = histograms.histogram(name, "", {"first": learnt.first, "last": learnt.last})
-            yield histograms.drawings([found], {"first": "at the beginning", "last": "at the end"})
+            weights = histograms.histogram(name, "", {"first": learnt.first, "last": learnt.last})
+            yield histograms.drawings([weights], {"first": "at the beginning", "last": "at the end"})
 
 
-def _potential(seen: Observation, k: int) -> html.Html:
-    """The largest V_m of the neurons that were followed, along time, below the threshold."""
-    part, v = seen.program.populations[k], seen.populations[k].potentials.max(axis=1)
+def _potential(run: Observation, k: int) -> html.Html:
+    """Draw the largest V_m of the sampled neurons over time, with the threshold."""
+    part, v = run.program.populations[k], run.populations[k].potentials.max(axis=1)
     threshold = float(part.parameters["V_th"][0])
     low, high = min(float(v.min()), threshold), max(float(v.max()), threshold)
     x = LEFT + (WIDE - LEFT) * np.arange(1, v.size + 1) / v.size
@@ -70,44 +70,44 @@ def _potential(seen: Observation, k: int) -> html.Html:
         html.line(LEFT, float(y[-1]), WIDE, float(y[-1]), "rule"),
         html.text(LEFT - 6, float(y[-1]) + 4, f"V_th {threshold:g} mV", "quiet", "end"),
         html.text(LEFT - 6, float(y[0]) + 4, f"{v[0]:.4g} mV", "quiet", "end") if abs(y[0] - y[-1]) > 12 else None,
-        html.text(WIDE, TALL + 16, f"{seen.ms:g} ms", "quiet", "end"),
+        html.text(WIDE, TALL + 16, f"{run.ms:g} ms", "quiet", "end"),
         html.tag("polyline", points=points, class_="curve chip0"),
         label=f"largest V_m of {part.name}",
     )
-    return html.figure(drawing, f"The largest V_m of {seen.populations[k].ids.size:,} neurons of {part.name}.")
+    return html.figure(drawing, f"The largest V_m of {run.populations[k].ids.size:,} neurons of {part.name}.")
 
 
-def _run(seen: Observation) -> Iterator[html.Html]:
+def _run(run: Observation) -> Iterator[html.Html]:
     yield html.tag("h2", "The run")
-    populations = seen.program.populations
+    populations = run.program.populations
     rows = [
-        (p.name, p.model_name, f"{p.size:,}", f"{int(seen.populations[k].spikes.sum()):,}", f"{seen.rate(k):.3g}")
+        (p.name, p.model_name, f"{p.size:,}", f"{int(run.populations[k].spikes.sum()):,}", f"{run.rate(k):.3g}")
         for k, p in enumerate(populations)
         if p.kind != "current"
     ]
     yield html.table(("population", "model", ">neurons", ">spikes", ">rate Hz"), rows)
-    yield from _raster(seen, [k for k, p in enumerate(populations) if p.records and p.kind != "current"][:50])
+    yield from _raster(run, [k for k, p in enumerate(populations) if p.records and p.kind != "current"][:50])
 
 
-def _raster(seen: Observation, indices: list[int]) -> Iterator[html.Html]:
-    """Strips of the neurons that were followed."""
+def _raster(run: Observation, indices: list[int]) -> Iterator[html.Html]:
+    """Draw the spikes of the sampled neurons of some populations."""
     strips = []
     for k in indices:
-        s, part = seen.populations[k], seen.program.populations[k]
+        s, part = run.populations[k], run.program.populations[k]
         if not part.records:
             continue
-        window = raster.Window(s.ids, seen.steps + 1, part.size)
-        about = f"{seen.rate(k):.3g} Hz, {window.described(seen.ms, seen.program.resolution)}"
+        window = raster.Window(s.ids, run.steps + 1, part.size)
+        about = f"{run.rate(k):.3g} Hz, {window.described(run.ms, run.program.resolution)}"
         keys = window.keys(s.steps, s.ids[s.rows]) if s.steps.size else np.zeros(0, dtype=np.int64)
         strips.append(raster.Strip(part.name, about, window, {"spike": keys}))
     if strips:
         names = ", ".join(strip.name for strip in strips)
-        drawn = raster.raster(strips, seen.ms, seen.program.resolution, label=f"raster of {names}", tallest=100)
-        yield html.figure(drawn, "Each row is a neuron, the first at the bottom.", class_="raster")
+        drawing = raster.raster(strips, run.ms, run.program.resolution, label=f"raster of {names}", tallest=100)
+        yield html.figure(drawing, "Each row is a neuron, the first at the bottom.", class_="raster")
 
 
 MOST_ALIKE = 4
-"""Findings of one name that are printed in full."""
+"""Most findings of one name that are printed in full."""
 COLUMNS = (*_HEADS, "found", "remedy")
 
 
@@ -116,10 +116,10 @@ class Diagnosis:
     """All findings about a network, faults first; iterable.
 
     Attributes:
-        network: its name.
-        findings: what was found.
-        about: how the short run went, in a sentence.
-        observation: what was seen of the run, None where nothing ran.
+        network: name of the network.
+        findings: the findings.
+        about: one sentence about the short run.
+        observation: record of the run, None if nothing ran.
     """
 
     network: str
@@ -140,7 +140,7 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """How many findings of each severity, in a line."""
+        """Number of findings of each severity, e.g. "net: 1 fault, 2 notes"."""
         counts = [(sum(each.severity == word for each in self.findings), word) for word in SEVERITIES]
         return f"{self.network}: {', '.join(some(n, word) for n, word in counts if n) or 'nothing is wrong'}"
 
@@ -148,7 +148,7 @@ class Diagnosis:
         return "\n".join([*self._lines(), self.about, self.verdict])
 
     def _lines(self) -> Iterator[str]:
-        """The first findings of each name, and of which parts there are more."""
+        """Yield the first findings of each name in full, and the parts of the others."""
         by_name: dict[tuple[str, str], list[Finding]] = {}
         for each in self.findings:
             by_name.setdefault((each.severity, each.name), []).append(each)
@@ -156,14 +156,14 @@ class Diagnosis:
             yield from map(str, alike[:MOST_ALIKE])
             if more := alike[MOST_ALIKE:]:
                 names = ", ".join(each.what for each in more[:MOST_ALIKE])
-                yield f"  likewise {names}{', ...' * (len(more) > MOST_ALIKE)} ({len(more)} more)"
+                yield f"  the same for {names}{', ...' * (len(more) > MOST_ALIKE)} ({len(more)} more)"
 
     def _repr_html_(self) -> str:
         rows = tuple((e.severity, e.name, e.what, str(e.where or ""), e.evidence, e.remedy) for e in self)
         return tables.as_html(self.verdict, [tables.Table(self.about, COLUMNS, rows)])
 
     def as_dict(self) -> dict[str, Any]:
-        """The diagnosis for JSON."""
+        """Return the diagnosis as plain data for JSON."""
         return {
             "network": self.network,
             "about": self.about,
@@ -172,12 +172,12 @@ class Diagnosis:
         }
 
     def page(self) -> str:
-        """A page with the findings and the spikes that are their evidence, as HTML text."""
+        """Return a web page with the findings and the spikes that are their evidence, as HTML text."""
         return page(self.network, f"{self.verdict}. {self.about}", self.findings, self.observation)
 
 
-def ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings by severity, else as they come; of those of one name about one part the first."""
+def sort_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Sort findings by severity, else in their order, with only the first of the same name about the same part."""
     first: dict[tuple[str, str], Finding] = {}
     for each in findings:
         first.setdefault((each.name, each.what), each)

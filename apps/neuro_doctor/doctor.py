@@ -1,4 +1,4 @@
-"""All checks of a network: what is described, a short run, and on request a chip and gradients."""
+"""All checks of a network: the description, a short run, and on request a chip and gradients."""
 
 from __future__ import annotations
 
@@ -12,22 +12,27 @@ from neuro.chips import chip as chip_of
 from neuro.extend import Program
 from neuro_doctor import activity, drift, learning, parts, structure
 from neuro_doctor.activity import SHORT_MS
-from neuro_doctor.diagnosis import Diagnosis, ordered
+from neuro_doctor.diagnosis import Diagnosis, sort_findings
 from neuro_doctor.findings import Finding
 from neuro_doctor.observing import Observation, observe
 from neuro_doctor.wiring import Wiring
 
 SECONDS = 20.0
-"""Of the clock on the wall that the short run may take, without compiling."""
+"""Longest short run, s of wall-clock time without compiling."""
 EXPLAIN = ("silent", "silenced", "brief-input", "no-path", "weak-spike", "long-delay")
-"""Warnings that are faults where no output fires, as they say why."""
+"""Warnings that become faults if no output fires, since they explain the silence."""
 _MS = Quantity("ms", above=0)
 _RATE = Quantity("Hz", at_least=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How a network is examined, see `doctor`; and whether it ran before, in ms, with signals that were set."""
+    """Options of a diagnosis, see `doctor`.
+
+    Attributes:
+        ran: time that the simulation ran before, ms; 0 for a network that did not run.
+        steered: True if a program set signals in that time.
+    """
 
     ms: float = 1000.0
     backend: str = "event"
@@ -50,25 +55,25 @@ def doctor(
     drive: float = 0.0,
     reward_after: float | None = None,
 ) -> Diagnosis:
-    """Find out why a network does not work: checks of the description and of a short run.
+    """Diagnose why a network does not work, from its description and a short run.
 
-    The run ends early after 20 s, without the time to compile; the diagnosis says how long it was.
+    The run ends early after 20 s of wall-clock time, without the time to compile. The diagnosis states its length.
 
     Args:
         net: the network.
-        ms: length of the run, to be rounded up to whole steps.
-        backend: what to run on.
-        seed: of everything random.
-        chip: also judge what becomes of the network on this chip.
-        train: also judge the gradients that training with surrogates would see.
-        drive: rate in Hz of Poisson spikes for inputs that a program is to feed; 0: these stay silent.
-        reward_after: how long after the spikes that earned it a reward comes, in ms; eligibility is judged by it.
+        ms: length of the run, rounded up to whole steps, ms.
+        backend: backend of the run.
+        seed: seed of everything random.
+        chip: name of a chip on which the network is also checked.
+        train: True also checks the surrogate gradients of training.
+        drive: rate of Poisson spikes for inputs that a program would feed, Hz; 0 keeps them silent.
+        reward_after: delay of a reward after the spikes that earned it, ms; the check of eligibility uses it.
 
     Returns:
-        the findings, faults first. What a compiler or a backend refuses is a finding, too.
+        The findings, faults first. Errors of the compiler and of the backend are findings, too.
 
     Raises:
-        ModelError: an argument is not as described.
+        ModelError: an argument is invalid.
     """
     if not isinstance(net, Network):
         raise ModelError(f"neuro.doctor: found {net!r}: expected a Network", hint="neuro.load reads one from YAML")
@@ -76,50 +81,50 @@ def doctor(
     try:
         program = compile_network(net, seed)
     except ModelError as error:
-        return refused(net.name, [error])
-    return lived(examine(program, options), net, options, seed)
+        return diagnose_errors(net.name, [error])
+    return add_world_findings(examine(program, options), net, options, seed)
 
 
-def lived(found: Diagnosis, net: Network, options: Options, seed: int) -> Diagnosis:
-    """Return a diagnosis with what a short life of the network in its world shows, if it has one."""
+def add_world_findings(diagnosis: Diagnosis, net: Network, options: Options, seed: int) -> Diagnosis:
+    """Add the findings of a short run in the network's world, and drop those that the world resolves."""
     if net.world_section is None:
-        return found
+        return diagnosis
     from neuro_doctor import world
 
-    alone = [each for each in found.findings if not world.answers(net, each)]
-    return replace(found, findings=ordered([*alone, *world.findings(net, options.backend, seed)]))
+    remaining = [each for each in diagnosis.findings if not world.resolves(net, each)]
+    return replace(diagnosis, findings=sort_findings([*remaining, *world.findings(net, options.backend, seed)]))
 
 
 def options_of(**words: Any) -> Options:
-    """Options that were checked.
+    """Check the options and return them.
 
     Raises:
-        ModelError: one is not as described.
+        ModelError: an option is invalid.
     """
-    found = Options(**words)
-    check(_MS, found.ms, "ms")
-    check(_RATE, found.drive, "drive")
-    if found.reward_after is not None:
-        check(_MS, found.reward_after, "reward_after")
-    find_backend(found.backend)
-    if found.chip is not None:
-        chip_of(found.chip)
-    return found
+    options = Options(**words)
+    check(_MS, options.ms, "ms")
+    check(_RATE, options.drive, "drive")
+    if options.reward_after is not None:
+        check(_MS, options.reward_after, "reward_after")
+    find_backend(options.backend)
+    if options.chip is not None:
+        chip_of(options.chip)
+    return options
 
 
 def backend_of_copy(name: str) -> str:
-    """What a copy of a simulation runs on: chips on themselves, floats on `event`.
+    """Return the backend for a copy of a simulation: the same for chips, `event` for backends in floats.
 
-    A second network may not be built where the first one runs: NEST has one kernel in a process.
+    The copy avoids the simulation's own backend, since e.g. NEST holds only one network per process.
     """
     try:
         return name if getattr(find_backend(name), "arithmetic", "float") == "integer" else "event"
     except ModelError:
-        return "event"  # a backend that was given as an object
+        return "event"  # the backend is an object without a registered name
 
 
-def refused(name: str, errors: list[ModelError]) -> Diagnosis:
-    """The diagnosis of a network that cannot be compiled."""
+def diagnose_errors(name: str, errors: list[ModelError]) -> Diagnosis:
+    """Return the diagnosis of a network that cannot be compiled: each error is a fault."""
     every = [each for error in errors for each in (error.but(others=()), *error.others)]
     return Diagnosis(name, tuple(map(_mistake, every)), "Nothing ran: the description is refused.")
 
@@ -130,9 +135,13 @@ def _mistake(error: ModelError) -> Finding:
 
 
 def examine(program: Program, options: Options) -> Diagnosis:
-    """Judge a compiled network."""
+    """Diagnose a compiled network."""
     wiring = Wiring(program)
-    findings = [*structure.findings(wiring), *parts.of_neurons(wiring), *parts.of_rules(wiring, options.reward_after)]
+    findings = [
+        *structure.findings(wiring),
+        *parts.neuron_findings(wiring),
+        *parts.rule_findings(wiring, options.reward_after),
+    ]
     findings += drift.findings(wiring)
     backend = find_backend(options.backend)
     problems = backend.problems(program)
@@ -141,21 +150,21 @@ def examine(program: Program, options: Options) -> Diagnosis:
         way = each.way_out or "run it on a backend that takes it: neuro backends"
         findings.append(Finding(*kind, each.what, each.origin, f"backend '{options.backend}': {each.why}", way))
     if any(each.refused for each in problems):
-        return Diagnosis(program.name, ordered(findings), f"Nothing ran: {options.backend} refuses the network.")
+        return Diagnosis(program.name, sort_findings(findings), f"Nothing ran: {options.backend} refuses the network.")
     steps = math.ceil(options.ms / program.resolution - 1e-6)
     try:
         seen = observe(backend.build(program, threads=1), program, steps, options.drive, SECONDS)
     except ModelError as error:
         findings.append(_mistake(error))
-        return Diagnosis(program.name, ordered(findings), "The run stopped with an error.")
+        return Diagnosis(program.name, sort_findings(findings), "The run stopped with an error.")
     fired = {
         f"population '{p.name}'" for p, s in zip(program.populations, seen.populations, strict=True) if s.spikes.any()
     }
-    # States at the start, or a model's own ways, may do what was thought impossible: then the run is right.
+    # Initial states or a model's dynamics can make neurons fire against a check of the description: the run decides.
     findings = [each for each in findings if each.name not in ("cannot-fire", "no-path") or each.what not in fired]
-    findings += structure.cut_off(wiring)
+    findings += structure.isolated_outputs(wiring)
     acts = list(activity.findings(wiring, seen))
-    # Inputs at their true rates say more than inputs that fire in every step: one factor for one population.
+    # "silent" uses the true rates of the inputs, "cannot-fire" assumes a spike in every step: keep only the former.
     silent = {each.what for each in acts if each.name == "silent" and each.severity == "fault"}
     findings = [each for each in findings if each.name != "cannot-fire" or each.what not in silent]
     findings += [*acts, *learning.findings(wiring, seen, options.ran, options.steered)]
@@ -167,11 +176,11 @@ def examine(program: Program, options: Options) -> Diagnosis:
     if not (_works(wiring, seen) or seen.idle):
         causes = [each for each in findings if each.severity == "warning" and each.name in EXPLAIN]
         findings = [replace(each, severity="fault") if each in causes else each for each in findings]
-    return Diagnosis(program.name, ordered(findings), _about(seen, options), seen)
+    return Diagnosis(program.name, sort_findings(findings), _about(seen, options), seen)
 
 
 def _works(wiring: Wiring, seen: Observation) -> bool:
-    """Whether a neuron of an output fired; of all populations where each leads to another; a short run says nothing."""
+    """Return whether an output fired, or any population if there is no output. Runs below `SHORT_MS` always pass."""
     neurons = [k for k, part in enumerate(seen.program.populations) if part.kind == "neuron"]
     ends = [k for k in neurons if structure.is_end(wiring, k)] or neurons
     return seen.ms < SHORT_MS or not ends or any(seen.populations[k].spikes.any() for k in ends)

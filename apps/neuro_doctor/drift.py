@@ -1,4 +1,4 @@
-"""Where the weights of `r_stdp` go: the expected change of a weight, by how trials end and when its input comes.
+"""Expected drift of weights under `r_stdp`, from the outcomes of trials and the times of inputs.
 
 Weights are shares of the way from Wmin to Wmax. docs/explanation/recognisers.md derives the formulas.
 """
@@ -20,19 +20,21 @@ from neuro_doctor.wiring import Wiring
 Floats = NDArray[np.float64]
 
 EARLY, EARLY_AT_MOST = 0.25, 0.58
-"""Shares of the way from chance to no mistake that decisions reach before epsilon has lifted weights. ReMuS on N-MNIST
-reaches 0.24 to 0.27 in the first 1000 trials at a threshold of 30, and 0.37 to 0.58 at 60, by the recordings that are
-drawn: docs/explanation/recognisers.md."""
+"""Lower and upper share of the way from chance to 100 % that decisions reach before epsilon has raised the weights.
+
+ReMuS on N-MNIST reaches 0.24 to 0.27 in the first 1000 trials at a threshold of 30, and 0.37 to 0.58 at 60, depending
+on the recordings: docs/explanation/recognisers.md.
+"""
 
 
 class Shares(NamedTuple):
-    """Shares of all trials in which a weight is taught, of one weight or of many.
+    """Shares of all trials in which weights are updated.
 
     Attributes:
-        rewarded: the weight's neuron was rewarded, and its input came before, at or after the decision, which includes
-            silence; shape (3, ...).
-        punished: the neuron was punished, likewise.
-        grown: the trial was wrong or silent, and its label is that of the weight's map; shape (...).
+        rewarded: (3, ...), share of trials in which the weight's neuron was rewarded and its input came before, at, or
+            after the decision; a silent input counts as after.
+        punished: (3, ...), the same for trials in which the neuron was punished.
+        grown: (...), share of trials that were wrong or silent and whose label is that of the weight's map.
     """
 
     rewarded: Floats
@@ -42,37 +44,37 @@ class Shares(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drift:
-    """The expected change of a weight w in a trial, push w (1 - w) + lift.
+    """The expected change of a weight w per trial, push w (1 - w) + lift.
 
     Attributes:
-        push: mean rate of rewards and punishments in a trial.
-        lift: growth by epsilon in a trial, not negative.
+        push: mean rate of rewards and punishments per trial.
+        lift: growth by epsilon per trial, >= 0.
     """
 
     push: Floats
     lift: Floats
 
     def change(self, weight: ArrayLike) -> Floats:
-        """Return the expected change of a weight in a trial, away from the bounds."""
+        """Return the expected change of a weight per trial; bounds are ignored."""
         w = np.asarray(weight, dtype=np.float64)
         return self.push * w * (1.0 - w) + self.lift
 
     def fixed_points(self) -> tuple[Floats, Floats]:
-        """Return the weight to which a weight drifts, and the weight above which it drifts to the upper bound.
+        """Return the stable weight, and the weight above which weights drift to the upper bound.
 
-        Where the push is not negative, or the lift is above a quarter of it, weights end at the upper bound from
-        anywhere: 1 and 0. Where both are 0 nothing drifts: NaN.
+        If the push is not negative, or the lift is above a quarter of its magnitude, all weights end at the upper
+        bound: the results are 1 and 0. If push and lift are 0, nothing drifts: the results are NaN.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
-            room = 1.0 + 4.0 * self.lift / self.push
-            apart = np.sqrt(np.where((self.push < 0.0) & (room >= 0.0), room, np.nan))
-        rests = (self.push == 0.0) & (self.lift == 0.0)
-        ends = [np.where(np.isnan(apart), end, (1.0 + way * apart) / 2.0) for way, end in ((-1.0, 1.0), (1.0, 0.0))]
-        low, high = (np.where(rests, np.nan, each) for each in ends)
+            discriminant = 1.0 + 4.0 * self.lift / self.push
+            gap = np.sqrt(np.where((self.push < 0.0) & (discriminant >= 0.0), discriminant, np.nan))
+        no_drift = (self.push == 0.0) & (self.lift == 0.0)
+        ends = [np.where(np.isnan(gap), end, (1.0 + sign * gap) / 2.0) for sign, end in ((-1.0, 1.0), (1.0, 0.0))]
+        low, high = (np.where(no_drift, np.nan, each) for each in ends)
         return low, high
 
     def after(self, weight: ArrayLike, trials: ArrayLike) -> Floats:
-        """Return the weight after a number of trials with the same shares: the solution of dw/dn = `change`, cut at 1.
+        """Return the weight after a number of trials with the same shares: the solution of dw/dn = `change`, at most 1.
 
         With w = u / v the equation is linear: u' = (push u) / 2 + lift v, v' = push u - (push v) / 2.
         """
@@ -80,36 +82,38 @@ class Drift:
         half = self.push / 2.0
         square = self.push * (self.push / 4.0 + self.lift)
         s, rise, fall = np.sqrt(np.abs(square)), half * w + self.lift, half - self.push * w
-        q = np.exp(-2.0 * s * n)  # u and v times exp(-s n), so that long courses stay finite
+        q = np.exp(-2.0 * s * n)  # u and v are scaled by exp(-s n) to stay finite for large n
         hyperbolic = (s * w + rise) + q * (s * w - rise), (s - fall) + q * (s + fall)
         circular = s * w * np.cos(s * n) + rise * np.sin(s * n), s * np.cos(s * n) - fall * np.sin(s * n)
         straight = w + n * rise, 1.0 - n * fall
-        # A short way is straight, and the others lose digits on it.
-        ways = [(square > 0.0) & (s * n > 1e-6), (square < 0.0) & (s * n > 1e-6)]
-        u = np.select(ways, [hyperbolic[0], circular[0]], straight[0])
-        v = np.select(ways, [hyperbolic[1], circular[1]], straight[1])
-        # Without a fixed point only the bound ends the growth, and the quotient comes back from infinity.
-        full = np.arctan2(s * (1.0 - w), self.lift + half * (1.0 - w))
-        past = (v <= 0.0) | ((square < 0.0) & (s * n >= full))
+        # For small s n the linear solution is used, since the others lose digits there.
+        cases = [(square > 0.0) & (s * n > 1e-6), (square < 0.0) & (s * n > 1e-6)]
+        u = np.select(cases, [hyperbolic[0], circular[0]], straight[0])
+        v = np.select(cases, [hyperbolic[1], circular[1]], straight[1])
+        # Without a fixed point u / v passes infinity and returns from below; the bound ends the growth before.
+        n_at_bound = np.arctan2(s * (1.0 - w), self.lift + half * (1.0 - w))  # times s
+        at_bound = (v <= 0.0) | ((square < 0.0) & (s * n >= n_at_bound))
         with np.errstate(divide="ignore", invalid="ignore"):
-            reached: Floats = np.where(past, 1.0, np.clip(u / v, 0.0, 1.0))
-        return np.where((w == 0.0) & (self.lift == 0.0), 0.0, reached)
+            result: Floats = np.where(at_bound, 1.0, np.clip(u / v, 0.0, 1.0))
+        return np.where((w == 0.0) & (self.lift == 0.0), 0.0, result)
 
     def saturating_epsilon(self, weight: ArrayLike, grown: ArrayLike) -> Floats:
         """Return the epsilon above which a weight ends at the upper bound.
 
         Args:
-            weight: where it begins.
+            weight: initial weight.
             grown: share of the trials in which epsilon is added, see `Shares`.
         """
         w = np.asarray(weight, dtype=np.float64)
-        opposes = np.where(w > 0.5, w * (1.0 - w), 0.25)  # a weight below 1/2 has to pass where the push is strongest
-        epsilon: Floats = np.maximum(-self.push, 0.0) * opposes / np.asarray(grown, dtype=np.float64)
+        factor = np.where(
+            w > 0.5, w * (1.0 - w), 0.25
+        )  # a weight below 1/2 passes w = 1/2, where the push is strongest
+        epsilon: Floats = np.maximum(-self.push, 0.0) * factor / np.asarray(grown, dtype=np.float64)
         return epsilon
 
 
 def drift_of(rule: neuro.r_stdp, shares: Shares) -> Drift:
-    """Return the drift of weights that `r_stdp` teaches. With `rescue`, rescued trials count as rewarded."""
+    """Return the drift of weights under `r_stdp`. With `rescue`, rescued trials count as rewarded."""
     tie = rule.Ar_minus if rule.ties_after else rule.Ar_plus
     rewards = (rule.Ar_plus, tie, rule.Ar_minus), shares.rewarded
     punishments = (rule.Ap_minus, rule.Ap_minus, rule.Ap_plus), shares.punished
@@ -127,23 +131,23 @@ def shares_of(
     labels: ArrayLike,
     results: neuro.TrialResults,
 ) -> Shares:
-    """Count in which share of a batch of trials each weight of a grid was taught.
+    """Return the shares of a batch of trials in which each weight of a grid was updated.
 
     Args:
-        sim: what was taught.
-        projection: a grid from the input of the trials to their output, without padding.
-        times: of the spikes that `sim.trials` was shown, ms.
-        ids: their inputs.
-        offsets: where the spikes of each trial begin, and the end.
-        labels: of the trials.
-        results: how the trials ended.
+        sim: simulation that ran the trials.
+        projection: name of a grid from the input of the trials to their output, without padding.
+        times: spike times given to `sim.trials`, ms.
+        ids: input neurons of these spikes.
+        offsets: index of each trial's first spike, and the number of spikes at the end.
+        labels: labels of the trials.
+        results: results of the trials.
 
     Returns:
         Shares in the shape of the kernels, (maps, channels, height, width).
 
     Raises:
-        ModelError: the projection is none such, or its rule is not `r_stdp` without `rescue`: results do not name the
-            neurons that were rescued.
+        ModelError: the projection is no such grid, or does not learn by `r_stdp` without `rescue`: results do not name
+            rescued neurons.
     """
     program = sim.program
     part = next((each for each in program.projections if each.name == projection), None)
@@ -153,7 +157,7 @@ def shares_of(
         raise ModelError(f"shares_of: '{projection}': expected a grid that learns by r_stdp in trials, without rescue")
     if grid.top or grid.left or grid.depthwise or part.source != trials.input:
         raise ModelError(f"shares_of: '{projection}': expected a grid from the input of the trials, without padding")
-    shown, ends = np.round(np.asarray(times) / program.resolution).astype(np.int64), np.asarray(offsets)
+    steps, ends = np.round(np.asarray(times) / program.resolution).astype(np.int64), np.asarray(offsets)
     maps, _, height, width = grid.kernels
     counts = np.zeros((2, 3, *grid.kernels))
     grown = np.zeros(maps)
@@ -166,50 +170,50 @@ def shares_of(
             continue
         sheet.fill(np.inf)
         span = slice(ends[k], ends[k + 1])
-        np.minimum.at(sheet, np.asarray(ids)[span], shown[span] + int(part.delay[0]))
-        at, place = divmod(winner, grid.rows * grid.columns)
-        y, x = (grid.stride * each for each in divmod(place, grid.columns))
+        np.minimum.at(sheet, np.asarray(ids)[span], steps[span] + int(part.delay[0]))
+        winning_map, position = divmod(winner, grid.rows * grid.columns)
+        y, x = (grid.stride * each for each in divmod(position, grid.columns))
         field = sheet.reshape(grid.channels, grid.height, grid.width)[:, y : y + height, x : x + width]
         order = 1 + np.sign(field - results.step[k]).astype(np.int64)
         punished = int(trials.reward[0 if hit else 1] < 0.0)
-        np.add.at(counts, (punished, order, at, *np.indices(field.shape)), 1.0)
+        np.add.at(counts, (punished, order, winning_map, *np.indices(field.shape)), 1.0)
     n = max(len(results), 1)
-    every = np.broadcast_to(grown.reshape(-1, 1, 1, 1) / n, grid.kernels)
-    return Shares(counts[0] / n, counts[1] / n, every)
+    grown_shares = np.broadcast_to(grown.reshape(-1, 1, 1, 1) / n, grid.kernels)
+    return Shares(counts[0] / n, counts[1] / n, grown_shares)
 
 
-def needed(rule: neuro.r_stdp, weight: Floats, before: float, per_label: int) -> float:
-    """Return the share of trials that must be right, so that epsilon does not outweigh rewards and punishments.
+def required_share(rule: neuro.r_stdp, weight: Floats, before: float, per_label: int) -> float:
+    """Return the share of right trials above which epsilon does not outweigh rewards and punishments.
 
-    All maps win equally often, and each input comes before a decision with the same probability.
+    Assumes that all maps win equally often, and that each input comes before a decision with the same probability.
 
     Args:
         rule: `r_stdp` without `rescue`.
         weight: the weights.
-        before: the probability.
-        per_label: maps of a label.
+        before: probability that an input comes before a decision.
+        per_label: maps per label.
     """
-    drifts = _of_outcomes(rule, before)
+    drifts = _outcome_drifts(rule, before)
     right, wrong = (float(np.mean(each.push * weight * (1.0 - weight))) / per_label for each in drifts)
     up = wrong + rule.epsilon
     return 0.0 if up <= 0.0 else up / (up - right) if right < 0.0 else 1.0
 
 
 def sufficient_epsilon(rule: neuro.r_stdp, weight: Floats, before: float, per_label: int, share: float) -> float:
-    """Return the epsilon at which `needed` is a share; 0 where there is none."""
-    drifts = _of_outcomes(rule, before)
+    """Return the epsilon for which `required_share` is `share`; 0 if there is none."""
+    drifts = _outcome_drifts(rule, before)
     right, wrong = (float(np.mean(each.push * weight * (1.0 - weight))) / per_label for each in drifts)
     return max(0.0, -right * share / (1.0 - share) - wrong)
 
 
-def _of_outcomes(rule: neuro.r_stdp, before: float) -> list[Drift]:
-    """Drifts in a trial that is rewarded, and in one that is punished."""
-    came, never = np.array([before, 0.0, 1.0 - before]), np.zeros(3)
-    return [drift_of(rule, Shares(*each)) for each in ((came, never, never[0]), (never, came, never[0]))]
+def _outcome_drifts(rule: neuro.r_stdp, before: float) -> list[Drift]:
+    """Return the drift in a rewarded trial, and in a punished trial."""
+    shares, none = np.array([before, 0.0, 1.0 - before]), np.zeros(3)
+    return [drift_of(rule, Shares(*each)) for each in ((shares, none, none[0]), (none, shares, none[0]))]
 
 
 def findings(wiring: Wiring) -> Iterator[Finding]:
-    """Findings about weights that epsilon drives to Wmax, or that nothing brings back, before anything runs."""
+    """Yield findings about maps that stay silent and weights that epsilon drives to Wmax, before a run."""
     program, trials = wiring.program, wiring.program.trials
     if trials is None or not 0 < trials.maps_per_label < trials.maps or not trials.reward[0] > 0.0 > trials.reward[1]:
         return
@@ -233,7 +237,7 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
         if drive <= 0.0 or not weight.size:
             continue
         before = min(1.0, cell.distance / drive)
-        share = needed(rule, weight, before, trials.maps_per_label)
+        share = required_share(rule, weight, before, trials.maps_per_label)
         if share <= limit:
             continue
         reach = chance + EARLY_AT_MOST * (1.0 - chance)

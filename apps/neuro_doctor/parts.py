@@ -1,4 +1,4 @@
-"""Checks of single parts: parameters of neurons and generators, the strength of one spike, rules of learning."""
+"""Checks of single parts: parameters of neurons and generators, the effect of one spike, learning rules."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from neuro_doctor.findings import Finding, fault, warning
 from neuro_doctor.wiring import Wiring, is_short_term
 
 STRONG = 10.0
-"""Threshold distances by which one spike lifts V_m above which the unit of its weight is doubted. One is enough to
-fire, as relays need; networks that are trained have a few."""
+"""Effect of one spike, in distances from rest to threshold, above which the unit of its weight is doubted. Relays need
+1; trained networks have a few."""
 WEAK = 1e-3
-"""Share of the threshold distance below which one spike is doubted, if all inputs at once do not reach the threshold
-either: a hundred steps of a thousandth are as strong as a drive of many spikes, hence the second condition."""
+"""Effect of one spike, as a share of the distance from rest to threshold, below which the unit of its weight is
+doubted, unless all inputs together reach the threshold: many small effects can drive a neuron, too."""
 LONGEST_MS = {"izhikevich": 1.0}
-"""Steps of models without a time constant, above which forward Euler falsifies them: at 2 ms up to 45 % of the spikes
-of a fast-spiking neuron are missing. Izhikevich, 2003, halves his steps of 1 ms for V_m."""
+"""Longest steps of models without a time constant, ms. Forward Euler falsifies longer ones: at 2 ms, up to 45 % of the
+spikes of a fast-spiking neuron are missing. Izhikevich, 2003, halves his steps of 1 ms for V_m."""
 FAST_HZ = 1000.0
-"""No neuron fires faster, so a faster generator stands for many neurons."""
+"""Highest rate of a neuron. A generator with a higher rate represents many neurons."""
 
 
-def of_neurons(wiring: Wiring) -> Iterator[Finding]:
-    """Findings about populations and single spikes."""
+def neuron_findings(wiring: Wiring) -> Iterator[Finding]:
+    """Yield findings about populations and single spikes."""
     for k, part in enumerate(wiring.program.populations):
         if isinstance(part.model, Neuron) and not part.model.chip:
             yield from _steps(wiring, k)
@@ -42,7 +42,7 @@ def _is_coarse(part: Population, h: float) -> bool:
 
 
 def _steps(wiring: Wiring, k: int) -> Iterator[Finding]:
-    """Time constants that a step jumps over: what an input leaves is gone before the next step."""
+    """Yield findings about steps that are longer than a time constant, so inputs decay before the next step."""
     part, h = wiring.program.populations[k], wiring.program.resolution
     inhibits = any(wiring.pushes(q)[1] or wiring.program.projections[q].receptor is not None for q in wiring.onto(k))
     if _is_coarse(part, h):
@@ -54,8 +54,8 @@ def _steps(wiring: Wiring, k: int) -> Iterator[Finding]:
         least = float(values.min(initial=np.inf))
         unused = word == "tau_syn_in" and not inhibits
         if word.startswith("tau") and not unused and unit == "ms" and 0.0 < least < h:
-            left = np.exp(-h / least)
-            evidence = f"{word} = {least:g} ms is shorter than a step of {h:g} ms, over which {left:.2g} of it is left"
+            remaining = np.exp(-h / least)
+            evidence = f"{word} = {least:g} ms is shorter than a step of {h:g} ms, after which {remaining:.2g} is left"
             remedy = f"use a `resolution` of at most {least / 4.0:.2g} ms, or check the unit of {word}: it is ms"
             yield fault("coarse-step", part, evidence, remedy)
 
@@ -104,7 +104,7 @@ def _generator(wiring: Wiring, k: int) -> Iterator[Finding]:
 
 
 def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
-    """What one spike does, beside the way to the threshold."""
+    """Yield a finding if one spike is very strong or very weak relative to the distance to the threshold."""
     part, w = wiring.program.projections[q], wiring.weights[q]
     cell, target = wiring.cell(part.target), wiring.program.populations[part.target]
     if cell is None or part.carries != "spikes" or not w.synapses or cell.distance <= 0.0:
@@ -114,7 +114,7 @@ def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
     forced = part.layout == "one_to_one" and wiring.program.populations[part.source].kind == "listed"
     (up, _), (down, _) = wiring.receptors(q)
     largest = max(abs(w.largest), abs(w.least))
-    # The mean magnitude: drawn weights have tails.
+    # The mean magnitude is used, since drawn weights have tails.
     mean = (w.above - w.below) / w.synapses
     receptor = up if w.above >= -w.below else down
     slope = abs(cell.slope(receptor))
@@ -123,21 +123,21 @@ def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
     if not slope or not largest:
         return
     one = f"a spike of weight {mean:.4g}{unit} moves V_m of '{target.name}' by {peak:.3g} mV, "
-    meant = f"a weight of {1.0 / slope:.3g}{unit} moves it by 1 mV"
-    # One that inhibits makes no neuron fire, so it is measured by the way to the threshold.
+    scale = f"a weight of {1.0 / slope:.3g}{unit} moves it by 1 mV"
+    # An inhibitory spike makes no neuron fire, so its effect is compared with the distance to the threshold.
     excites = w.above >= -w.below and peak > cell.distance / STRONG
     fires = min(cell.to_fire(receptor) if excites else math.inf, cell.distance / slope)
-    if mean > STRONG * fires and not forced:  # listed spikes may well stand for those of their targets
+    if mean > STRONG * fires and not forced:  # listed spikes may set the spikes of their targets on purpose
         evidence = f"{one}{mean / fires:.3g} times what makes it fire"
-        remedy = f"check the unit of `weight`: {meant}, and one of {fires:.3g}{unit} makes it fire"
+        remedy = f"check the unit of `weight`: {scale}, and one of {fires:.3g}{unit} makes it fire"
         yield warning("strong-spike", part, evidence, remedy)
     elif peak < WEAK * cell.distance and not part.synapse.learns and _all_at_once(wiring, part.target) < cell.distance:
         evidence = f"{one}{peak / cell.distance:.2%} of the way to the threshold; all inputs at once do not reach it"
-        yield warning("weak-spike", part, evidence, f"check the unit of `weight`: {meant}")
+        yield warning("weak-spike", part, evidence, f"check the unit of `weight`: {scale}")
 
 
 def _all_at_once(wiring: Wiring, population: int) -> float:
-    """How far one spike of each input together moves V_m of a mean neuron up, in mV."""
+    """Return the mean effect on V_m of one simultaneous spike from each input, mV."""
     size = wiring.program.populations[population].size
     cell = wiring.cell(population)
     assert cell is not None
@@ -146,16 +146,16 @@ def _all_at_once(wiring: Wiring, population: int) -> float:
 
 
 LEFT = 0.05
-"""Share of an eligibility below which the reward finds nothing of it: the trace of three time constants ago."""
+"""Share of an eligibility below which a reward comes too late: the share after three time constants."""
 _RATES = ("lambda_", "lambda", "A_plus", "A_minus", "Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "eta", "alpha_plus")
 
 
-def of_rules(wiring: Wiring, reward_after: float | None) -> Iterator[Finding]:
-    """Findings about rules, before anything runs.
+def rule_findings(wiring: Wiring, reward_after: float | None) -> Iterator[Finding]:
+    """Yield findings about learning rules, from the description.
 
     Args:
-        wiring: of the network.
-        reward_after: how long after the spikes that earned it the reward comes, in ms, if it is known.
+        wiring: wiring of the network.
+        reward_after: delay of a reward after the spikes that earn it, ms, if known.
     """
     program = wiring.program
     for part in program.projections:
@@ -170,7 +170,7 @@ def of_rules(wiring: Wiring, reward_after: float | None) -> Iterator[Finding]:
 
 
 def changes_weights(rule: Synapse) -> bool:
-    """Whether a rule learns, other than by short-term plasticity."""
+    """Return whether a rule learns, other than by short-term plasticity."""
     return bool(rule.learns) and not is_short_term(rule)
 
 
@@ -185,7 +185,7 @@ def _rates(part: Projection) -> Iterator[Finding]:
 
 
 def _one_way(part: Projection) -> Iterator[Finding]:
-    """Rules of spike pairs that only grow weights, or only shrink them, whatever the spikes."""
+    """Yield a finding about a pair rule that can only potentiate or only depress."""
     values, rule = part.synapse.parameters(), part.synapse
     if rule.learns != "pairs" or rule.modulated:
         return
@@ -198,7 +198,7 @@ def _one_way(part: Projection) -> Iterator[Finding]:
 
 
 def _both_potentiate(part: Projection) -> Iterator[Finding]:
-    """A sign of depression as other tools write it, by which both orders of a pair do the same."""
+    """Yield a finding about an A_minus with the sign of another tool, with which both orders of a pair potentiate."""
     values, rule = part.synapse.parameters(), part.synapse
     if rule.learns != "pairs" or rule.identity() or not {"A_plus", "A_minus"} <= values.keys():
         return
@@ -210,7 +210,7 @@ def _both_potentiate(part: Projection) -> Iterator[Finding]:
 
 
 def _bounds(part: Projection) -> Iterator[Finding]:
-    """Weights that begin where they can only go one way, at the upper end."""
+    """Yield a finding about weights that begin at the upper bound, so they can only fall."""
     low, high = part.synapse.bounds()
     if not part.size or not np.all(np.isfinite(high)) or np.all(np.equal(low, high)):
         return
@@ -226,20 +226,20 @@ def _eligibility(program: Program, part: Projection, reward_after: float | None)
     if word is None or not np.all(np.isfinite(values[word])):
         return
     tau = float(np.max(values[word]))
-    late = part.dopamine_delay * program.resolution if part.dopamine >= 0 else 0.0
+    delay = part.dopamine_delay * program.resolution if part.dopamine >= 0 else 0.0
     window = float(np.max(values.get("tau_plus", 0.0)))
     if reward_after is not None and math.exp(-reward_after / tau) < LEFT:
-        left = f"{math.exp(-reward_after / tau):.2g} of the eligibility"
-        evidence = f"{word} = {tau:g} ms: after {reward_after:g} ms {left} is left"
+        remaining = f"{math.exp(-reward_after / tau):.2g} of the eligibility"
+        evidence = f"{word} = {tau:g} ms: after {reward_after:g} ms {remaining} is left"
         remedy = f"raise {word} to about {reward_after:g} ms, or reward earlier"
         yield fault("eligibility-dies", part, evidence, remedy)
-    elif math.exp(-late / tau) < LEFT:
-        left = f"{math.exp(-late / tau):.2g} of the eligibility is left"
-        evidence = f"dopamine takes {late:g} ms, after which {left}: {word} = {tau:g} ms"
-        remedy = f"raise {word} to about {late:g} ms, or shorten dopamine_delay"
+    elif math.exp(-delay / tau) < LEFT:
+        remaining = f"{math.exp(-delay / tau):.2g} of the eligibility is left"
+        evidence = f"dopamine takes {delay:g} ms, after which {remaining}: {word} = {tau:g} ms"
+        remedy = f"raise {word} to about {delay:g} ms, or shorten dopamine_delay"
         yield fault("eligibility-dies", part, evidence, remedy)
     elif tau < program.resolution or tau < window / 2.0:
-        # A pair of spikes counts up to about tau_plus apart, so a reward cannot come sooner than that after the first.
+        # Spikes up to about tau_plus apart form a pair, so a reward comes at least that long after the first spike.
         than = f"a step, {program.resolution:g} ms" if tau < program.resolution else f"half of tau_plus = {window:g} ms"
         evidence = f"the eligibility ends with {word} = {tau:g} ms, less than {than}: a later reward finds none"
         remedy = f"raise {word} to the time from an action to its reward, often 100 to 1000 ms; its unit is ms"
@@ -247,7 +247,7 @@ def _eligibility(program: Program, part: Projection, reward_after: float | None)
 
 
 def _copies(program: Program, part: Projection) -> Iterator[Finding]:
-    """Maps that compete, or are taught, and begin as copies of each other: nothing ever distinguishes them."""
+    """Yield a finding about maps or neurons in trials that begin with equal weights, so they always learn the same."""
     target = program.populations[part.target]
     several = target.shape[0] > 1 if part.grid is not None else target.size > 1
     rule = part.synapse
@@ -270,9 +270,9 @@ def _reward(program: Program) -> Iterator[Finding]:
         return
     correct, wrong, silent = trials.reward
     supervised = any(part.synapse.learns == "trials" and part.synapse.supervised for part in program.projections)
-    said = f"the reward is {correct:g} for correct, {wrong:g} for wrong and {silent:g} for silent trials"
+    rewards = f"the reward is {correct:g} for correct, {wrong:g} for wrong and {silent:g} for silent trials"
     if supervised and correct == wrong == silent == 0.0:
-        yield fault("no-reward", trials, f"{said}: no trial teaches", "set `reward: {correct: 1, wrong: -1}`")
+        yield fault("no-reward", trials, f"{rewards}: no trial teaches", "set `reward: {correct: 1, wrong: -1}`")
     elif supervised and correct < wrong:
-        evidence = f"{said}: what is wrong is rewarded above what is right"
+        evidence = f"{rewards}: wrong decisions are rewarded more than correct ones"
         yield fault("no-reward", trials, evidence, "exchange `correct` and `wrong`")

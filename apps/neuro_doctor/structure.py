@@ -1,4 +1,4 @@
-"""What is connected: parts without effect, weights of 0 or of the wrong sign, ways from input to output."""
+"""Checks of the connections: parts without effect, weights of 0 or of the wrong sign, paths from input to output."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from neuro_doctor.observing import idle_inputs
 from neuro_doctor.wiring import Wiring
 
 LONG_MS = 100.0
-"""Delays in nervous systems are 0.1 to 50 ms; above this, microseconds or a rate stand in most likely."""
+"""Longest plausible delay, ms; delays in nervous systems are 0.1 to 50 ms. Longer ones are probably in another unit."""
 ONE_STEP = 0.5
-"""Share of drawn delays of a single step above which the step hides their spread."""
+"""Share of drawn delays of one step above which the resolution hides their spread."""
 UNREACHED = 0.1
-"""Share of neurons without a synapse above which a population is reported. A rule with a fixed indegree leaves none, a
-random one with a mean of 3 leaves 5 %."""
+"""Share of neurons without an incoming synapse that is reported. A fixed indegree leaves none, a random one with a mean
+of 3 leaves 5 %."""
 
 
 def findings(wiring: Wiring) -> Iterator[Finding]:
-    """Findings about connections."""
+    """Yield findings about connections, from the description."""
     yield from _projections(wiring)
     yield from _generators(wiring)
     yield from _paths(wiring)
@@ -34,7 +34,7 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
 
 
 def is_open(program: Program) -> bool:
-    """Whether a program is to complete a network: what feeds inputs may give weights, too, learnt elsewhere."""
+    """Return whether a user's program has to feed inputs. Such a program may also set weights."""
     return bool(idle_inputs(program))
 
 
@@ -67,27 +67,27 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
 
 
 MIXED = 0.02, 0.33
-"""Shares of weights of the other sign between which a population breaks Dale's law: of a mean of 2 to 0.4 standard
-deviations. A smaller mean is meant to be 0."""
+"""Least and largest share of weights of the other sign that violate Dale's law: normal weights with a mean of 2 to 0.4
+standard deviations. With a smaller mean both signs are probably intended."""
 _INHIBITORY = re.compile(r"(^|_)(?i:inh|basket|gaba|pv(_|$)|sst)|(^|_|\d)I(_|\d|$)")
 _EXCITATORY = re.compile(r"(^|_)(?i:exc|pyr)|(^|_|\d)E(_|\d|$)")
 
 
 def _name(program: Program, part: Population) -> str:
-    """The name of a population; `E` and `I` of those two that are called e and i."""
+    """Return the name of a population; upper case for a pair of populations named e and i."""
     pair = {"e", "i"} <= {each.name for each in program.populations}
     return part.name.upper() if pair and part.name in ("e", "i") else part.name
 
 
 def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> Iterator[Finding]:
-    """Weights that do what the name of their source or of their receptor denies."""
+    """Yield a finding about weights whose effect contradicts the name of their source or of their receptor."""
     part = wiring.program.projections[q]
     up, down = wiring.pushes(q)
     if source.kind != "neuron" or not isinstance(target.model, Neuron) or target.model.relay:
         return
     mean, unit, name = wiring.weights[q].mean, target.model.weight_unit, _name(wiring.program, source)
     if part.receptor is None and (mean < 0.0 if up > 0.0 else mean > 0.0):
-        return  # the weights are as they are meant, and a reversal potential turns them round
+        return  # the sign of the weights is right, and a reversal potential inverts their effect
     if _INHIBITORY.search(name) and up > 0.0 and down == 0.0:
         evidence = f"'{source.name}' is named as inhibitory, and its weights, of mean {mean:g} {unit}".rstrip()
         remedy = "make `weight` negative" if part.receptor is None else "name the inhibitory receptor"
@@ -105,7 +105,7 @@ def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> It
 
 
 def _mixed(wiring: Wiring, q: int, source: Population) -> Iterator[Finding]:
-    """Some weights of the other sign, of neurons that else excite or else inhibit: Dale's law."""
+    """Yield a finding about neurons that mostly excite but have some inhibitory weights, or vice versa (Dale's law)."""
     part, w = wiring.program.projections[q], wiring.weights[q]
     if source.kind != "neuron" or part.synapse.learns or part.receptor is not None or not w.least < 0.0 < w.largest:
         return
@@ -127,16 +127,16 @@ def _generators(wiring: Wiring) -> Iterator[Finding]:
     released = {part.dopamine for part in program.projections}
     has_neurons = any(part.kind == "neuron" for part in program.populations)
     for k, part in enumerate(program.populations):
-        apart = part.kind != "neuron" and not wiring.out_of(k) and k not in released
-        if apart and has_neurons and k not in probed:
+        unused = part.kind != "neuron" and not wiring.out_of(k) and k not in released
+        if unused and has_neurons and k not in probed:
             evidence = f"no projection begins at its {some(part.size, 'neuron')}, and no probe records them"
-            # Spikes that are listed are recorded anyway, so they may be there to be read.
+            # Listed spikes are always recorded, so they may be present for the record only.
             severity = "warning" if part.kind == "listed" else "fault"
             yield finding("unconnected", severity, part, evidence, f"connect '{part.name}', or remove it")
 
 
 def can_fire_alone(wiring: Wiring, k: int) -> bool:
-    """Whether neurons of a population may fire without a spike that arrives, as far as is known."""
+    """Return whether neurons of a population may fire without incoming spikes; True if unknown."""
     part, cell = wiring.program.populations[k], wiring.cell(k)
     if cell is None:
         return not (isinstance(part.model, Neuron) and part.model.relay)
@@ -144,7 +144,7 @@ def can_fire_alone(wiring: Wiring, k: int) -> bool:
         return True
     currents = part.parameters.get("I_e", np.zeros(1))
     strongest = float(currents.max()) - float(currents[0]) + wiring.current(k)
-    # A population with values of its own for each neuron is not followed neuron by neuron.
+    # Only the first neuron is simulated, so neurons with different thresholds or rests are assumed to fire.
     return (
         any(v.size > 1 for w, v in part.parameters.items() if w in ("V_th", "E_L"))
         or cell.follow(np.zeros(1), current=strongest)[1]
@@ -152,7 +152,7 @@ def can_fire_alone(wiring: Wiring, k: int) -> bool:
 
 
 def _begins(wiring: Wiring, k: int) -> bool:
-    """Whether spikes may begin at a population: it is a generator, gets a current, or fires by itself."""
+    """Return whether spikes may originate in a population: a generator, or neurons with a current or firing alone."""
     kind = wiring.program.populations[k].kind
     return can_fire_alone(wiring, k) or bool(wiring.onto(k, "current")) if kind == "neuron" else kind != "current"
 
@@ -178,8 +178,8 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
             evidence = "no projection ends at it, and it does not fire by itself"
         output = ", the output of trials," if trials is not None and trials.output == k else ""
         remedy = f"connect an input to '{part.name}'{output} with weights that excite, or turn a projection round"
-        if begun := [q for q in onto if _is_driven(wiring, q)]:
-            remedy = f"make `weight` of {wiring.names(begun)} excite, if it is meant to, or {remedy}"
+        if inhibitory := [q for q in onto if _is_inhibiting_input(wiring, q)]:
+            remedy = f"make `weight` of {wiring.names(inhibitory)} excite, if it is meant to, or {remedy}"
         mild = (onto and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
         severity = "warning" if mild else "fault"
         yield finding("no-path", severity, part, evidence, remedy)
@@ -195,8 +195,8 @@ _OUTPUT = re.compile(
 )
 
 
-def cut_off(wiring: Wiring) -> Iterator[Finding]:
-    """Outputs that no input reaches, though noise or currents of their own make them fire."""
+def isolated_outputs(wiring: Wiring) -> Iterator[Finding]:
+    """Yield findings about outputs that fire by noise or currents, but that no input reaches."""
     program, populations = wiring.program, wiring.program.populations
     generators = [k for k, part in enumerate(populations) if part.kind != "neuron" and wiring.out_of(k)]
     noise = {k for k in generators if populations[k].kind == "current" or _BACKGROUND.search(populations[k].name)}
@@ -212,18 +212,18 @@ def cut_off(wiring: Wiring) -> Iterator[Finding]:
         names, ways = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, last))
         evidence = f"no path leads from {names} to it, only noise or currents of its own; {names} reaches {ways}"
         remedy = f"connect {ways} towards '{populations[k].name}'"
-        # Without a name that says output, it may be a control beside what is stimulated.
+        # A population without the name of an output may be an unstimulated control on purpose.
         severity = "fault" if k in named else "note" if loud & set(dead) else "warning"
         yield finding("no-path", severity, populations[k], evidence, remedy, populations[k].name)
 
 
 def is_end(wiring: Wiring, k: int) -> bool:
-    """Whether a population leads to no other."""
+    """Return whether a population has no projection to another population."""
     return all(wiring.program.projections[q].target == k for q in wiring.out_of(k))
 
 
-def _is_driven(wiring: Wiring, q: int) -> bool:
-    """Whether a projection brings the spikes of a generator, and inhibits."""
+def _is_inhibiting_input(wiring: Wiring, q: int) -> bool:
+    """Return whether a projection is from a generator and inhibits."""
     part = wiring.program.projections[q]
     return wiring.program.populations[part.source].kind != "neuron" and wiring.pushes(q)[1] < 0.0
 
@@ -241,7 +241,7 @@ def _unreached(wiring: Wiring) -> Iterator[Finding]:
 
 
 def _thresholds(wiring: Wiring) -> Iterator[Finding]:
-    """Populations that cannot reach their threshold, whatever their inputs do."""
+    """Yield findings about populations that cannot reach their threshold with any input spikes."""
     program = wiring.program
     most = {k: _most(part, program.resolution) for k, part in enumerate(program.populations)}
     for k, part in enumerate(program.populations):
@@ -251,7 +251,7 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
         if can_fire_alone(wiring, k) or any(math.isinf(most[program.projections[q].source]) for q in onto):
             continue
         if any(v.size > 1 for w, v in part.parameters.items() if w != "tau_minus"):
-            continue  # neurons differ, and the first stands for none
+            continue  # neurons differ, so the first is not representative
         best = wiring.strongest(k, most)
         if best is None or not best.any():
             continue
@@ -266,7 +266,7 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
 
 
 def _most(part: Population, h: float) -> float:
-    """The most spikes of a neuron in a step; infinite where it is not bounded."""
+    """Return the largest number of spikes of a neuron per step; infinite if unknown."""
     if part.kind == "poisson":
         mean = part.largest("rate") * h / 1000.0
         return max(1.0, mean + 5.0 * math.sqrt(mean) + 3.0) if mean > 0.0 else 1.0

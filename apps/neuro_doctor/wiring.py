@@ -1,4 +1,4 @@
-"""The connections of a program: one neuron alone, sums of weights, signs, and paths."""
+"""The connections of a program: single neurons, sums of weights, signs, and paths."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 MOST_STEPS = 1500
+"""Most steps of a single neuron's response."""
 TINY = 1e-3
-"""The weight with which the measuring of a postsynaptic potential begins. It is changed until the potential is small
-enough for conductances to be nearly linear, and far above the rounding of a potential."""
+"""First weight in the measurement of a postsynaptic potential. The weight is changed until the potential is small
+enough for conductances to be nearly linear, and far above rounding errors."""
 
 
 def has_threshold(part: Population) -> bool:
-    """Whether a population has a potential and a fixed threshold, and its neurons are stepped one by one."""
+    """Return whether a population has a potential and a fixed threshold, and can be simulated neuron by neuron."""
     model = part.model
     if not isinstance(model, Neuron) or model.chip or model.relay or model.most:
         return False
@@ -35,15 +36,15 @@ def has_threshold(part: Population) -> bool:
 
 
 class Cell:
-    """The first neuron of a population that `has_threshold`.
+    """The first neuron of a population that `has_threshold`, simulated alone.
 
     Args:
         part: the population.
-        h: length of a step in ms.
+        h: step, ms.
 
     Attributes:
-        rest: where V_m is without input, in mV.
-        threshold: in mV.
+        rest: V_m without input, mV.
+        threshold: threshold of V_m, mV.
     """
 
     def __init__(self, part: Population, h: float) -> None:
@@ -58,12 +59,12 @@ class Cell:
 
     @property
     def distance(self) -> float:
-        """From rest to the threshold, in mV."""
+        """Difference between threshold and rest, mV."""
         return self.threshold - self.rest
 
     @cached_property
     def steps(self) -> int:
-        """Five of the longest time constant of potential and input."""
+        """Steps of a response: five times the longest time constant of potential and input, 20 to `MOST_STEPS`."""
         skip = ("tau_minus", "tau_w", "tau_sfa", "tau_theta")
         taus = [v for w, v in self.parameters.items() if w.startswith("tau") and w not in skip and math.isfinite(v)]
         if "g_L" in self.parameters and self.parameters["g_L"] > 0.0:
@@ -71,15 +72,15 @@ class Cell:
         return min(MOST_STEPS, max(20, math.ceil(5.0 * max(taus, default=10.0) / self.h)))
 
     def follow(self, inputs: Floats, first_only: bool = False, current: float = 0.0) -> tuple[Floats, bool]:
-        """V_m from rest, up to the first spike.
+        """Simulate V_m from rest to the first spike.
 
         Args:
-            inputs: what arrives at each receptor in a step.
-            first_only: whether it arrives in the first step alone, else in each.
-            current: a constant current in pA.
+            inputs: sum of weights that arrives at each receptor per step.
+            first_only: True applies the inputs in the first step only, False in each step.
+            current: constant current, pA.
 
         Returns:
-            V_m at the end of each step, and whether it reached the threshold.
+            V_m at the end of each step, mV, and whether the neuron fired.
         """
         states = np.zeros((len(self.model.states), 1))
         for row, state in zip(states, self.model.states, strict=True):
@@ -88,33 +89,33 @@ class Cell:
         x = np.zeros((max(2, self.model.receptors), 1))
         x[: inputs.size, 0] = inputs
         fired, i_0 = np.zeros(1, dtype=np.uint8), np.array([current])
-        never = (np.array([1.0 - 2.0**-53]),) if self.model.draws else ()
-        found: list[float] = []
+        draw = (np.array([1.0 - 2.0**-53]),) if self.model.draws else ()  # a draw that makes no stochastic spike
+        potentials: list[float] = []
         for _ in range(self.steps):
-            self.model.arithmetic.step(states, self.constants, x, i_0, 0, 1, fired, *never)
+            self.model.arithmetic.step(states, self.constants, x, i_0, 0, 1, fired, *draw)
             if fired[0]:
-                return np.array([*found, self.threshold]), True
-            found.append(states[0, 0])
+                return np.array([*potentials, self.threshold]), True
+            potentials.append(states[0, 0])
             if first_only:
                 x[:] = 0.0
-        return np.array(found), False
+        return np.array(potentials), False
 
     @cached_property
-    def _alone(self) -> Floats:
+    def _without_input(self) -> Floats:
         return self.follow(np.zeros(1), first_only=True)[0]
 
     def slope(self, receptor: int) -> float:
-        """Peak of the potential after one spike, in mV per unit of weight, as of a small weight; signed as the weight.
+        """Return the signed peak of the postsynaptic potential of a small weight, mV per unit of weight.
 
-        0 where the model fires by itself at once, so that nothing can be measured.
+        0 if the model fires without input at once, so no response can be measured.
         """
         v = self.response(receptor)
         return float(v[np.abs(v).argmax()])
 
     def to_fire(self, receptor: int) -> float:
-        """The weight of a single spike that makes the neuron fire; infinite where none does.
+        """Return the weight of a single spike that makes the neuron fire; infinite if no weight does.
 
-        Of a linear model it follows from the response; elsewhere it is searched for, by halves, to a tenth.
+        For a linear model the weight follows from the response; else a bisection finds the weight within 10 %.
         """
         slope = self.slope(receptor)
         if slope == 0.0 or self.distance <= 0.0:
@@ -135,20 +136,20 @@ class Cell:
         return high
 
     def response(self, receptor: int) -> Floats:
-        """The potential after one spike at the end of each step, in mV per unit of weight, as of a small weight."""
+        """Return the postsynaptic potential of a small weight at the end of each step, mV per unit of weight."""
         if receptor not in self._responses:
-            self._responses[receptor] = self._measured(receptor)
+            self._responses[receptor] = self._measure(receptor)
         return self._responses[receptor]
 
-    def _measured(self, receptor: int) -> Floats:
+    def _measure(self, receptor: int) -> Floats:
         sign = -1.0 if self.model.receptors == 2 and receptor == 1 else 1.0
         x = np.zeros(max(2, self.model.receptors))
         weight, change = TINY, np.zeros(1)
-        for _ in range(8):  # the unit of a weight is not known, so look for one with a small effect
+        for _ in range(8):  # the unit of a weight is unknown, so search for a weight with a small effect
             x[receptor] = sign * weight
             v, _ = self.follow(x, first_only=True)
-            n = min(v.size, self._alone.size)
-            change = v[:n] - self._alone[:n]
+            n = min(v.size, self._without_input.size)
+            change = v[:n] - self._without_input[:n]
             peak = float(np.abs(change).max(initial=0.0))
             if peak < 1e-7 * max(1.0, abs(self.distance)):
                 weight *= 1e3
@@ -161,25 +162,25 @@ class Cell:
 
 
 MOST_SYNAPSES = 5_000_000
-"""Of a projection whose synapses are summed neuron by neuron; larger ones are taken at their mean."""
+"""Most synapses of a projection whose weights are summed for each neuron; larger ones are skipped."""
 
 SETTLED = 50
-"""Regular spikes after which short-term plasticity is taken to be steady."""
+"""Regular spikes after which short-term plasticity counts as steady."""
 
 
 def is_short_term(rule: Synapse) -> bool:
-    """Whether a rule hears no post spikes, keeps its weight, and says what it sends."""
+    """Return whether a rule is short-term plasticity: no post spikes, a fixed weight, a variable share sent."""
     return rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent")
 
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """The weights of a projection as described.
+    """Summary of the initial weights of a projection.
 
     Attributes:
-        synapses: how many there are; of a grid those that its kernels make.
-        least, largest: of the weights; 0 without synapses.
-        above, below: sums of the weights over all synapses that are at least 0, and below 0.
+        synapses: number of synapses; for a grid all synapses of its kernels.
+        least, largest: least and largest weight; 0 without synapses.
+        above, below: sums over all synapses of the weights >= 0, and of the weights < 0.
     """
 
     synapses: int
@@ -190,15 +191,15 @@ class Weights:
 
     @property
     def mean(self) -> float:
-        """Of a synapse."""
+        """Mean weight of a synapse; 0 without synapses."""
         return (self.above + self.below) / self.synapses if self.synapses else 0.0
 
 
 class Wiring:
-    """The connections of a program.
+    """The connections of a program. Populations and projections are given by their indices.
 
     Args:
-        program: the network.
+        program: the program.
     """
 
     def __init__(self, program: Program) -> None:
@@ -207,14 +208,14 @@ class Wiring:
         self._pushes: dict[int, tuple[float, float]] = {}
 
     def cell(self, population: int) -> Cell | None:
-        """A neuron of a population, None where it has no threshold."""
+        """Return the first neuron of a population, None if the population has no threshold."""
         if population not in self._cells and has_threshold(self.program.populations[population]):
             self._cells[population] = Cell(self.program.populations[population], self.program.resolution)
         return self._cells.get(population)
 
     @cached_property
     def weights(self) -> list[Weights]:
-        """Of each projection."""
+        """Summary of the weights of each projection."""
         return [self._weights(index, part) for index, part in enumerate(self.program.projections)]
 
     def _weights(self, index: int, part: Projection) -> Weights:
@@ -226,16 +227,20 @@ class Wiring:
         return Weights(count, float(w.min()), float(w.max()), float(w.sum()) * each - below, below)
 
     def efficacy(self, projection: int, per_step: float) -> float:
-        """Share of its weights that spikes at a steady rate bring, as short-term plasticity leaves it; else 1.
+        """Return the share of weights that a projection sends at a steady rate; 1 without short-term plasticity.
 
-        The functions of the rule run as they stand, on regular spikes; of synapses that differ the first.
+        The rule's own functions run on regular spikes of the first synapse.
+
+        Args:
+            projection: index of the projection.
+            per_step: spikes of a source neuron per step.
         """
         rule = self.program.projections[projection].synapse
         if per_step <= 0.0 or rule.draws or not is_short_term(rule):
             return 1.0
-        given, gap = rule.parameters(), self.program.resolution / per_step
-        left = [math.exp(-gap / given[trace.tau]) if given.get(trace.tau) else 0.0 for trace in rule.pre]
-        pre = [trace.adds * x / (1.0 if trace.nearest else 1.0 - x) for trace, x in zip(rule.pre, left, strict=True)]
+        values, gap = rule.parameters(), self.program.resolution / per_step
+        decays = [math.exp(-gap / values[trace.tau]) if values.get(trace.tau) else 0.0 for trace in rule.pre]
+        pre = [trace.adds * x / (1.0 if trace.nearest else 1.0 - x) for trace, x in zip(rule.pre, decays, strict=True)]
         c = common(rule.constants_of(rule.vector(), self.program.resolution))
         y = np.concatenate([np.ones((1, 1)), rule.first_states()[:, :1]])
         for _ in range(SETTLED):
@@ -243,24 +248,25 @@ class Wiring:
         return float(rule.sends()(y, 0, c))
 
     def onto(self, population: int, carries: str = "spikes") -> list[int]:
-        """The projections onto a population."""
+        """Return the projections onto a population."""
         return [q for q in self._ends[1][population] if self.program.projections[q].carries == carries]
 
     def out_of(self, population: int) -> list[int]:
-        """The projections from a population."""
+        """Return the projections from a population."""
         return self._ends[0][population]
 
     @cached_property
     def _ends(self) -> tuple[list[list[int]], list[list[int]]]:
-        """The projections from, and onto, each population."""
-        found: tuple[list[list[int]], ...] = tuple([[] for _ in self.program.populations] for _ in range(2))
+        """Projections from each population, and projections onto each population."""
+        outgoing: list[list[int]] = [[] for _ in self.program.populations]
+        incoming: list[list[int]] = [[] for _ in self.program.populations]
         for q, part in enumerate(self.program.projections):
-            found[0][part.source].append(q)
-            found[1][part.target].append(q)
-        return found[0], found[1]
+            outgoing[part.source].append(q)
+            incoming[part.target].append(q)
+        return outgoing, incoming
 
     def receptors(self, projection: int) -> tuple[tuple[int, float], tuple[int, float]]:
-        """The receptor and the factor with which weights of at least 0, and below 0, arrive."""
+        """Return the receptor and the factor of weights >= 0, and the receptor and the factor of weights < 0."""
         part = self.program.projections[projection]
         model = self.program.populations[part.target].model
         factor = -1.0 if part.receptor is not None and part.receptor.negated else 1.0
@@ -270,7 +276,7 @@ class Wiring:
         return (0, 1.0), (second, 1.0)
 
     def pushes(self, projection: int) -> tuple[float, float]:
-        """Sums of the weights of a projection that excite and, below 0, that inhibit, in units of its weights."""
+        """Return the sums of a projection's excitatory (>= 0) and inhibitory (<= 0) weights, in their unit."""
         if projection not in self._pushes:
             self._pushes[projection] = self._sums(projection)
         return self._pushes[projection]
@@ -286,50 +292,52 @@ class Wiring:
         return up, down
 
     def reached(self, begin: Iterable[int], excite: bool = True) -> set[int]:
-        """The populations that spikes of some reach, with these, along synapses that may excite.
+        """Return the populations that spikes of some populations reach through synapses, including these populations.
 
-        Weights that learn may come to do so. With `excite` False any synapse counts whose weight is or may become other
-        than 0.
+        Args:
+            begin: the first populations.
+            excite: True follows synapses that excite or may learn to; False follows all synapses whose weight is not 0
+                or may change.
         """
         begin = set(begin)
         return begin | self._after(begin, lambda q: self.may_excite(q) or (not excite and self.pushes(q)[1] < 0.0))
 
     def _after(self, begin: Iterable[int], passes: Callable[[int], bool]) -> set[int]:
-        """The populations at the end of some ways along the projections that pass."""
-        found, new = set[int](), list(begin)
+        """Return the populations that are reached from some populations through the projections that pass."""
+        reached, new = set[int](), list(begin)
         while new:
-            ends = {self.program.projections[q].target for q in self.out_of(new.pop()) if passes(q)} - found
-            found |= ends
+            ends = {self.program.projections[q].target for q in self.out_of(new.pop()) if passes(q)} - reached
+            reached |= ends
             new += ends
-        return found
+        return reached
 
     def may_excite(self, projection: int) -> bool:
-        """Whether some synapses of a projection excite, or may come to."""
+        """Return whether some synapses of a projection excite, or may learn to."""
         learns = self.program.projections[projection].synapse.learns != ""
         return self.pushes(projection)[0] > 0.0 or (learns and self.weights[projection].synapses > 0)
 
     def excites_itself(self, population: int) -> bool:
-        """Whether spikes of a population come back to it along synapses that excite on the whole."""
+        """Return whether spikes of a population return to it through projections that excite on the whole."""
         return population in self._after([population], lambda q: self.pushes(q)[0] > -self.pushes(q)[1])
 
     def loops(self, population: int) -> list[int]:
-        """The projections onto a population that excite it and come from what it reaches itself."""
+        """Return the excitatory projections onto a population from populations that it reaches itself."""
         after = self.reached([population])
         return [
             q for q in self.onto(population) if self.program.projections[q].source in after and self.pushes(q)[0] > 0.0
         ]
 
     def names(self, projections: Iterable[int]) -> str:
-        """The first five of some projections, for messages."""
+        """Return the names of the first five projections, for messages."""
         return ", ".join(f"'{self.program.projections[q].name}'" for q in list(projections)[:5])
 
     def drive(self, population: int, per_step: dict[int, float], excite: bool = False) -> Floats:
-        """What arrives at each receptor of a mean neuron in a step.
+        """Return the mean sum of weights that arrives at each receptor of a neuron per step.
 
         Args:
-            population: the neuron's.
-            per_step: spikes of a neuron of each source in a step.
-            excite: whether only what excites is counted.
+            population: index of the neuron's population.
+            per_step: mean spikes of a neuron per step, by source population.
+            excite: True counts excitatory weights only.
         """
         cell = self.cell(population)
         part = self.program.populations[population]
@@ -345,9 +353,13 @@ class Wiring:
         return x
 
     def strongest(self, population: int, most: dict[int, float]) -> Floats | None:
-        """What arrives at the excitable receptors of its best connected neuron if sources emit the most in a step.
+        """Return the largest sum of excitatory weights that can arrive at the receptors of one neuron in a step.
 
-        None where the sums would take too long.
+        None if a projection has more than `MOST_SYNAPSES` synapses, or the population has no threshold.
+
+        Args:
+            population: index of the neuron's population.
+            most: most spikes of a neuron per step, by source population.
         """
         part, cell = self.program.populations[population], self.cell(population)
         sums = np.zeros((max(2, getattr(part.model, "receptors", 1)), part.size))
@@ -370,7 +382,7 @@ class Wiring:
         return best
 
     def inputs_of_each(self, population: int) -> Ints | None:
-        """How many synapses each neuron of a population has onto it; None where that takes too long to count."""
+        """Return the number of synapses onto each neuron of a population; None for more than `MOST_SYNAPSES`."""
         size = self.program.populations[population].size
         total = np.zeros(size, dtype=np.int64)
         for q in self.onto(population):
@@ -386,7 +398,7 @@ class Wiring:
         return total
 
     def current(self, population: int) -> float:
-        """The constant current in pA of generators into a mean neuron, at the largest that it comes to."""
+        """Return the largest mean current from generators into a neuron of a population, pA."""
         size, total = self.program.populations[population].size, 0.0
         for q in self.onto(population, "current"):
             source = self.program.populations[self.program.projections[q].source]

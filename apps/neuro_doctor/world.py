@@ -1,4 +1,4 @@
-"""Findings of a short life in a world: rewards that never change, come too late, or drive all weights one way."""
+"""Findings from a short closed loop with the network's world: rewards that are constant, late, or one-sided."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from neuro_doctor.learning import ONE_WAY
 from neuro_doctor.parts import LEFT
 
 STEPS = 300
-"""Control steps of a life."""
+"""Control steps of the loop."""
 
 
-def answers(net: Network, finding: Finding) -> bool:
-    """Return whether the world of a network gives what a run without it lacks: an input, or the value of a signal."""
+def resolves(net: Network, finding: Finding) -> bool:
+    """Return whether a network's world supplies the missing input or signal of a finding from a run without a world."""
     world = net.world_section
     if world is None:
         return False
@@ -30,23 +30,23 @@ def answers(net: Network, finding: Finding) -> bool:
 
 
 def findings(net: Network, backend: str, seed: int) -> Iterator[Finding]:
-    """Let a network live and learn for a short time, and judge the rewards.
+    """Run a network in its world for a short time with learning on, and check its rewards.
 
     Args:
-        net: a network whose description has a world with rewards.
-        backend: that runs it.
-        seed: of everything random.
+        net: the network. Without a world with rewards there are no findings.
+        backend: backend of the run.
+        seed: seed of everything random.
     """
     world = net.world_section
     if world is None or not world.reward:
         return
     try:
         loop = neuro.closed_loop(net, backend=backend, seed=seed, block=2 * STEPS, record=True)
-        first, infos = dict(loop.pilot.weights), list[dict[str, object]]()  # type: ignore[attr-defined]  # of a network
+        initial, infos = dict(loop.pilot.weights), list[dict[str, object]]()  # type: ignore[attr-defined]  # a network
         loop.watch = lambda: infos.append(dict(loop.environments.infos[0]))
         loop.run(steps=STEPS + world.explore)
     except ModelError as error:
-        message = f"the network did not live in it: {error.message}"
+        message = f"the network did not run in it: {error.message}"
         yield Finding("world-not-run", "note", "the world", net.world_origin, message, error.hint or "mend this first")
         return
     program: Program = loop.sim.program
@@ -69,11 +69,11 @@ def findings(net: Network, backend: str, seed: int) -> Iterator[Finding]:
             if remains < LEFT:
                 evidence = f"a reward comes {delay:g} ms after an action, when {remains:.1g} of its eligibility is left"
                 yield fault("eligibility-dies", part, evidence, f"raise tau_c to about {figure(delay)} ms")
-            moved = loop.sim.get(part.name, "weight") - first[part.name]
-            moved = moved[moved != 0.0]
-            if moved.size >= 20 and max((moved > 0.0).mean(), (moved < 0.0).mean()) >= ONE_WAY:
-                way, other = ("fell", "A_minus") if moved.mean() < 0.0 else ("grew", "A_plus")
-                ends = f"{np.min(values):g} to {np.max(values):g}"
-                evidence = f"all of {some(moved.size, 'weight')} that changed {way}, though rewards were {ends}"
-                remedy = f"lower {other}, or subtract the expected reward: less"
+            changes = loop.sim.get(part.name, "weight") - initial[part.name]
+            changes = changes[changes != 0.0]
+            if changes.size >= 20 and max((changes > 0.0).mean(), (changes < 0.0).mean()) >= ONE_WAY:
+                way, rate = ("fell", "A_minus") if changes.mean() < 0.0 else ("grew", "A_plus")
+                span = f"{np.min(values):g} to {np.max(values):g}"
+                evidence = f"all of {some(changes.size, 'weight')} that changed {way}, though rewards were {span}"
+                remedy = f"lower {rate}, or subtract the expected reward: less"
                 yield warning("one-way", part, evidence, remedy)

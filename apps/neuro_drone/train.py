@@ -71,7 +71,7 @@ class TrainingProgress:
     @property
     def text(self) -> str:
         """Describe the progress: steps, error with frozen weights, and reward."""
-        frozen = "" if math.isnan(self.frozen_px) else f", {self.frozen_px:.1f} px frozen, from afar"
+        frozen = "" if math.isnan(self.frozen_px) else f", {self.frozen_px:.1f} px frozen, from far starts"
         learning = "" if math.isnan(self.reward) else f", reward {self.reward:.3f} a step while it learns"
         return f"{self.step:,} of {self.steps:,} steps{frozen}{learning}"
 

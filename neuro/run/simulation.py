@@ -576,7 +576,7 @@ class Simulation(RunningNetwork):
         try:
             self._synapses.check()
         except ModelError as error:
-            diagnosis: Diagnosis = doctor.refused(self.program.name, [error])
+            diagnosis: Diagnosis = doctor.diagnose_errors(self.program.name, [error])
         else:
             diagnosis = doctor.examine(present(self._run, self.steered), options)
         return diagnosis

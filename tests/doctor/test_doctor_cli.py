@@ -80,7 +80,9 @@ def test_many_findings_of_a_kind_are_folded(tmp_path):
     file.write_text(f"neuro: 1\nname: many\npopulations:\n{populations}\n", "utf-8")
     found = run(str(file), "--for", "5")
     assert found.stdout.count("warning fires-by-itself") == 4
-    assert "likewise population 'p4', population 'p5', population 'p6', population 'p7', ... (5 more)" in found.stdout
+    assert (
+        "the same for population 'p4', population 'p5', population 'p6', population 'p7', ... (5 more)" in found.stdout
+    )
 
 
 def test_inputs_may_be_driven(tmp_path):

@@ -38,12 +38,12 @@ def network(base: str, change: dict[str, Any], folder: Path) -> Path:
 
 def examined(file: Path, **options: Any) -> neuro.Diagnosis:
     """The diagnosis of a file, also of one that cannot be read."""
-    from neuro_doctor.doctor import doctor, refused
+    from neuro_doctor.doctor import diagnose_errors, doctor
 
     try:
         net = neuro.load(file)
     except neuro.ModelError as error:
-        return refused(file.stem, [error])
+        return diagnose_errors(file.stem, [error])
     return doctor(net, seed=1, **options)
 
 

@@ -33,11 +33,11 @@ def test_train_and_test(drone, tmp_path):
     assert err.splitlines()[-1].startswith("seed 0: 2,000 of 2,000 steps, ")
     assert len(err.splitlines()) == 10
     frozen = re.search(
-        r"px with frozen weights in short flights from afar; a mean reward of 0\.\d+ in the last tenth of", out
+        r"px with frozen weights in short flights from far starts; mean reward 0\.\d+ in the last tenth of", out
     )
     assert frozen, out
     assert out.startswith("model.h5: snn in short, 2,000 steps, seed 0: ")
-    assert "px frozen, from afar, reward 0." in err
+    assert "px frozen, from far starts, reward 0." in err
     four = told(drone, "test", "model.h5", "--starts", 2)
     assert (four["starts"], four["controller"], four["scenario"], four["steps"]) == (4, "snn", "short", 2000)
     assert [one["start"] for one in four["per_start"]] == [[-35, -35], [35, -35], [-35, 35], [35, 35]]
@@ -173,7 +173,7 @@ def test_a_lap_in_real_time_beside_the_same_offline(drone):
     assert 0.0 < found["latency_ms"]["p50"] < found["latency_ms"]["p99"]
     code, _, err = drone("live", "--controller", "oracle", "--scenario", "short.yaml")
     assert code == 2
-    assert "controller 'oracle' sees the true error, which no camera sends" in err
+    assert "controller 'oracle' needs the true error, which no camera sends" in err
     model = pilot(None, "A60", "centroid", [])
     start = grid(model.scenario, 1)[0]
     assert "the world's process failed: ModelError: " in refused(fly_live, model, [type(start)((1000.0, 0.0))])
@@ -188,4 +188,4 @@ def test_a_lap_is_shown_on_a_page(drone):
     assert json.loads(out)["flown"] > 0
     code, _, err = drone("live", *LAP, "--page", "--no-browser")
     assert code == 2
-    assert "the controller is no network" in err
+    assert "controller 'centroid' is no spiking network" in err

@@ -263,7 +263,7 @@ def test_what_would_not_learn_on_a_chip_is_told():
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         joined(backend="loihi", eta=0.02)
-    assert "a change is 0.027 of a weight step: below 0.125 much of it is cut away" in str(heard[-1].message)
+    assert "a change is 0.027 of a weight step: below 0.125 much is truncated" in str(heard[-1].message)
     said = refused(lambda: joined(backend="spinnaker")).splitlines()
     assert said[1].endswith("the words of the eligibility have no sign")
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from neuro_drone.controllers.pilot import loop_of
-from neuro_drone.evaluate import Flights, Lap, Start, reset_arguments, fly_lap
+from neuro_drone.evaluate import Flights, Lap, Start, fly_lap, reset_arguments
 from neuro_drone.scenario import Scenario, load
 
 SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})
