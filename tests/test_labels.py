@@ -21,7 +21,7 @@ def test_a_spike_of_the_first_run_alone_is_missing_in_the_other():
 
 def test_static_joules_are_those_of_their_clock():
     bill = SimpleNamespace(dynamic_j=1.0, static_j=2.0, real_time=SimpleNamespace(static_j=3.0))
-    assert bills._spent(bill) == {"dynamic": 1.0, "static": 2.0, "waiting": 3.0}
+    assert bills._energies(bill) == {"dynamic": 1.0, "static": 2.0, "waiting": 3.0}
 
 
 def test_marks_of_a_figure_in_a_page_say_what_they_are():
@@ -30,7 +30,7 @@ def test_marks_of_a_figure_in_a_page_say_what_they_are():
     axis.plot([1.0, 2.0], [3.0, 4.0], "o-", color=COLOURS[0], gid="line")
     axis.set_xlabel("a < b")
     figure.titles["line"] = ["the first", "the second"]
-    drawn = str(html.drawn(figure, "two points"))
+    drawn = str(html.figure_svg(figure, "two points"))
     assert re.findall(r"<use[^>]*><title>([^<]*)</title></use>", drawn) == ["the first", "the second"]
     assert ">a &lt; b</text>" in drawn
     assert "var(--ink)" in drawn

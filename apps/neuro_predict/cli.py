@@ -84,7 +84,12 @@ def predict(
         check_recordings(samples.samples, readout, net)
         for name in backends:
             keep = 0 if picture is None or predictions else tables.MOST
-            words: dict[str, Any] = {"labels": samples.labels, "seed": seed, "keep": keep, "report": _shown(bar, name)}
+            words: dict[str, Any] = {
+                "labels": samples.labels,
+                "seed": seed,
+                "keep": keep,
+                "report": _bar_report(bar, name),
+            }
             predictions.append(ask(net, samples.samples, readout, name, **words))
     if picture is not None:
         write_picture(picture, tables.draw(predictions[0]))
@@ -96,7 +101,7 @@ def predict(
         typer.echo(f"{picture}: written")
 
 
-def _shown(bar: Bar, backend: str) -> Callable[[int, int], None]:
+def _bar_report(bar: Bar, backend: str) -> Callable[[int, int], None]:
     return lambda count, total: bar.show(count, total, f"{backend}: showing recordings")
 
 

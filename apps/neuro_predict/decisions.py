@@ -6,7 +6,7 @@
 | first | ms of the first spike, NaN without one | most spikes, then lowest | no neuron fires |
 | potential | mean V_m over all steps, mV | lowest | all are equal |
 
-`counts` is the rule of `neuro train`, `potential` that of its loss.
+`neuro train` decides by `counts`. Its loss `potential` compares the scores of `potential`.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ def ask(
     labels: Sequence[str] | None = None,
     seed: int = 0,
     keep: int = 0,
-    report: Report = lambda done, total: None,
+    report: Report = lambda count, total: None,
 ) -> Predictions:
     """Show recordings that were checked.
 

@@ -21,7 +21,7 @@ Overflows = Mapping[str, tuple[int, str]]
 
 
 @contextmanager
-def noted(overflows: dict[str, tuple[int, str]]) -> Iterator[None]:
+def overflows_counted(overflows: dict[str, tuple[int, str]]) -> Iterator[None]:
     """Within the block, count overflows of a recording in `overflows` instead of warning."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OverflowWarning)
@@ -75,7 +75,7 @@ class Showing:
         sim, h = self.sim, self.sim.program.resolution
         sim.reset(weights=self._learns)  # what one recording teaches is not known to the next
         sim.inject(self._input, (step + 1.0) * h, neuron)
-        with noted(self.overflows):
+        with overflows_counted(self.overflows):
             sim.run(steps * h)
         self.taken = sim.taken() if self.taken is None else self.taken + sim.taken()
         return sim.payloads(self._output) if self._graded else (*sim.spikes(self._output), None)

@@ -251,11 +251,11 @@ def compare(
     What is in the folder already is not done again.
     """
     from neuro_recognise.compare import MethodComparison, compare as compare_methods, contestants, show, write
-    from neuro_train.data import but
+    from neuro_train.data import leaving_out
 
     plan = MethodComparison(contestants(method), folds, tuple(range(repeats)), tuple(chips), out, backend, workers)
     with _learning() as shown:
-        found = compare_methods(but(_recordings(data, part), without), plan, shown)
+        found = compare_methods(leaving_out(_recordings(data, part), without), plan, shown)
     show(found, plan)
     for file in write(found, plan, data.name):
         typer.echo(file)
@@ -286,11 +286,11 @@ def relearn(
     """
     from neuro_recognise import relearn
     from neuro_recognise.telling.report import show_relearnt
-    from neuro_train.data import but
+    from neuro_train.data import leaving_out
 
     methods, seeds = relearn.rules(method, assignments(set)), tuple(range(repeats))
     plan = relearn.Relearning(methods, before, after, folds, seeds, out, backend, workers)
-    found = but(_recordings(data, part), without)
+    found = leaving_out(_recordings(data, part), without)
     with _learning() as shown:
         accuracies = relearn.relearn(found, plan, shown)
     show_relearnt(accuracies, before, len(found.classes), out / "relearn.png")

@@ -146,7 +146,7 @@ class Cores:
     def _fail(self, lost: processes.Lost, on_run: OnRun) -> None:
         """Keep a run as failed, since its process died too often or exceeded the time limit."""
         item: RunItem = lost.job
-        limit = f"time: exceeds the limit of {self._seconds:g} s" if lost.late else ""
+        limit = f"time: exceeds the limit of {self._seconds:g} s" if lost.timed_out else ""
         error = limit or f"its process {lost.how}, {lost.attempts} times"
         record = provenance(self._inputs, **({} if item.seed is None else {"seed": item.seed}))
         seconds = round(lost.seconds, 6)

@@ -156,7 +156,7 @@ def _metric(data: PlotData) -> html.Html:
     caption = _CAPTIONS.get(data.kind, f"over {over}" + f": {data.caption}" * bool(data.caption))
     rest = f", without {more} more lines" if more else ""
     return html.figure(
-        html.drawn(draw(first_lines, wide=_WIDE), f"{data.metric} over {over}"), caption + rest, data.metric
+        html.figure_svg(draw(first_lines, wide=_WIDE), f"{data.metric} over {over}"), caption + rest, data.metric
     )
 
 
@@ -271,6 +271,6 @@ def _objectives(table: TuneTable, trials: Sequence[TrialRow]) -> Iterator[html.H
     pictures = []
     for name, figure in search_pictures(table, kinds, title="", wide=_WIDE).items():
         kind = name.rpartition("-")[2]
-        image = html.drawn(figure, f"{name} of {table.name}")
+        image = html.figure_svg(figure, f"{name} of {table.name}")
         pictures.append((kind, html.figure(image, _CAPTIONS[kind], name)))
     yield from _side_by_side(*pictures)

@@ -79,7 +79,7 @@ def train(
     threads: Threads = 1,
     set: apps.Set = [],  # noqa: B006
 ) -> None:
-    """Train a network on recordings, write it, and test it; after a kill the same command continues."""
+    """Train a network on recordings, test the result, and save the network; after a kill the same command continues."""
     import neuro
     from neuro import ModelError
 
@@ -89,7 +89,7 @@ def train(
 
     from neuro_events import recordings
     from neuro_train import telling
-    from neuro_train.data import but, show
+    from neuro_train.data import leaving_out, show
 
     plan = plan.changed({**augmentation(augment), "cost": costs(cost), "seed": seed})
     net = neuro.load(file, params=apps.assignments(set))
@@ -104,7 +104,7 @@ def train(
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, backends if folds or test else [], out, html)
-    learnt_from, unseen = but(recordings(data, part=part), without), None
+    learnt_from, unseen = leaving_out(recordings(data, part=part), without), None
     held_out = None if test is None or search else recordings(test, part="Test", classes=learnt_from.classes)
     page = html or out.with_suffix(".html")
     with apps.resumable():
@@ -164,7 +164,7 @@ def _train(
     """Run one training; write the network, the page and the tests."""
     from neuro_train import telling
     from neuro_train.tested import train_and_test
-    from neuro_train.trainer import begun
+    from neuro_train.trainer import training_checkpoint
 
     with apps.Bar() as bar:
 
@@ -173,7 +173,7 @@ def _train(
             grade = _grade(plan, figures["right"])
             bar.show(epoch, plan.epochs, f"epoch {epoch}: loss {figures['loss']:.4g}, {grade}{energy}")
 
-        checkpoint = begun(net, out, samples, plan)
+        checkpoint = training_checkpoint(net, out, samples, plan)
         chips = ([plan.chip] if plan.bits else []) + ([] if other is None else backends)
         words = (checkpoint, tell, partial(_count, bar))
         trained, room, tests = train_and_test(net, out, samples, other, plan, backends, chips, *words)

@@ -67,15 +67,14 @@ class BatchData:
         return float(np.nanmean((targets - np.nanmean(targets, axis=(0, 1))) ** 2))
 
 
-def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
+def leaving_out(recordings: Recordings, patterns: Sequence[str]) -> Recordings:
     """Return the recordings whose names match no pattern, such as "*i.aedat"."""
-    indices = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
-    if len(found) and not indices:
-        message = (
-            f"--without {' --without '.join(patterns)}: leaves none of the {len(found)} recordings of {found.path}"
-        )
-        raise ModelError(f"{message}: expected some of each class", hint=f"names are such as '{found[0].name}'")
-    return found.take(indices)
+    indices = [k for k, one in enumerate(recordings) if not any(fnmatchcase(one.name, each) for each in patterns)]
+    if len(recordings) and not indices:
+        options = " ".join(f"--without {pattern}" for pattern in patterns)
+        message = f"{options}: leaves none of the {len(recordings)} recordings of {recordings.path}"
+        raise ModelError(f"{message}: expected some of each class", hint=f"names are such as '{recordings[0].name}'")
+    return recordings.take(indices)
 
 
 def check_network(net: neuro.Network, plan: TrainingPlan) -> None:

@@ -1,9 +1,8 @@
 """Several trainings of one network: cross-validation, and a search for accuracy against joules on a chip.
 
 A search uses `neuro.tune`; the networks of its front are trained again and tested. Recordings are divided in parts.
-The last part is held out: only the front is tested on it, once, after training on all other parts. A trial trains on
-all but the held-out part and one other part, which judges it. The varied values are a text such as
-"step,for,hidden=16:64,prune".
+The last part is held out: only the front is tested on it, once, after training on all other parts. A trial is
+judged on one other part and trains on the rest. The varied values are a text such as "step,for,hidden=16:64,prune".
 
 FOLDER/tune.json, journal.log, runs    of `neuro.tune`
 FOLDER/points/NAME.yaml                network of each trial
@@ -26,11 +25,11 @@ import numpy.typing as npt
 import neuro
 from neuro import ModelError
 from neuro.apps import JobResults, fingerprint, install, make_folder, unknown, warn_of_overflows
-from neuro_train.data import BatchData, but, show
+from neuro_train.data import BatchData, leaving_out, show
 from neuro_train.plan import TrainingPlan
 from neuro_train.telling import SPENT, FrontPlace
 from neuro_train.tested import on_backend, rooms, train_and_test
-from neuro_train.trainer import begun, identity, learn, module_of
+from neuro_train.trainer import identity, learn, module_of, training_checkpoint
 
 if TYPE_CHECKING:
     from neuro_events import Recordings
@@ -73,7 +72,7 @@ def cross_validate(
         of = identity(net, samples, plan) | {"fold": name, "backends": list(backends)}
         if result := FOLD_RESULTS.read(file, of):
             return result
-        checkpoint, unseen = begun(net, own, samples, plan, name), samples.take(parts[1])
+        checkpoint, unseen = training_checkpoint(net, own, samples, plan, name), samples.take(parts[1])
 
         def tell(epoch: int, figures_of_epoch: Mapping[str, float]) -> None:
             report(f"{name}: learning, {figures_of_epoch.get('right', 0.0):.1%} right", epoch, plan.epochs)
@@ -89,7 +88,7 @@ def cross_validate(
             "same_spikes": {one.backend: one.same_spikes(tests[0]) for one in tests},
             "overflows": {one.backend: one.overflows for one in tests if one.overflows},
             "room": [asdict(one) for one in room],
-            "sent": {one.backend: one.sent for one in tests if one.sent},
+            "sent": {one.backend: one.mean_spikes for one in tests if one.mean_spikes},
             "bills": {one.backend: one.bill.as_dict() for one in tests if one.bill},
         }
         result = FOLD_RESULTS.write(file, of, figures)
@@ -306,21 +305,21 @@ def point(
     of_file, of_plan = parted(varied)
     settings = TrainingPlan(**{**json.loads(plan), **of_plan})
     net = neuro.load(file, params={**json.loads(params), **of_file})
-    held = fold is None
-    out = Path(folder) / ("front" if held else "points") / f"{_name(varied)}.yaml"
+    is_held_out = fold is None
+    out = Path(folder) / ("front" if is_held_out else "points") / f"{_name(varied)}.yaml"
     if fold:
         out = out.with_name(f"{out.stem}_fold{fold}.yaml")
     make_folder(out.parent)
     source = _recordings(data, part, without)
-    samples = show(net, source, settings, lambda what, done, n: None)
+    samples = show(net, source, settings, lambda what, count, total: None)
     learnt_from, judged = divided(source, settings.seed, fold, folds)
-    which = f"part {'held out' if held else fold} of {folds + 1}"
+    which = f"part {'held out' if is_held_out else fold} of {folds + 1}"
     of = identity(net, samples, settings) | {"part": which, "varied": dict(varied)}
     result_file = out.with_suffix(".json")
     if (result := RESULTS.read(result_file, of)) and out.exists():
         return {str(name): float(value) for name, value in result["found"].items()}
     mine = samples.take(learnt_from)
-    checkpoint = begun(net, out, mine, settings, which)
+    checkpoint = training_checkpoint(net, out, mine, settings, which)
     trained = learn(net, mine, settings, checkpoint)
     trained.net.save(out)
     room = rooms(trained.net, settings.chip, mine, settings)
@@ -350,7 +349,7 @@ def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> 
 def _recordings(data: str, part: str, without: str) -> Recordings:
     from neuro_events import recordings
 
-    return but(recordings(Path(data), part=part), json.loads(without))
+    return leaving_out(recordings(Path(data), part=part), json.loads(without))
 
 
 def _name(varied: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from neuro.apps import Kind, console, html, literal, sealed, table, warn_of_overflows, wilson, write_picture, write_text
 from neuro.chips import COLUMNS, between, footnotes
-from neuro_train.tested import MARGIN, MemoryRoom, TestedNetwork, summed, told
+from neuro_train.tested import MARGIN, MemoryRoom, TestedNetwork, memory_lines, summed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,7 +83,7 @@ def bills(tests: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
 
 def show(tests: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> None:
     """Print the room in registers, a row for each backend, the bills and their assumptions; warn of overflows."""
-    for line in told(room):
+    for line in memory_lines(room):
         print(f"- {line}")
     if not tests:
         return
@@ -94,7 +94,7 @@ def show(tests: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> Non
         console().print(table(BILLS, billed, title="a recording"))
     for line in footnotes([one.bill for one in tests if one.bill], False):
         print(f"- {line}")
-    _show_sent({one.backend: one.sent for one in tests})
+    _show_sent({one.backend: one.mean_spikes for one in tests})
 
 
 def _show_sent(each: Mapping[str, Mapping[str, float]]) -> None:
@@ -110,7 +110,7 @@ def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
     names, n = list(folds[0]["right"]), sum(one["n"] for one in folds)
     every = [MemoryRoom(**one) for fold in folds for one in fold.get("room", ())]
     least = {(one.chip, one.population): one for one in sorted(every, key=lambda one: one.share)}
-    for line in told([replace(one, chosen=False) for one in least.values()]):  # each fold has scales of its own
+    for line in memory_lines([replace(one, chosen=False) for one in least.values()]):  # each fold has scales of its own
         print(f"- {line}")
     for name in names:
         each = (one.get("overflows", {}).get(name, {}) for one in folds)

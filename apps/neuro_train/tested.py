@@ -106,8 +106,8 @@ def scales(table: Sequence[MemoryRoom], target: str) -> dict[str, float]:
     return {room.population: room.scale for room in table if room.chip == target and room.chosen}
 
 
-def told(table: Sequence[MemoryRoom]) -> list[str]:
-    """Return a line for each chip."""
+def memory_lines(table: Sequence[MemoryRoom]) -> list[str]:
+    """Return a line for each chip: the used share of its input registers, and the scales that leave this share."""
     lines = []
     for target in dict.fromkeys(room.chip for room in table):
         shares = ", ".join(f"{room.share:.0%} of that of '{room.population}'" for room in table if room.chip == target)
@@ -142,7 +142,7 @@ class TestedNetwork:
         first_ms: mean time of the output's first spike, over the recordings with one.
         bill: bill of a recording, for a chip with costs.
         overflows: number of recordings with overflows, by register.
-        sent: mean spikes or messages of a recording, by population; empty for "torch".
+        mean_spikes: mean spikes or messages of a recording, by population; empty for "torch".
         V_m: potentials of the output with targets, mV, (recordings, steps, neurons).
     """
 
@@ -154,7 +154,7 @@ class TestedNetwork:
     first_ms: float
     bill: Energy | None = None
     overflows: Overflows = field(default_factory=dict)
-    sent: Mapping[str, float] = field(default_factory=dict)
+    mean_spikes: Mapping[str, float] = field(default_factory=dict)
     V_m: npt.NDArray[np.floating] | None = None
 
     @property
@@ -191,7 +191,7 @@ def by_module(module: neuro_torch.Module, samples: BatchData, plan: TrainingPlan
             parts.append(activity.spikes[plan.output].cpu())
             if plan.loss == "mse":
                 potentials.append(activity.V_m[plan.output].cpu())
-    result = _tried("torch", torch.cat(parts), samples, module.program.resolution)
+    result = _tested("torch", torch.cat(parts), samples, module.program.resolution)
     return replace(result, V_m=torch.cat(potentials).numpy()) if potentials else result
 
 
@@ -237,12 +237,12 @@ def on_backend(
         bill = price(sim.program, run_counts.raw_counts, placement, priced).per(len(samples), "recording")
     events_of = () if showing.taken is None else showing.taken.raw_counts.events
     counts = zip(sim.program.populations, events_of, strict=False)
-    sent = {part.name: float(each.sum()) / len(samples) for part, each in counts}
+    mean_spikes = {part.name: float(each.sum()) / len(samples) for part, each in counts}
     V_m = np.stack(potentials) if potentials else None
-    return replace(_tried(backend, spikes, samples, h, bill, showing.overflows), sent=sent, V_m=V_m)
+    return replace(_tested(backend, spikes, samples, h, bill, showing.overflows), mean_spikes=mean_spikes, V_m=V_m)
 
 
-def _tried(
+def _tested(
     backend: str,
     spikes: torch.Tensor,
     samples: BatchData,

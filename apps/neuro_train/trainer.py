@@ -112,7 +112,9 @@ def sizes(module: neuro_torch.Module) -> dict[str, float]:
     return powers
 
 
-def begun(net: neuro.Network, out: Path, samples: BatchData, plan: TrainingPlan, which: str = "") -> Checkpoint:
+def training_checkpoint(
+    net: neuro.Network, out: Path, samples: BatchData, plan: TrainingPlan, which: str = ""
+) -> Checkpoint:
     """Return the checkpoint of a training.
 
     Args:
@@ -289,7 +291,7 @@ class _Training:
     def warn_of_silence(self) -> None:
         """Warn once of output neurons that stay silent for `PATIENCE` epochs, or in the last epoch.
 
-        A network may be silent at first: surrogate gradients raise its weights until it fires.
+        A network may be silent at first: surrogate gradients raise the weights until neurons fire.
         """
         if self._has_warned or not self._silent_epochs:
             return

@@ -150,10 +150,10 @@ def _usage(context: Any) -> str:
 
 def _unknown_option(name: str, context: Any) -> str:
     """Return the message for an unknown option, with the most similar options of the command."""
-    from neuro.core.hints import alike
+    from neuro.core.hints import close_names
 
     known = [word.lstrip("-") for one in context.command.params for word in one.opts if word.startswith("--")]
-    close = " or ".join(f"'--{word}'" for word in alike(name.lstrip("-"), sorted(known)))
+    close = " or ".join(f"'--{word}'" for word in close_names(name.lstrip("-"), sorted(known)))
     hint = f"did you mean {close}?" if close else f"see '{context.command_path} --help'"
     return f"unknown option '{name}'\n  hint: {hint}"
 

@@ -133,7 +133,7 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
     'neuro new classifier' uses the template classifier, because the folder has the template's name.
     """
     from neuro.core.errors import ModelError, unknown
-    from neuro.core.hints import alike
+    from neuro.core.hints import close_names
     from neuro.core.tables import console, table
 
     templates = shipped("templates")
@@ -143,7 +143,7 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
         return
     if name is None:
         raise ModelError("which folder? expected the name of one to make", hint="neuro new my-network, or --list")
-    similar = [] if template or name.name in templates else alike(name.name, list(templates))
+    similar = [] if template or name.name in templates else close_names(name.name, list(templates))
     template = template or (name.name if name.name in templates else _FIRST)
     if template not in templates:
         raise unknown("template", template, templates)

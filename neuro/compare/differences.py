@@ -246,7 +246,7 @@ def _grain(chips: Mapping[str, FixedProgram], index: int) -> float:
 
 
 def unit(program: Program, part: Projection) -> str:
-    """Return the unit of a projection's weights, that of the input of its target."""
+    """Return the unit of a projection's weights, e.g. "pA": the unit of the receptor of the target neurons."""
     model = program.populations[part.target].model
     if model.chip or part.carries == "current":
         return ""

@@ -10,8 +10,8 @@
 | several spikes of a generator in a step | one | a payload |
 | refractory period, learning | yes | no |
 
-All words are compared, and the registers in every step of a run on both chips. A network in the registers of one chip
-is converted to those of the other.
+All words are compared, and the registers in every step of a run on both chips. If a
+network is given in the registers of one chip, the parameters are converted for the other chip.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _OWN: dict[str, tuple[Any, Any]] = {"loihi": (loihi_lif, loihi_static), "loihi2"
 
 @dataclass(frozen=True, slots=True)
 class RuleDifference:
-    """One difference between the chips.
+    """A difference between the two chips.
 
     Attributes:
         part: part of the network.
@@ -114,7 +114,7 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         raise ModelError(f"duration = {duration} ms: expected a finite time >= 0 ms")
     program = compile_network(net, seed)
     programs = []
-    for name in CHIPS:  # parts in the registers of one Loihi are converted to those of the other
+    for name in CHIPS:  # convert parts that are given in the other Loihi's registers
         populations = tuple(_population(part, name) for part in program.populations)
         native = [part.model.chip == name for part in populations]
         projections = tuple(_projection(part, name, native[part.target]) for part in program.projections)

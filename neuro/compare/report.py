@@ -197,25 +197,28 @@ def _raster(comparison: Comparison, name: str, dots: int) -> Html:
     divergences = [run.populations[name].first for run in comparison.ran]
     also = [divergence.neuron for divergence in divergences if divergence is not None]
     part = comparison.first.populations[name]
-    shown = window(part.neurons, trains, round(ms / resolution), dots, also)
-    strips = [_strip(comparison, run, name, shown) for run in comparison.ran]
+    drawn_window = window(part.neurons, trains, round(ms / resolution), dots, also)
+    strips = [_strip(comparison, run, name, drawn_window) for run in comparison.ran]
     label = f"raster of {name} on {', '.join(run.backend for run in comparison.ran)}"
-    picture = raster.raster(strips, ms, resolution, label=label, together=True)
+    picture = raster.raster(strips, ms, resolution, label=label, linked=True)
     kind = "input, " if part.generator else ""
-    return html.figure(picture, kind + shown.described(ms, resolution), name, "raster")
+    return html.figure(picture, kind + drawn_window.described(ms, resolution), name, "raster")
 
 
-def _strip(comparison: Comparison, run: Run, name: str, shown: Window) -> Strip:
-    """Return the strip of one backend, with its differences from the first."""
-    mine, its = (shown.keys(train.steps, train.ids) for train in (run.trains[name], comparison.first.trains[name]))
+def _strip(comparison: Comparison, run: Run, name: str, drawn_window: Window) -> Strip:
+    """Return the strip of a backend, with the differences from the spikes of the first backend."""
+    trains = (run.trains[name], comparison.first.trains[name])
+    own_keys, first_keys = (drawn_window.keys(train.steps, train.ids) for train in trains)
     part = run.populations[name]
     kinds = {
-        "same": np.intersect1d(mine, its),
-        "missing": np.setdiff1d(its, mine),
-        "extra": np.setdiff1d(mine, its),
+        "same": np.intersect1d(own_keys, first_keys),
+        "missing": np.setdiff1d(first_keys, own_keys),
+        "extra": np.setdiff1d(own_keys, first_keys),
     }
     mark = None if part.first is None or run is comparison.first else part.first.ms
-    return Strip(run.backend, f"{part.rate_hz:{'.3g' if part.rate_hz < 1000 else ',.0f'}} Hz", shown, kinds, mark)
+    return Strip(
+        run.backend, f"{part.rate_hz:{'.3g' if part.rate_hz < 1000 else ',.0f'}} Hz", drawn_window, kinds, mark
+    )
 
 
 CORE, TILE_GAP, CHIP_GAP = 24.0, 7.0, 26.0
@@ -254,7 +257,7 @@ def chip_map(placement: Placement, chip: Chip) -> Html:
 def _list(placement: Placement) -> Html:
     """The cores as a table, for paper and for readers without a mouse."""
     rows = [
-        (*_place(core), held(placement, core), f"{core.neurons:,}", f"{core.synapse_bytes:,}", _full(core))
+        (*_place(core), neurons_on(placement, core), f"{core.neurons:,}", f"{core.synapse_bytes:,}", _full(core))
         for core in placement.cores[:MOST_ROWS]
     ]
     rest = len(placement.cores) - len(rows)
@@ -308,8 +311,8 @@ def _core(placement: Placement, mesh: Mesh, side: int, core: Core, width: float,
     return html.box(x, y, CORE - 2, CORE - 2, kind, title(placement, core), 0.18 + 0.82 * min(load, 1.0))
 
 
-def held(placement: Placement, core: Core) -> str:
-    """The populations on a core, and which of their neurons."""
+def neurons_on(placement: Placement, core: Core) -> str:
+    """Return the neurons on a core by population, e.g. "cells[0:128], output[0:10]"."""
     return ", ".join(f"{placement.populations[p]}[{first}:{last}]" for p, first, last in core.parts)
 
 
@@ -318,7 +321,7 @@ def title(placement: Placement, core: Core) -> str:
     loads = ", ".join(f"{LIMITS.get(name, name)} {share:.0%}" for name, share in core.load.items())
     place = "chip {}, tile {}, core {}".format(*_place(core))
     size = f"{core.neurons:,} neuron{'s' * (core.neurons != 1)}, {core.synapse_bytes:,} bytes of synapses"
-    return f"{place}\n{held(placement, core)}\n{size}\n{loads}"
+    return f"{place}\n{neurons_on(placement, core)}\n{size}\n{loads}"
 
 
 def _scale() -> Html:

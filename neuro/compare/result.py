@@ -24,7 +24,7 @@ SHARED = ("spikes", "synaptic_ops", "neuron_updates", "neuron_updates_active", "
 
 @dataclass(frozen=True, slots=True)
 class PopulationResult:
-    """One population on one backend.
+    """Spikes of a population on a backend, compared with the first backend.
 
     Attributes:
         neurons: number of neurons.

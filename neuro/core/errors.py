@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
-from neuro.core.hints import alike, nearest
+from neuro.core.hints import close_names, nearest
 
 __all__ = ["ModelError", "Where", "here", "nearest", "unknown", "words_of"]
 
@@ -115,7 +115,7 @@ def unknown(
         kind=f"unknown {head}{of}".rstrip(),
         found=str(name),
         expected=names,
-        suggestion=next(iter(alike(str(name), names)), ""),
+        suggestion=next(iter(close_names(str(name), names)), ""),
     )
 
 

@@ -2,11 +2,11 @@
 
 HDF5 changes its tables in place, so a file whose process is killed can be unreadable, and on a full disk HDF5 ends the
 process. `JournaledFile` stands between HDF5 and the disk. New bytes are written behind all committed bytes, where no
-table refers to them yet; changes of older bytes are kept in memory, as pages. A commit writes these pages behind the
-end of the file, then a mark that they are complete, then copies each page to its place, and truncates the file. A
-reader that finds the mark uses the pages behind the end, so a kill at any moment leaves the state before or after a
-commit. The first page holds the front of the file with its digest, so front and content belong to the same commit; see
-`neuro.core.hdf5`.
+table refers to them yet; changes of older bytes are kept in memory, as pages. A commit writes the pages behind the end
+of the file and then a mark that all pages are complete. After the mark the commit copies each page to its place and
+truncates the file. A reader that finds the mark uses the pages behind the end, so a kill at any moment leaves the
+state before or after a commit. The first page holds the front of the file with its digest, so front and content belong
+to the same commit; see `neuro.core.hdf5`.
 """
 
 from __future__ import annotations

@@ -175,7 +175,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     names = sorted(known)
     if not names:
         return "none is defined"
-    if close := alike(name, names):
+    if close := close_names(name, names):
         return "did you mean " + " or ".join(f"'{word}'" for word in close) + "?"
     if name.lower() in INSTEAD:
         return INSTEAD[name.lower()]
@@ -186,10 +186,10 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def near(name: str, known: Iterable[str]) -> str:
     """Return a hint with the nearest of the known names; "" if none is near."""
     names = sorted(known)
-    return nearest(name, names) if alike(name, names) or name.lower() in INSTEAD else ""
+    return nearest(name, names) if close_names(name, names) or name.lower() in INSTEAD else ""
 
 
-def alike(name: str, names: Sequence[str]) -> list[str]:
+def close_names(name: str, names: Sequence[str]) -> list[str]:
     """Return the nearest of some names in alphabetical order; an empty list if none is near."""
     lower = name.lower()
     close = [word for word in ELSEWHERE.get(lower, ()) if word in names] or [w for w in names if w.lower() == lower]
@@ -197,7 +197,7 @@ def alike(name: str, names: Sequence[str]) -> list[str]:
 
 
 def _similar(name: str, names: list[str]) -> list[str]:
-    """Return the names that look most alike, ignoring case, else those with the same beginning or end."""
+    """Return the most similar names, ignoring case, else those with the same beginning or end."""
     import difflib
 
     lower = name.lower()

@@ -139,7 +139,7 @@ def figure(picture: Html, caption: object, title: str = "", class_: str | None =
 
 
 def picture(drawing: Figure, label: str) -> Html:
-    """Return a Matplotlib figure as an image in its own colours, scaled to fit; `drawn` uses the colours of the page.
+    """Return a Matplotlib figure as an image in its own colours, scaled to fit. `figure_svg` uses those of the page.
 
     Args:
         drawing: the figure.
@@ -165,8 +165,8 @@ _COLOURS = {
 _SPACE, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
 
 
-def drawn(drawing: Figure, label: str) -> Html:
-    """The SVG of a figure of Matplotlib, with text as text, in the colours of the page, light or dark.
+def figure_svg(drawing: Figure, label: str) -> Html:
+    """Return a Matplotlib figure as SVG, with text as text, in the colours of the page, light or dark.
 
     Args:
         drawing: the figure. Its attribute `titles` has, by the `gid` of an artist, a text for each marker, line or cell

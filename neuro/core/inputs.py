@@ -44,7 +44,7 @@ def gathering() -> Iterator[dict[str, None]]:
         _lists[:] = [each for each in _lists if each is not files]
 
 
-def _of_folder(folder: Path) -> str:
+def _folder_digest(folder: Path) -> str:
     digest = hashlib.sha256()
     for root, folders, files in os.walk(folder):
         folders.sort()
@@ -54,28 +54,29 @@ def _of_folder(folder: Path) -> str:
     return digest.hexdigest()
 
 
-_known: dict[tuple[str, int, int], str] = {}
+_digests: dict[tuple[str, int, int], str] = {}
 
 
 def digest_of(path: str | os.PathLike[str]) -> str:
-    """A hash of what a file holds, or of names and contents of all files in a folder; "" if it cannot be read twice.
+    """Return a hash of a file's content, or of the names and contents of all files in a folder.
 
-    Of what was not touched since it is known.
+    A hash is computed once for each path, size and time of modification. The hash is "" for a pipe, which can be read
+    only once, and for a file that cannot be read.
     """
     try:
         state = os.stat(path)
         if stat.S_ISDIR(state.st_mode):
-            return _of_folder(Path(path))
+            return _folder_digest(Path(path))
         if not stat.S_ISREG(state.st_mode):  # a pipe would be waited for
             return ""
         key = os.fspath(path), state.st_mtime_ns, state.st_size
-        if key not in _known:
+        if key not in _digests:
             digest = hashlib.sha256()
             with Path(path).open("rb") as file:
                 while block := file.read(_BLOCK):
                     digest.update(block)
-            _known[key] = digest.hexdigest()
-        return _known[key]
+            _digests[key] = digest.hexdigest()
+        return _digests[key]
     except OSError:
         return ""
 

@@ -79,7 +79,7 @@ def taken_away(entry: EntryPoint) -> str:
 
 
 class PublicModules:
-    """Finder of public modules of `neuro` that are packages of their own, and of their submodules.
+    """Finder of public modules of `neuro` that separate packages provide, e.g. `neuro.events`, and of the submodules.
 
     `neuro.events.filters` and `neuro_events.filters` are one module, which is imported on first use of either name.
     """

@@ -14,14 +14,14 @@ from neuro.core.values import FromFile, is_number, shown
 from neuro.core.wrong import wrong
 
 
-@kind("array", "a number", listed=True)
+@kind("array", "a number", is_list=True)
 def _undrawn(q: Quantity, value: Any, what: str) -> Any:
     if is_number(value) or getattr(value, "kind", "") == "distribution":
         raise ModelError(f"{what} = {shown(value)}: expected a list or a file")
     return KINDS["number"].check(q, value, what)
 
 
-@kind("ids", "whole numbers", listed=True)
+@kind("ids", "whole numbers", is_list=True)
 def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:
     array = value.values if isinstance(value, FromFile) else array_of(q, value, what)
     if array.ndim != 1:
@@ -34,7 +34,7 @@ def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:
     return ids
 
 
-@kind("times", "a list of spike times in ms for each neuron", listed=True)
+@kind("times", "a list of spike times in ms for each neuron", is_list=True)
 def _times(q: Quantity, value: Any, what: str) -> tuple[NDArray[np.float64], ...]:
     """Return one list for each neuron; rows of a file are padded with NaN to the longest."""
     if isinstance(value, FromFile):
@@ -65,7 +65,7 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
     return times
 
 
-@kind("moments", "times > 0 ms, each later than the one before", listed=True)
+@kind("moments", "times > 0 ms, each later than the one before", is_list=True)
 def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     times = value.values if isinstance(value, FromFile) else _rows(q, value, what)
     if times.ndim != 1:
@@ -76,7 +76,7 @@ def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     return times
 
 
-@kind("series", "a list of numbers", listed=True)
+@kind("series", "a list of numbers", is_list=True)
 def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     array = value.values if isinstance(value, FromFile) else _rows(q, value, what)
     if array.ndim not in (1, 2):
@@ -85,11 +85,11 @@ def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     return array
 
 
-@kind("train", "a row for each spike: a time > 0 ms, not before the last one, and a neuron", listed=True)
+@kind("train", "a row for each spike: a time > 0 ms, not before the last one, and a neuron", is_list=True)
 @kind(
     "graded_train",
     "a row for each spike: a time > 0 ms, not before the last one, a neuron and a whole payload of 32 bits",
-    listed=True,
+    is_list=True,
 )
 def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     rows = value.values if isinstance(value, FromFile) else _rows(q, value, what)

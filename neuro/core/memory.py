@@ -40,7 +40,7 @@ def _of_addresses() -> int | None:
 
 
 def _groups() -> list[Path]:
-    """Return the folders of the control groups of this process, that of a container and those within."""
+    """Return the folders of this process's control groups, from the container's group down to the innermost."""
     try:
         lines = _OURS.read_text().splitlines()
     except OSError:

@@ -2,10 +2,11 @@
 
 The rule for every file that this package and its apps write:
 
-- A file gets its name when it is complete. If the work fails or is interrupted, no file is left. For work that cannot
-  be repeated, such as events from the network, `FILE.part` is left; no later run removes or replaces that file.
-- An existing file is replaced atomically at the end if it has the same kind and was written by this package, as its
-  mark shows (see `Kind`), or if the user asks. Other files stay, also texts that were edited since.
+- A file gets the final name after the last byte is written. If the work fails or is interrupted, no file is left. For
+  work that cannot be repeated, such as events from the network, `FILE.part` is left; no later run removes or replaces
+  that file.
+- An existing file is replaced atomically at the end if a mark in the file shows that this package wrote a file of the
+  same kind (see `Kind`), or if the user asks. Other files stay, also texts that were edited since.
 - If the name is a link, the file behind the link is replaced; the link stays.
 - Pipes, character devices and descriptors such as /dev/stdout are written to directly. Folders, disks and sockets are
   refused.
@@ -214,7 +215,7 @@ def _check_there(path: Path, mode: int) -> None:
 
 
 def _open_pipe(path: Path) -> None:
-    """Open a pipe that has a reader; the pipe stays open until the write, or its reader would see its end."""
+    """Open a pipe that has a reader, and keep the pipe open until the write: a reader stops when no writer is left."""
     state = path.stat()
     until = time.monotonic() + _READER_S
     while (state.st_dev, state.st_ino) not in _pipes:
@@ -285,7 +286,7 @@ def kept_json(path: Path) -> dict[str, Any]:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and its parents if they do not exist.
+    """Make a folder and all missing parents.
 
     Raises:
         Unwritable: a file has the name of the folder or of a parent, or the folder cannot be made.

@@ -44,7 +44,7 @@ def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
 
 
 def check_method(part: type[T], base: type[Any], name: str, does: str) -> type[T]:
-    """Return a third-party class if it overrides a method of its base.
+    """Check that a third-party class overrides a method of the base class, and return the class.
 
     Args:
         part: the class.

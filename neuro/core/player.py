@@ -241,7 +241,7 @@ def _controls(timeline: Timeline) -> Html:
 
 
 def _packed(values: Any) -> dict[str, Any] | float:
-    """Return a value as JSON: an array as its type and base64 of its numbers; whole numbers get the smallest type."""
+    """Return a value as JSON. An array becomes `{type: base64 of the bytes}`, with the smallest type of integers."""
     if isinstance(values, Timeline | Readout):
         return {one.name: getattr(values, one.name) for one in fields(values)}
     if isinstance(values, np.generic):

@@ -66,14 +66,14 @@ class Lost:
         how: the end of the last process, in words.
         attempts: number of attempts.
         seconds: duration of the last attempt.
-        late: True if the last attempt exceeded the time limit.
+        timed_out: True if the last attempt exceeded the time limit.
     """
 
     job: Any
     how: str
     attempts: int
     seconds: float
-    late: bool
+    timed_out: bool
 
 
 Event: TypeAlias = JobMessage | Done | Raised | Lost
@@ -108,7 +108,7 @@ class _Process:
     process: subprocess.Popen[bytes]
     pipe: connection.Connection
     end: int
-    ready: bool = False
+    has_started: bool = False
     task: _Task | None = None
     began: float = field(default_factory=time.monotonic)
     deadline: float = float("inf")
@@ -198,7 +198,7 @@ class Processes:
         while len(self._processes) < min(self._count, len(self._waiting) + working):
             self._start()
         for each in self._processes:
-            if self._waiting and each.ready and each.task is None:
+            if self._waiting and each.has_started and each.task is None:
                 self._ask(each, self._waiting.popleft())
 
     def _start(self) -> None:
@@ -248,7 +248,7 @@ class Processes:
                 inputs.record_input(name)
             return []
         if is_ == "ready":
-            each.ready, self._unborn = True, 0
+            each.has_started, self._unborn = True, 0
             return []
         assert each.task is not None
         job = each.task.job
@@ -258,11 +258,11 @@ class Processes:
         return [Done(job, what) if is_ == "done" else Raised(job, what)]
 
     def _retry(self, each: _Process) -> list[Event]:
-        """Queue the job of a dead process again, unless it has had all its attempts."""
+        """Queue the job of a dead process again, up to `TRIES` attempts; return `Lost` after the last one."""
         connection.wait([each.end], END_S)  # a pipe is closed a little before
         how, task = self._terminate(each), each.task
         if task is None:
-            self._unborn += not each.ready
+            self._unborn += not each.has_started
             if self._unborn >= TRIES:
                 raise ModelError(f"a process that should do runs {how} before its first: see above")
         elif task.attempt < TRIES:
@@ -300,7 +300,7 @@ class Processes:
 
 
 def _kill(each: _Process) -> None:
-    """Kill a process and its group, which may outlive it."""
+    """Kill a process with its whole group, because children may outlive the process."""
     with suppress(ProcessLookupError):
         os.killpg(each.process.pid, signal.SIGKILL)
 
@@ -326,7 +326,7 @@ def side_by_side(
 ) -> list[Found]:
     """Run jobs in parallel on the cores of this machine; a single job runs in this process.
 
-    A process that is killed is restarted and its job retried once, so a job should continue from its own checkpoint.
+    If a process is killed, a new one runs the job a second time, so a job should continue from a checkpoint.
     An interrupt, or the end of this process, ends all. Files given by `--with` run in the workers, too.
 
     Args:

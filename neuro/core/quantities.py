@@ -27,12 +27,12 @@ class Kind(NamedTuple):
         noun: a value of it, in messages.
         check: returns a value in its canonical form; its arguments are the quantity, the value, and the name of the
             value in messages.
-        listed: whether a value is a list, which a file may hold.
+        is_list: True if a value is a list, which may also come from a file.
     """
 
     noun: str
     check: Callable[[Quantity, Any, str], Any]
-    listed: bool
+    is_list: bool
 
 
 KINDS: dict[str, Kind] = {}
@@ -41,11 +41,11 @@ KINDS: dict[str, Kind] = {}
 _Check = TypeVar("_Check", bound=Callable[..., Any])
 
 
-def kind(name: str, noun: str, listed: bool = False) -> Callable[[_Check], _Check]:
+def kind(name: str, noun: str, is_list: bool = False) -> Callable[[_Check], _Check]:
     """Decorate the function that checks values of a kind; see `Kind`."""
 
     def define(check: _Check) -> _Check:
-        KINDS[name] = Kind(noun, check, listed)
+        KINDS[name] = Kind(noun, check, is_list)
         return check
 
     return define

@@ -1,7 +1,7 @@
 """Registries: parts of this package, of installed packages (entry points) and of a running program, by name.
 
 Each kind of part has one registry, in the module that defines the kind. YAML, the command line and reports look names
-up in it, so third-party parts behave like built-in ones.
+up in the registry, so third-party parts behave like built-in ones.
 """
 
 from __future__ import annotations
@@ -279,9 +279,8 @@ def registered() -> int:
 class OfModule:
     """The class attribute `arithmetic`: the nearest class or module that defines one of a model's functions.
 
-    Functions of a class are written in its body, without `self`, since they are called as
-    `model.arithmetic.step(...)`. A subclass without functions of its own has those of its base. Functions may also be
-    in the module of the class.
+    Functions in the body of a class have no `self`, because the caller writes `model.arithmetic.step(...)`. A subclass
+    without functions inherits the functions of the base class. Functions may also be in the module of the class.
 
     Args:
         functions: names of the functions, one of which must be defined.

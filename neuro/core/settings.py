@@ -1,8 +1,8 @@
 """Settings as data: frozen dataclasses whose fields have unit, bounds, meaning and source; parts by name.
 
 A method consists of numbers and parts. A part (a segmenter, a readout) comes from the `Registry` of its kind. The
-name of a value selects it if one part has that name; otherwise the name of the part and a dot precede:
-``segmenter.tau``. The name of a part replaces the part: ``readout=rbf``.
+name of a value is enough if only one part has a value of that name. Otherwise the name of the part and a dot precede,
+as in ``segmenter.tau``. The name of a part replaces the part: ``readout=rbf``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def part(kind: type[Part], default: Part) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One value among settings: full name, value, unit, meaning and source."""
+    """A value of the settings: full name, value, unit, meaning and source."""
 
     name: str
     value: Any

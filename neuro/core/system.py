@@ -31,7 +31,7 @@ def only_on_linux(what: str) -> None:
 
 
 # Processes started by mpirun work together only on a distributed backend. Otherwise, e.g. in a sweep of independent
-# runs, each process reports its own errors and writes its own files.
+# runs, every process reports errors and writes files.
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 _LOCAL_SIZES = ("OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS")
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK")
@@ -54,7 +54,7 @@ def leads() -> bool:
 
 
 def share() -> None:
-    """Declare that all processes of mpirun work on one network, so that one of them reports and writes files."""
+    """Declare that all processes of mpirun work on one network, so that only the leading process reports and writes."""
     global _shared
     _shared = processes() > 1
 

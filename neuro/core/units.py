@@ -72,8 +72,8 @@ def _power(name: str, power: Fraction) -> str:
     return name if power == 1 else f"{name}^{power}"
 
 
-def told(dimension: Dimension) -> str:
-    """Return a dimension as part of a sentence."""
+def phrase_of(dimension: Dimension) -> str:
+    """Return a dimension as a phrase of a message, e.g. "in pA" or "without unit"."""
     return f"in {unit_of(dimension)}" if dimension != NONE else "without unit"
 
 

@@ -152,7 +152,7 @@ def weights(results: Any, name: Any, of: Any, pre: Any, post: Any, delays: bool)
     """Return the weights at the end of a run, in the form of `Simulation.weights`.
 
     Raises:
-        ModelError: the projection does not exist, its weights were not stored, or the neurons are not at its ends.
+        ModelError: the projection does not exist, was stored without weights, or does not connect these neurons.
     """
     part = _with_weights(results, name)
     indices = _synapses(results, part, name, of, pre, post)

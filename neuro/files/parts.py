@@ -187,7 +187,7 @@ def synapse_text(synapse: str, drawn_by: str | None) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Weights of one projection at the end of a run, and delays if the rule changes them.
+    """Weights of a projection at the end of a run; also the delays if the rule changes delays.
 
     Attributes:
         source, target: names of the populations.
@@ -249,7 +249,7 @@ class Trace:
 
     @property
     def at_pre_spikes(self) -> bool:
-        """True if the values are those of synapses at their pre spikes."""
+        """True if the probe recorded synapses at each pre spike instead of at regular times."""
         return not self.single and bool(self.values.ndim == 1)
 
     @property

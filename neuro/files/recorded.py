@@ -1,4 +1,4 @@
-"""Spikes, traces and weights of a simulation or of results, by one interface, and their export."""
+"""Common interface to the spikes, traces and weights of a simulation or of results, with export to Neo and pandas."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class StateTrace:
 
     @property
     def at_pre_spikes(self) -> bool:
-        """True if the values are those of synapses at their pre spikes."""
+        """True if the probe recorded synapses at each pre spike instead of at regular times."""
         return self.values.ndim == 1
 
     def within(self, window: Window) -> StateTrace:

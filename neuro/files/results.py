@@ -1,7 +1,7 @@
 """Results of a run, in memory and as a self-describing HDF5 file that can be read while the run still writes it.
 
 ```
-/                   attributes: format "neuro results 3", network (its name), backend, seed, threads, duration_ms,
+/                   attributes: format "neuro results 3", network (name), backend, seed, threads, duration_ms,
                     resolution_ms, counts.* of the run, native.* (counts of the backend alone), the versions of neuro,
                     python, numpy and numba, finished (the run reached its end), and recording.NAME (path of the
                     recording of an event camera)

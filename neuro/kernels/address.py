@@ -81,7 +81,7 @@ def table_of(*parts: tuple[Sequence[Field], Mapping[str, NDArray[Any]]]) -> NDAr
 
 
 def row_of(field: Field, array: NDArray[Any]) -> list[int]:
-    """Return the row of an array in a table of arrays: its address and its shape."""
+    """Return the row of an array in a table of arrays: address and shape."""
     name, kind, ndim = field
     assert array.dtype == np.dtype(_TYPES[kind]), name
     assert array.ndim == ndim, name
@@ -118,7 +118,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
-    """Generate the array of a field; its row never changes while a kernel runs, so one early read suffices."""
+    """Generate the array of a field. The row never changes while a kernel runs, so one early read suffices."""
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))

@@ -35,7 +35,7 @@ def mix(z):
 
 @subkernel
 def step_word(key, step):
-    """Return the common word of all draws of one part in one step."""
+    """Return the random word that all draws of a part share in a step."""
     return mix(key + np.uint64(step) * _STEP)
 
 

@@ -50,8 +50,8 @@ def allocating(function: Callable[..., Any]) -> Any:
 def _with_unique_name(function: F) -> F:
     """Give a function a name that is unique among processes.
 
-    Numba numbers functions of one name within a process only. Two functions of one factory, cached by two processes,
-    could have the same symbol, and one would be called for the other.
+    Numba numbers functions of equal name within a process only. If two processes cached two functions of a factory,
+    both could have the same symbol, and a call could reach the wrong function.
     """
     function.__qualname__ = f"{function.__qualname__}.{_PROCESS}"
     return function

@@ -5,8 +5,9 @@ The file begins with a digest of its name and content. Code damaged on disk coul
 numbers; a wrong digest makes the kernel compile again. There is no index. If the folder is too large, the files
 unused for the longest time are removed.
 
-The name changes with any dependency of the code: the kernel's bytecode, the values of all globals that it reads, all
-kernels that it calls, directly or not, the options of compilation, the compiler and the processor. Values and
+The name changes with any dependency of the code: the kernel's bytecode, the values of all globals that
+the bytecode reads, all kernels that are called, directly or not, the options of compilation, the compiler and the
+processor. Values and
 bytecode count, not files, so an edited comment compiles nothing, and functions without a file count, too. Only two
 source files are read: those that define the compilation.
 """
@@ -79,7 +80,7 @@ class KernelCache:
         return None
 
     def has(self, signature: Any, target: Any) -> bool:
-        """Return True if a file with machine code for these types of arguments exists, also if it is damaged."""
+        """Return True if a file of machine code for these types of arguments exists. The file may be damaged."""
         place = self._file(signature, target)
         return place is not None and place.exists()
 
@@ -271,11 +272,11 @@ def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, An
     Modules that numba knows by name are not followed.
     """
     yield name, value
-    seen, waiting = {math, np}, [(name, value)]
+    visited, waiting = {math, np}, [(name, value)]
     for path, module in waiting:
-        if not isinstance(module, ModuleType) or module in seen:
+        if not isinstance(module, ModuleType) or module in visited:
             continue
-        seen.add(module)
+        visited.add(module)
         for word in dict.fromkeys(words):
             if hasattr(module, word):
                 attribute = f"{path}.{word}", getattr(module, word)
@@ -315,7 +316,7 @@ def _value(function: FunctionType, name: str, value: Any, callees: list[Any]) ->
 
 
 def _intrinsic(definition: FunctionType) -> object:
-    """Return the identity of a code generator: the source of its module, and numbers and types in its closure."""
+    """Return the identity of a code generator: source of the module, bytecode, numbers and types of the closure."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
     simple_values = [
         _typed(v) if isinstance(v, types.Type) else repr(v)

@@ -1,6 +1,6 @@
 """All private names of numba and llvmlite that this project uses; no other module imports any.
 
-Numba may rename them in any minor release, so `pyproject.toml` bounds its version above the last tested one, and
+A minor release of numba may rename private names. So `pyproject.toml` excludes versions above the last tested one, and
 `missing` returns the names that have disappeared. Modules that take long to import are imported on use, since a start
 with all machine code on disk needs none of them.
 """

@@ -1,4 +1,4 @@
-"""Drawings of energy bills: totals of all chips on one scale, and their parts."""
+"""Drawings of energy bills: the totals of all chips on one scale, and the items of each total."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def _row(about: str, e: Energy, *parts: object) -> Html:
 
 def _totals(bills: Bills) -> Html:
     """Draw totals in joules on a logarithmic scale, as dots, since a logarithmic scale has no zero for bars."""
-    values = [j for _, e in bills for j in _spent(e).values()] or [1.0]
+    values = [j for _, e in bills for j in _energies(e).values()] or [1.0]
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)) + 1e-9)
     high = max(high, low + 1)
     decades = range(low, high + 1, -(-(high - low) // MOST_DECADES))
     places = [f"left:{100.0 * (n - low) / (high - low):.1f}%" for n in decades]
     rows = []
     for about, e in bills:
-        dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in _spent(e).items())
+        dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in _energies(e).items())
         marks = (tag("u", style=place) for place in places)
         rows.append(_row(about, e, tag("div", *marks, *dots, class_="track"), tag("small", e.totals())))
     labels = (tag("span", quantity(10.0**n, "J"), style=place) for n, place in zip(decades, places, strict=True))
@@ -61,7 +61,7 @@ def _totals(bills: Bills) -> Html:
     return html.figure(html.join([key, *rows, scale]), "Joules of the whole run on a logarithmic scale.")
 
 
-def _spent(e: Energy) -> dict[str, float]:
+def _energies(e: Energy) -> dict[str, float]:
     """Return the joules of each kind that are above 0, in both clocks."""
     kinds = zip(_SPENT, (e.dynamic_j, e.static_j, e.real_time.static_j), strict=True)
     return {kind: j for kind, j in kinds if j > 0.0}
@@ -76,7 +76,7 @@ def _shares(bills: Bills, kinds: list[str]) -> Html:
     rows = []
     for about, e in bills:
         dynamic = [(f"item{kinds.index(name) % COLOURS}", name, j) for name, j in e.by_cost().items() if name != STATIC]
-        kinds_of = [[(k, k, j) for k, j in _spent(e).items() if k != left_out] for left_out in ("waiting", "static")]
+        kinds_of = [[(k, k, j) for k, j in _energies(e).items() if k != left_out] for left_out in ("waiting", "static")]
         label = f"{about}: {quantity(e.dynamic_j, 'J')}"
         rows.append(_row(label, e, _bar(dynamic, "bar"), *(_bar(each, "bar thin") for each in kinds_of)))
     key = html.legend(*((f"item{i % COLOURS}", _meaning(name)) for i, name in enumerate(kinds)))

@@ -171,7 +171,7 @@ def curves(
     label: str,
     names: Sequence[str] = (),
 ) -> Html:
-    """Draw lines along time, from 0 to `last` ms, one below the other on one scale.
+    """Draw lines over time, from 0 to `last` ms, one below the other, with a common scale.
 
     The page's script zooms the time axis.
 

@@ -86,7 +86,7 @@ def evenly(size: int, most: int) -> Ints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strip:
-    """One strip of a raster.
+    """A strip of a raster: the spikes of a population or backend.
 
     Attributes:
         name: source of the spikes.
@@ -104,14 +104,14 @@ class Strip:
 
 
 def raster(
-    strips: Sequence[Strip], ms: float, resolution_ms: float, *, label: str, tallest: int = 96, together: bool = False
+    strips: Sequence[Strip], ms: float, resolution_ms: float, *, label: str, tallest: int = 96, linked: bool = False
 ) -> Html:
-    """Draw strips with heights in proportion to their populations; with `together` they zoom and scroll as one."""
+    """Draw strips with heights in proportion to the populations. Zooming or scrolling one moves all if `linked`."""
     largest = max((strip.window.size for strip in strips), default=1)
     data = {
         "ms": ms,
         "step": resolution_ms,
-        "together": together,
+        "together": linked,
         "strips": [_plain(strip, tallest * strip.window.size / largest) for strip in strips],
     }
     text = Html(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"))

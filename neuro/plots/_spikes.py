@@ -60,7 +60,7 @@ def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -
 
 
 def _stacked(spike_trains: list[SpikeTrain], axis: Any) -> Figure:
-    """Draw all populations in one panel, the first one lowest, each in a band that is high enough to be visible."""
+    """Draw all populations in a panel, from the bottom up, each in a band that is high enough to be visible."""
     figure: Figure = axis.get_figure(root=True)
     points = 72 * axis.get_position().height * figure.get_figheight()
     sizes = np.array([train.neurons.size for train in spike_trains], dtype=np.float64)
@@ -242,7 +242,7 @@ def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Fi
 
 
 def _each(run: object, of: Any, window: Any, ax: Any, draw: Any, what: str, words: tuple[str, str]) -> Figure:
-    """Draw each population, in a panel of its own or all in one, with a label."""
+    """Draw each population with a label, in a panel per population, or all in `ax`."""
     source = recorded(run)
     spike_trains = trains(source, of, window)
     if ax is None:

@@ -78,7 +78,8 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
 def among(whole: StateTrace, of: Any) -> StateTrace | None:
     """Return the part of a trace for the neurons in some views.
 
-    The whole trace is returned if no view belongs to its population, and None if the views have none of its neurons.
+    The whole trace is returned if no view belongs to the recorded population. The result is None if the views of that
+    population contain no recorded neuron.
     """
     views = [view for view in (of if isinstance(of, (list, tuple)) else [of]) if isinstance(view, View)]
     mine = [view for view in views if view.population.name == whole.of]
@@ -98,7 +99,7 @@ def draw(figure: Figure, axis: Any, name: str, whole: StateTrace) -> None:
         _dots(axis, whole)
         label(axis, f"{title} at pre spikes", quantity)
     elif whole.columns.size <= MOST_LINES:
-        for column, (name_of_line, colour) in enumerate(zip(_called(whole), COLOURS, strict=False)):
+        for column, (name_of_line, colour) in enumerate(zip(_column_names(whole), COLOURS, strict=False)):
             axis.plot(whole.times_ms, whole.values[:, column], color=colour, lw=1.0, label=name_of_line)
         if whole.columns.size > 1:
             legend(axis, MOST_LINES, "right")
@@ -109,8 +110,8 @@ def draw(figure: Figure, axis: Any, name: str, whole: StateTrace) -> None:
         label(axis, title + note, whole.noun)
 
 
-def _called(part: StateTrace) -> list[str]:
-    """Return a name for each column."""
+def _column_names(part: StateTrace) -> list[str]:
+    """Return a name for each column, e.g. "neuron 3", or "3 to 7" for a synapse."""
     if part.pre is not None and part.post is not None:
         return [f"{pre} to {post}" for pre, post in zip(part.pre, part.post, strict=True)]
     return [f"{part.noun} {number}" for number in part.columns]
@@ -304,11 +305,11 @@ def _kernels(figure: Figure, axis: Any, name: str, kernels: Floats) -> None:
     """Draw kernels side by side with white lines between them, by map, then channel."""
     height, width = kernels.shape[2:]
     tiles = kernels.reshape(-1, height, width)
-    drawn = tiles[:MOST_KERNELS]
-    columns = math.ceil(math.sqrt(len(drawn)))
-    rows = -(-len(drawn) // columns)
+    drawn_tiles = tiles[:MOST_KERNELS]
+    columns = math.ceil(math.sqrt(len(drawn_tiles)))
+    rows = -(-len(drawn_tiles) // columns)
     sheet = np.full((rows * (height + 1) - 1, columns * (width + 1) - 1), np.nan)
-    for k, tile in enumerate(drawn):
+    for k, tile in enumerate(drawn_tiles):
         top, left = k // columns * (height + 1), k % columns * (width + 1)
         sheet[top : top + height, left : left + width] = tile
     image = axis.imshow(sheet, **_MAP)
@@ -316,5 +317,5 @@ def _kernels(figure: Figure, axis: Any, name: str, kernels: Floats) -> None:
     axis.set_yticks([])
     axis.spines[:].set_visible(False)
     figure.colorbar(image, ax=axis, label="weight", pad=0.01)
-    note = f", {len(drawn)} of {len(tiles):,} drawn" if len(drawn) < len(tiles) else ""
+    note = f", {len(drawn_tiles)} of {len(tiles):,} drawn" if len(drawn_tiles) < len(tiles) else ""
     label(axis, f"{name}: kernels of {height} x {width}{note}", "")

@@ -96,7 +96,7 @@ class ClosedLoop:
         pilot = self._network_pilot("results")
         made = collect(self.sim, pilot.net, threads=threads, record=record, all_weights=all_weights)
         made.world.update(self.recorded())
-        made.live.update({} if self.account is None else self.account.kept())
+        made.live.update({} if self.account is None else self.account.as_attributes())
         request = {**self._request, "seed": self.seed, "copies": self.environments.n, "learns": self._learns}
         about = json.loads(made.about[ATTRIBUTE]) | {"steered": [], "world": request}
         made.about[ATTRIBUTE] = json.dumps(about)

@@ -141,7 +141,7 @@ class Test:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """Conditions that end a training; the first one that holds ends it.
+    """Conditions that end a training. The first condition that holds ends the training.
 
     Attributes:
         until: mean return of the last `window` episodes.

@@ -138,7 +138,7 @@ class Loop:
                     run.ended = f"{type(error).__name__}: {error}"
             run.inputs = {each.name: self._counts(each) for each in self._inlets}
             if recording is not None:
-                recording.note("live", run.kept())
+                recording.note("live", run.as_attributes())
         if failure is not None:
             raise failure
         return run
@@ -176,7 +176,7 @@ class Loop:
             self._forget(chores.recording)
             if reason := pace.end(ticks):
                 self.stop(reason)
-            if chores.due(pace.acted):
+            if chores.is_due(pace.acted):
                 run.inputs = {each.name: self._counts(each) for each in self._inlets}
                 chores.do(run, pace.acted)
         run.ended = self._stopped
@@ -212,7 +212,7 @@ class _Chores:
         now = time.monotonic_ns()
         self._drained = self._looked = self._committed = now
 
-    def due(self, now: int) -> bool:
+    def is_due(self, now: int) -> bool:
         return now - self._drained > DRAIN_S * 1e9
 
     def do(self, run: LiveRun, now: int) -> None:

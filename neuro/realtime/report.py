@@ -201,8 +201,8 @@ class LiveRun:
         yield "empty loop", self.empty
         yield from self.phases.items()
 
-    def kept(self) -> dict[str, Any]:
-        """The same as attributes and arrays of a file."""
+    def as_attributes(self) -> dict[str, Any]:
+        """Return the figures of the run as attributes of a results file."""
         numbers = {word: getattr(self, word) for word in ("tick_ms", "ticks", "misses", "skipped", "ended")}
         numbers |= {"drops": self.drops, "losses": self.losses}
         for name, h in self._histograms():

@@ -25,8 +25,8 @@ _NONE = np.zeros(0, dtype=np.int64)
 class Source(Protocol):
     """Source of live events, such as `neuro.events.listen` or a `Player`.
 
-    A source may also have: `received_ns`, the time of receipt of each of the events last taken, in ns of
-    `time.monotonic_ns` (one time each, or one for all); `sensor_size`, width and height in px; `counts`, a mapping or
+    A source may also have: `received_ns`, the times at which the events last taken were received, in ns of
+    `time.monotonic_ns` (an array, or a number for all); `sensor_size`, width and height in px; `counts`, a mapping or
     a dataclass of losses and damage; and `take_before(ns)`, which replaces `take` and leaves events of that time or
     later in the source, so that events without known times of receipt stay in the right tick after a late one.
     """
@@ -38,7 +38,7 @@ class Source(Protocol):
 class Inlet:
     """An event camera of a network, and the source of its events.
 
-    An event acts one tick after its receipt. The first event of a tick keeps its time of receipt within the tick; the
+    An event acts a tick after it was received. The first event of a tick keeps its time of receipt within the tick; the
     others follow by the differences of their time stamps, up to the end of the tick.
 
     Args:
@@ -133,7 +133,7 @@ class Inlet:
         return self._events.Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
 
     def _wait_for(self, events: Events) -> None:
-        """Queue events of the source, with their times of receipt, until their tick."""
+        """Queue events of the source, with the times of receipt, until the tick in which the events act."""
         if not isinstance(events, self._events.Events):
             raise ModelError(f"inputs: source of '{self.name}' gave {events!r:.60}: expected Events")
         if len(events):

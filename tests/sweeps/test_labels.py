@@ -15,7 +15,7 @@ def test_values_of_a_map_lie_beside_their_axes():
     data = SimpleNamespace(grid=lambda: grid, axis=axes.__getitem__, names=["a", "b"], metric="m", mean_of="")
     figure = pictures._map(data, "", 4.6)
     assert np.array_equal(figure.axes[0].collections[0].get_array(), grid)
-    drawn = str(html.drawn(figure, "a map"))
+    drawn = str(html.figure_svg(figure, "a map"))
     ticks = {told: float(y) for y, told in re.findall(r'<text[^>]* y="([\d.]+)"[^>]*>(\d+)</text>', drawn)}
     corners = r'<path d="M[\d.]+ ([\d.]+)L[\d. ]+L[\d.]+ ([\d.]+)L[^>]*>'
     cells = re.findall(corners + r"<title>a = \d, b = (\d+): [\d.]+</title>", drawn)

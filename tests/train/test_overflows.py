@@ -13,7 +13,7 @@ pytest.importorskip("torch", reason="PyTorch is not installed")
 import neuro as snn
 from neuro.apps import warn_of_overflows
 from neuro.events import recordings
-from neuro_predict.showing import noted
+from neuro_predict.showing import overflows_counted
 from neuro_train.data import show
 from neuro_train.plan import TrainingPlan
 from neuro_train.tested import on_backend, summed
@@ -79,12 +79,12 @@ def test_scales_leave_room_for_what_was_learnt_from(neuro, spread, folder):
 
 
 def test_each_kind_is_counted_and_reported_with_its_way_out():
-    with pytest.warns(UserWarning, match="something else"), noted(found := {}):
+    with pytest.warns(UserWarning, match="something else"), overflows_counted(found := {}):
         warnings.warn("something else", stacklevel=1)
     assert found == {}
     text = "backend 'loihi': {} {} up to step 12; counts().native has their number\n  hint: raise vth"
     for number, what in ((3, "input wraps of a"), (20, "input wraps of a"), (1, "current wraps of b")):
-        with noted(found):
+        with overflows_counted(found):
             warnings.warn(snn.OverflowWarning(text.format(number, what), what, "raise vth"), stacklevel=1)
     assert found == {"input wraps of a": (2, "raise vth"), "current wraps of b": (1, "raise vth")}
     both = summed([found, {"input wraps of a": [5, "raise vth"]}])

@@ -20,7 +20,7 @@ from typing import Self
 from neuro.core.errors import ModelError
 from neuro.core.grammar import COMPARISONS, Binary, Call, Expression, Misread, Name, Negative, Number, Tree
 from neuro.core.hints import nearest
-from neuro.core.units import NONE, UNITS, Dimension, times, told, unit_of
+from neuro.core.units import NONE, UNITS, Dimension, phrase_of, times, unit_of
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.parameters import FUNCTION_HINTS, NAME_HINTS
 
@@ -192,7 +192,7 @@ class Dimensions:
     def text(self, powers: Powers) -> str:
         """Return a dimension as text for messages, such as "in mV"."""
         powers = self.reduced(powers)
-        return told(powers.known) if not powers.unknown else "in a unit that nothing determines"
+        return phrase_of(powers.known) if not powers.unknown else "in a unit that nothing determines"
 
     def powers(self, whole: Expression, tree: Tree, expected: Powers | None = None) -> Powers:
         """Return the dimension of a part of an expression, and record mistakes in it.

@@ -13,7 +13,7 @@ from typing import Any
 from neuro.core.errors import ModelError, here, unknown
 from neuro.core.grammar import Expression, Name, Tree
 from neuro.core.quantities import field_of
-from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, times, told, unit_of
+from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, phrase_of, times, unit_of
 from neuro.core.values import shown
 from neuro.model.equations.algebra import innermost_misfit, names, polynomial, subtrees
 from neuro.model.equations.definition import check_name, expressions, mapping, under_path
@@ -210,7 +210,7 @@ def _check_weight(expression: Expression, dims: Dimensions) -> None:
     dimension = dims.dimension(WEIGHT)
     if dimension not in (None, NONE, CURRENT, CONDUCTANCE, VOLTAGE):
         assert dimension is not None
-        message = f"'{WEIGHT}' would be {told(dimension)}: expected it in pA, nS or mV, or without unit"
+        message = f"'{WEIGHT}' would be {phrase_of(dimension)}: expected it in pA, nS or mV, or without unit"
         factors = ", ".join(unit_of(times(unit, dimension, -1)) for unit in (CURRENT, CONDUCTANCE, VOLTAGE, NONE))
         hint = f"multiply the change of '{WEIGHT}' by a number in {factors}"
         dims.names[WEIGHT] = dims.mistake(expression.mistake(0, message, hint))

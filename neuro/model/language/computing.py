@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from neuro.core.errors import nearest
 from neuro.core.grammar import Binary, Call, Expression, Hints, Name, Negative, Number, Tree, parse
-from neuro.core.units import NONE, TENS, Dimension, scaled, times, told, unit_of
+from neuro.core.units import NONE, TENS, Dimension, phrase_of, scaled, times, unit_of
 
 _HINTS = Hints(
     {"$": "write names without $ inside the brackets", "=": "write an expression without =", "%": "write /100"},
@@ -92,12 +92,12 @@ class _Evaluator:
             raise self.expression.mistake(tree.at, "found '^': expected + - * / or **", "a power is written **")
         a, b = self.evaluate(tree.left), self.evaluate(tree.right)
         if b.dimension != NONE:
-            message = f"an exponent {told(b.dimension)}: expected a number without unit"
+            message = f"an exponent {phrase_of(b.dimension)}: expected a number without unit"
             raise self.expression.mistake(tree.at, message)
         dimension = NONE
         if a.dimension != NONE:
             if b.value not in (-3.0, -2.0, -1.0, 0.5, 1.0, 2.0, 3.0):
-                message = f"the power {b.value:g} of a value {told(a.dimension)}: expected -3 to 3 or 0.5"
+                message = f"the power {b.value:g} of a value {phrase_of(a.dimension)}: expected -3 to 3 or 0.5"
                 raise self.expression.mistake(tree.at, message)
             dimension = times(NONE, a.dimension, Fraction(b.value))
         if (a.value == 0.0 and b.value < 0.0) or (a.value < 0.0 and not b.value.is_integer()):
@@ -124,7 +124,7 @@ class _Evaluator:
                 raise self.expression.mistake(tree.at, f"sqrt({x.value:g}) is undefined: expected at least 0")
             return Measure(math.sqrt(x.value), times(NONE, x.dimension, Fraction(1, 2)))
         if x.dimension != NONE:
-            message = f"{tree.name} of a value {told(x.dimension)}: expected a number without unit"
+            message = f"{tree.name} of a value {phrase_of(x.dimension)}: expected a number without unit"
             raise self.expression.mistake(tree.at, message)
         if tree.name == "round":
             return Measure(float(round(x.value)))
@@ -136,7 +136,7 @@ class _Evaluator:
 
     def _check_same_unit(self, at: int, a: Measure, b: Measure) -> None:
         if a.dimension != b.dimension:
-            message = f"a value {told(a.dimension)} and one {told(b.dimension)}: expected the same unit"
+            message = f"a value {phrase_of(a.dimension)} and one {phrase_of(b.dimension)}: expected the same unit"
             raise self.expression.mistake(at, message)
 
     def _finite(self, at: int, value: float, dimension: Dimension) -> Measure:

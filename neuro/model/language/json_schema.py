@@ -286,7 +286,7 @@ def _accepted(q: Quantity, own: bool) -> list[Schema]:
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
         case "words":
             return [_by_name()]
-        case _ if KINDS[q.kind].listed:
+        case _ if KINDS[q.kind].is_list:
             return [numbers, file, _PARAMETER]
         case "codes":
             code = {"$ref": "#/$defs/code"}

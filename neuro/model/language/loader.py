@@ -131,7 +131,7 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
         distance_words = words(node, (of_distance.called(),), what)
         return of_distance(choice(distance_words[of_distance.called()], "profile"))
-    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or KINDS[q.kind].listed):
+    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or KINDS[q.kind].is_list):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
         _refuse_bare_parameters(node, what)
