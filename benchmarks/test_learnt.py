@@ -1,7 +1,7 @@
 """What networks learn, over many seeds.
 
-The value on a track, and the way through a grid, by temporal-difference errors; answers of synapses that release by
-chance; delays by which arrivals come together, and orders of spikes are told apart.
+The value on a track, and the way through a grid, by temporal-difference errors of a program or of neurons;
+answers of synapses that release by chance; delays by which arrivals come together, and orders of spikes are told apart.
 """
 
 import time
@@ -52,6 +52,30 @@ def test_the_way_through_a_grid(figure):
         for what, value in zip(("least", "median", "most"), np.quantile(found, (0.0, 0.5, 1.0)), strict=True):
             figure(f"grid {told}: moves, {what} of {len(TRACK_SEEDS)} seeds", float(value), "", aim)
         figure(f"grid {told}: {EPISODES} episodes", min(took), "s", "reported")
+
+
+DOPAMINE_SEEDS = range(11, 21)
+"""Seed 1 chose the numbers of the network."""
+
+
+def moves_by_dopamine(seed, parameters):
+    """Return the most moves in 5 episodes without babbling, after learning, and the late median while babbling."""
+    loop = neuro.closed_loop(neuro.load(neuro_models.path("grid_loop"), parameters), seed=seed)
+    babbling = loop.run(episodes=250, steps=6000).lengths[-LAST:]
+    learnt = neuro.closed_loop(loop.network(frozen=True), learns=False, seed=seed)
+    learnt.sim.set_weights("babblers_actors", np.zeros(4))
+    return learnt.test(5, most=60).lengths.max(), np.median(babbling)
+
+
+def test_dopaminergic_neurons_teach_the_way_through_a_grid(figure):
+    for parameters, seeds, told, aim in (
+        ({}, DOPAMINE_SEEDS, "whole", "at least 9"),
+        ({"value_drive": 0.0, "expectation": 0.0}, DOPAMINE_SEEDS[:3], "without a critic", "reported"),
+        ({"reward_drive": 0.0}, DOPAMINE_SEEDS[:3], "without food", "0"),
+    ):
+        moves, babbling = np.array([moves_by_dopamine(seed, parameters) for seed in seeds]).T
+        figure(f"grid by dopamine, {told}: shortest way, seeds of {len(seeds)}", int(np.sum(moves == 8)), "", aim)
+        figure(f"grid by dopamine, {told}: moves while babbling, median", float(np.median(babbling)), "", "reported")
 
 
 CHANCE_SEEDS = range(11, 21)

@@ -162,6 +162,18 @@ def test_the_way_through_a_grid_is_learnt():
     assert max(worth[5], worth[7]) > worth[0]  # beside the goal, and at the start
 
 
+@pytest.mark.parametrize(("food", "beside"), [(10.0, True), (0.0, False)])
+def test_dopaminergic_neurons_teach_the_value_of_the_places_beside_the_goal(food, beside):
+    """Without food no place gets a value, so the weights come from the network's own dopamine."""
+    net = neuro.load(neuro_models.path("grid_loop"), {"reward_drive": food})
+    loop = neuro.closed_loop(net, seed=31)
+    loop.run(steps=300)
+    assert net.world_section.reward is None
+    assert np.ptp(loop.sim.weights("policy")[2]) > 0.0
+    worth = loop.sim.weights("value")[2].reshape(24, -1).mean(axis=1)
+    assert (max(worth[19], worth[23]) > 40.0 > worth[0]) == beside
+
+
 @pytest.mark.parametrize(
     ("teacher", "late"), [(teachers.same(as_="critic_error", others=-0.5), 1), (teachers.reward(others=-0.5), 0)]
 )

@@ -334,6 +334,36 @@ def test_spikes_of_encoders():
     assert (offsets.tolist(), ticks.tolist(), ids.tolist()) == ([0, 2, 4], [10] * 4, [0, 1, 0, 1])
 
 
+def test_rewards_come_as_spikes():
+    """2 volleys for 0.5 in 10 of 20 ticks, none below 0, and no more than there are ticks."""
+    rng, seen = np.random.default_rng(0), np.repeat(SEEN, 3, axis=0)
+    in_use = encoders.rewards(gain=4.0).made(SPACE, (2,))
+    in_use.rewarded(np.array([0.5, -1.0, 0.25]))
+    offsets, ticks, ids = in_use.spikes(seen, (), 20, rng)
+    assert offsets.tolist() == [0, 4, 4, 6]
+    assert ticks.tolist() == [1, 1, 6, 6, 1, 1]
+    assert ids.tolist() == [0, 1] * 3
+    punished = encoders.rewards(gain=-4.0, within=0.1).made(SPACE, (1,))
+    punished.rewarded(np.array([0.5, -1.0, 0.0]))
+    offsets, ticks, _ = punished.spikes(seen, (), 20, rng)
+    assert (offsets.tolist(), ticks.tolist()) == ([0, 0, 2, 2], [1, 2])
+
+
+def test_a_reward_is_shown_with_what_the_action_led_to(line):
+    """Actions do not depend on the reward, and the first observation of an episode has none."""
+    net = line(
+        ("populations:\n", "populations:\n  food: {model: spike_generator, shape: 1}\n"),
+        ("observe: {", "observe: {food: {rewards: {gain: 10.0, within: 1.0}}, "),
+    )
+    loop = neuro.closed_loop(net, Line, seed=1, record=True)
+    loop.run(steps=60)
+    rewards = np.array(loop.rewards).ravel()
+    steps = (np.ceil(loop.sim.spikes("food")[0] / 50.0) - 1).astype(int)
+    shown = np.bincount(steps, minlength=rewards.size)
+    assert shown.tolist() == [0, *np.maximum(np.rint(10.0 * rewards[:-1]), 0)]
+    assert rewards[50] == 0.0
+
+
 def test_actions_of_decoders():
     box = gymnasium.spaces.Box(-2.0, 2.0, (2,), np.float64)
     fired = {"a": np.array([[0, 3, 1]]), "b": np.array([[0, 0, 0]]), "four": np.array([[5, 1, 0, 2]])}

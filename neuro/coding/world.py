@@ -75,6 +75,9 @@ class Shown:
     def learn(self, observations: Floats) -> None:
         """Take the bounds of unbounded dimensions from what random moves have shown, (observations, dimensions)."""
 
+    def rewarded(self, rewards: Floats) -> None:
+        """Take the rewards of the last actions, (copies,), before `spikes` or `rates`; 0 where an episode begins."""
+
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         """Spikes of a control step of so many ticks, for the observations of all copies."""
         raise NotImplementedError
@@ -296,7 +299,9 @@ def _table(base: type[Choice], own: Sequence[str]) -> Registry[type[Any]]:
     )
 
 
-ENCODERS = _table(Encoder, ("places", "tiles", "one_hot", "population", "shares", "rates", "pulse", "events"))
+ENCODERS = _table(
+    Encoder, ("places", "tiles", "one_hot", "population", "shares", "rates", "pulse", "rewards", "events")
+)
 """Encoders by name."""
 DECODERS = _table(Decoder, ("winner", "difference", "mean", "counts"))
 """Decoders by name."""

@@ -203,6 +203,37 @@ class pulse(Encoder):
         return _Pulse(self.at, int(np.prod(shape)))
 
 
+class _Rewards(Shown):
+    def __init__(self, choice: rewards, neurons: int) -> None:
+        self._choice, self._neurons, self._rewards = choice, neurons, np.zeros(0)
+
+    def rewarded(self, rewards: Floats) -> None:
+        self._rewards = rewards
+
+    def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
+        room = max(1, int(self._choice.within * ticks))
+        volleys = np.clip(np.rint(self._choice.gain * self._rewards), 0, room).astype(np.int64)
+        when = [1 + np.arange(count) * room // max(1, count) for count in volleys]
+        offsets = np.concatenate([[0], np.cumsum(volleys)]) * self._neurons
+        joined = np.concatenate(when) if when else np.zeros(0, np.int64)
+        return offsets, np.repeat(joined, self._neurons), np.tile(np.arange(self._neurons), joined.size)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class rewards(Encoder):
+    """The reward of the last action as spikes of all neurons together, evenly spaced from the start of the step.
+
+    A reward on which an episode ends is shown with the last observation. A negative `gain` shows punishments.
+    """
+
+    gain: float = quantity(10.0, "", "spikes of each neuron for a reward of 1, rounded; none below 0", nonzero=True)
+    within: float = quantity(0.5, "", "the time of the spikes, as a share of the step", above=0, at_most=1)
+
+    def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
+        """Make the encoder."""
+        return _Rewards(self, int(np.prod(shape)))
+
+
 class _Events(Shown):
     def __init__(self, choice: events, shape: tuple[int, ...]) -> None:
         self._choice, self._shape = choice, shape

@@ -173,6 +173,7 @@ class Environments:
         over: True for each episode that has ended and restarts at the next step.
         found: last observation of the environment, or observations of the vector.
         infos: last info of each episode.
+        rewards: rewards of the last step, 0 where an episode begins, (n,).
 
     Raises:
         ModelError: `env` is no environment.
@@ -197,13 +198,14 @@ class Environments:
         self.over: Bools = np.zeros(self.n, dtype=np.bool_)
         self.found: Any = None
         self.infos: tuple[Mapping[str, Any], ...] = ({},) * self.n
+        self.rewards: Floats = np.zeros(self.n)
         self._calls = 0
 
     def reset(self, seeds: Sequence[int]) -> Floats:
         """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
         answer, info = self._answer("reset", "observation, info", seed=int(seeds[0]))
         self._hear(info)
-        self.over = np.zeros(self.n, dtype=np.bool_)
+        self.over, self.rewards = np.zeros(self.n, dtype=np.bool_), np.zeros(self.n)
         return self._vectors(answer)
 
     def step(self, actions: npt.NDArray[Any] | list[Any], seeds: Sequence[int]) -> tuple[Floats, Floats, Bools, Bools]:
@@ -267,7 +269,8 @@ class Environments:
             and not self._vector
         ):
             self.over = np.array([ended or cut])  # of most single environments: to check arrays takes ten times as long
-            return self._vectors(answer), np.array([reward]), np.array([ended]), np.array([cut and not ended])
+            self.rewards = np.array([reward])
+            return self._vectors(answer), self.rewards, np.array([ended]), np.array([cut and not ended])
         try:
             rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
         except (TypeError, ValueError, OverflowError):
@@ -276,7 +279,7 @@ class Environments:
         if np.count_nonzero(good) < self.n:
             raise ModelError(f"env.step returned the reward {rewards[~good][0]:g}: expected a finite number")
         ends, cuts = self._flags("terminated", ended), self._flags("truncated", cut)
-        self.over = ends | cuts
+        self.over, self.rewards = ends | cuts, rewards
         return self._vectors(answer), rewards, ends, cuts & ~ends
 
     def _flags(self, name: str, answer: Any) -> Bools:

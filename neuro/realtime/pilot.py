@@ -246,6 +246,7 @@ class NetworkPilot:
         """Show the observations, run a control step, and return the actions."""
         lists = []
         for name, encoder in self.encoders.items():
+            encoder.rewarded(self._environments.rewards)
             if name in self._rates:
                 self._rates[name].set(encoder.rates(observations))
             else:
