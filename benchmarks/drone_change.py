@@ -79,6 +79,7 @@ class Case:
         axis: whose error is told: None the distance in the picture, else the number of the axis, absolute.
         unit: of the error.
         ways: that are flown.
+        cut: share of the synapses onto the motors that is cut at `SINCE`, drawn with the seed of the training.
     """
 
     title: str
@@ -87,6 +88,7 @@ class Case:
     axis: int | None = None
     unit: str = "px"
     ways: tuple[Way, ...] = WAYS
+    cut: float = 0.0
 
 
 CASES = {
@@ -104,6 +106,14 @@ CASES = {
         unit="px of the ball's height",
         ways=(*NETWORK, ORACLE),
     ),
+    "cut": Case("20 % of the synapses onto the motors cut at 40 s", "B60", {}, ways=NETWORK, cut=0.2),
+    "turned": Case(
+        "motors turned by 45 degrees at 40 s, as if the camera had turned",
+        "B60",
+        {"motors": {"angle": 45, "since": SINCE}},
+        ways=NETWORK,
+    ),
+    "mirrored": Case("a motor mirrored at 40 s", "B60", {"motors": {"mirror": True, "since": SINCE}}, ways=NETWORK),
 }
 
 
@@ -126,6 +136,8 @@ def one_lap(case: Case, model: Model, start: Start, index: int, learns: float) -
     loop = model.loop(env, learns=bool(learns), block=ENDLESS)
     if 0.0 < learns < np.inf:
         loop.pilot = Until(loop.pilot, model, env, round(1000.0 * learns / world.step))  # type: ignore[assignment]
+    if case.cut:
+        loop.pilot = Cut(loop.pilot, case.cut, model.seed, round(1000.0 * SINCE / world.step))  # type: ignore[assignment]
     lap = fly_lap(loop, env, start, bool(learns))
     env.close()
     error = np.array([px for _, px in env.errors[-1]]) if case.axis is None else np.abs(lap.track[:, case.axis])
@@ -156,6 +168,34 @@ class Until:
         """Learn if it is not frozen."""
         if self._left >= 0:
             self._pilot.teach(moment)
+
+
+class Cut:
+    """A network of which a share of the synapses onto the motors is cut after so many steps, for good."""
+
+    def __init__(self, pilot: Any, share: float, seed: int, steps: int) -> None:
+        self._pilot, self._share, self._rng, self._left = pilot, share, np.random.default_rng([seed, 11]), steps
+
+    def begin(self, copies: int, block: int) -> None:
+        """Begin the lap."""
+        self._pilot.begin(copies, block)
+
+    def act(self, observations: Floats, infos: Any) -> Any:
+        """Act; from the cut on the weights of the synapses that are cut are 0 in each step."""
+        if self._left > 0:
+            self._left -= 1
+            return self._pilot.act(observations, infos)
+        pilot = self._pilot._pilot if isinstance(self._pilot, Until) else self._pilot
+        weights = pilot.copies[0].get("cells_motors", "weight").copy()
+        if self._left == 0:
+            self._gone, self._left = self._rng.random(weights.size) < self._share, -1
+        weights[self._gone] = 0.0
+        pilot.copies[0].set_weights("cells_motors", weights)
+        return self._pilot.act(observations, infos)
+
+    def teach(self, moment: Any) -> None:
+        """Learn if the network does."""
+        self._pilot.teach(moment)
 
 
 def measured(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
