@@ -171,8 +171,8 @@ def examine(program: Program, options: Options) -> Diagnosis:
     if options.chip is not None or options.train:
         from neuro_doctor import on_request
 
-        findings += on_request.of_chip(wiring, seen, options.chip) if options.chip is not None else ()
-        findings += on_request.of_gradients(wiring, seen) if options.train else ()
+        findings += on_request.chip_findings(wiring, seen, options.chip) if options.chip is not None else ()
+        findings += on_request.gradient_findings(wiring, seen) if options.train else ()
     if not (_works(wiring, seen) or seen.idle):
         causes = [each for each in findings if each.severity == "warning" and each.name in EXPLAIN]
         findings = [replace(each, severity="fault") if each in causes else each for each in findings]
