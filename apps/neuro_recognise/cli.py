@@ -1,7 +1,7 @@
 """Recognise objects in event-camera recordings: train, test, compare and use methods by one interface.
 
-Recordings are a folder or zip of class folders in any readable format, or an HDF5 data set; of one with folders Train
-and Test the right half is taken.
+Recordings are a folder or zip of class folders in any readable format, or an HDF5 data set. If there are folders Train
+and Test, training uses Train and testing uses Test.
 """
 
 from __future__ import annotations
@@ -30,23 +30,26 @@ Option, Argument = typer.Option, typer.Argument
 
 
 MethodName = Annotated[str, Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
-Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
-Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train and Test.")]
-ModelFile = Annotated[Path, Argument(metavar="MODEL", help="A recogniser, as 'train' writes it.")]
+Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Labelled recordings: a folder, zip or HDF5 data set.")]
+Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the data set, e.g. Train or Test.")]
+ModelFile = Annotated[Path, Argument(metavar="MODEL", help="Recogniser file written by 'train'.")]
 Allow = Annotated[
     float | None,
-    Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
+    Option(
+        "--allow", metavar="SHARE", help="Largest share of wrong decisions, 0 to 1, for deciding early; needs 'early'."
+    ),
 ]
 Assurance = Annotated[
-    float, Option("--assurance", metavar="P", help="Probability that no more than allowed are wrong.")
+    float,
+    Option("--assurance", metavar="P", help="Probability that the share of wrong decisions stays within --allow."),
 ]
 Json = Annotated[bool, Option("--json", help="Print the figures as JSON.")]
-SceneFolder = Annotated[Path, Argument(metavar="SCENES", help="A folder that 'scenes' filled.")]
+SceneFolder = Annotated[Path, Argument(metavar="SCENES", help="Folder written by 'scenes'.")]
 
 
 @contextmanager
-def _learning() -> Iterator[Callable[[Progress], None]]:
-    """A bar for what is learnt: a function that shows how far it is."""
+def _training_bar() -> Iterator[Callable[[Progress], None]]:
+    """Open a progress bar for a training, and yield the function that updates it."""
     from neuro_recognise.telling.report import LearningBar
 
     with resumable(), LearningBar() as bar:
@@ -54,8 +57,8 @@ def _learning() -> Iterator[Callable[[Progress], None]]:
 
 
 @contextmanager
-def _counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar for one thing: a function of how many are done, and of how many."""
+def _counting_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Open a progress bar for one task, and yield a function of the finished and the total count."""
     from neuro_recognise.method import Progress
     from neuro_recognise.telling.report import LearningBar
 
@@ -63,15 +66,15 @@ def _counting(what: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.show(Progress(what, done, total))
 
 
-def _loaded(model: Path, values: Sequence[str] = ()) -> Recogniser:
-    """A recogniser of a file, with other settings of how recordings are looked at."""
+def _load(model: Path, values: Sequence[str] = ()) -> Recogniser:
+    """Load a recogniser, and change settings that may be changed after training."""
     from neuro_recognise.recogniser import Recogniser
 
     return Recogniser.load(model).changed(assignments([*values]))
 
 
 def _refuse_network(model: Path, words: Sequence[str]) -> None:
-    """Lead to the command that asks a network, as `neuro train` or `neuro convert` writes it."""
+    """Raise an error for a network file, with the command that predicts with networks as hint."""
     from neuro import ModelError
 
     if model.suffix in (".yaml", ".yml"):
@@ -87,9 +90,9 @@ def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -
 
 @app.command("list")
 def list_methods(
-    method: Annotated[str | None, Argument(metavar="METHOD", help="All settings of this one.")] = None,
+    method: Annotated[str | None, Argument(metavar="METHOD", help="Show the settings of this method.")] = None,
 ) -> None:
-    """Show the methods: what they are, what they need, and how well they do; or the settings of one."""
+    """List the methods with their requirements and accuracies, or the settings of one method."""
     from neuro_recognise.telling import report
 
     if method is None:
@@ -102,24 +105,24 @@ def list_methods(
 def train(
     method: MethodName,
     data: Data,
-    out: Annotated[Path, Option(metavar="FILE", help="The recogniser to write.")] = Path("model.h5"),
+    out: Annotated[Path, Option(metavar="FILE", help="Recogniser file to write.")] = Path("model.h5"),
     part: Part = "Train",
-    preset: Annotated[str, Option(metavar="NAME", help="A preset of the method.")] = "",
+    preset: Annotated[str, Option(metavar="NAME", help="Preset of the method's settings.")] = "",
     seed: Seed = 0,
     backend: Backend = "event",
-    force: Annotated[bool, Option("--force", help="Replace a recogniser of another training.")] = False,
+    force: Annotated[bool, Option("--force", help="Replace the file of a different training.")] = False,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train on recordings; after a kill the same command goes on where it was."""
+    """Train a recogniser on labelled recordings. After an interruption, run the same command again to resume."""
     from neuro_recognise.methods import method_of
     from neuro_recognise.recogniser import fit
     from neuro_recognise.telling.report import learnt
 
     chosen = method_of(method, preset, assignments(set))
-    found = _recordings(data, part)
-    with _learning() as shown:
-        made = fit(found, chosen, seed=seed, backend=backend, out=out, replace=force, report=shown)
-    typer.echo(f"{out}: {learnt(made)}")
+    data_set = _recordings(data, part)
+    with _training_bar() as update_bar:
+        recogniser = fit(data_set, chosen, seed=seed, backend=backend, out=out, replace=force, report=update_bar)
+    typer.echo(f"{out}: {learnt(recogniser)}")
 
 
 @app.command("test")
@@ -128,7 +131,7 @@ def try_model(
     data: Data,
     part: Part = "Test",
     json: Json = False,
-    out: Annotated[Path | None, Option(metavar="FOLDER", help="Write a picture there.")] = None,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Folder for a picture of the confusions.")] = None,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -136,41 +139,41 @@ def try_model(
     from neuro_recognise.telling import report
 
     _refuse_network(model, [str(data), "--labels", "--part", part])
-    trained = _loaded(model, set)
-    tried = report.try_out(trained, _recordings(data, part, trained.classes), backend)
+    recogniser = _load(model, set)
+    result = report.try_out(recogniser, _recordings(data, part, recogniser.classes), backend)
     if out is not None:
-        report.write_confusion(tried, out)
+        report.write_confusion(result, out)
     if json:
-        typer.echo(report.figures(trained, tried))
+        typer.echo(report.figures(recogniser, result))
     else:
-        report.show(trained, tried)
+        report.show(recogniser, result)
 
 
 @app.command()
 def predict(
     model: ModelFile,
-    recordings: Annotated[list[Path], Argument(metavar="RECORDING...", help="Files of any readable format.")],
+    recordings: Annotated[list[Path], Argument(metavar="RECORDING...", help="Event files of any readable format.")],
     allow: Allow = None,
     assurance: Assurance = 0.9,
     json: Json = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Print the class of recordings, what speaks for each, and when that was decided.
+    """Print the class of each recording, the scores of all classes, and the time of the decision.
 
-    Damaged files are reported after the others; then the exit status is 1.
+    Damaged files are reported after the other results; then the exit status is 1.
     """
     from neuro_recognise.telling import report
 
     _refuse_network(model, [str(file) for file in recordings])
-    trained = _loaded(model, set)
-    found, wrong = report.predict_files(trained, recordings, backend, allow, assurance)
-    if found or json:
-        report.show_predicted(trained, found, json, allow)
-    for error in wrong:
+    recogniser = _load(model, set)
+    predictions, errors = report.predict_files(recogniser, recordings, backend, allow, assurance)
+    if predictions or json:
+        report.show_predicted(recogniser, predictions, json, allow)
+    for error in errors:
         typer.echo(f"error: {error}", err=True)
-    if wrong:
-        raise typer.Exit(1 if found else 2)
+    if errors:
+        raise typer.Exit(1 if predictions else 2)
 
 
 @app.command()
@@ -178,111 +181,118 @@ def early(
     model: ModelFile,
     data: Data,
     part: Part = "Train",
-    every: Annotated[float, Option(metavar="MS", help="From moment to moment.")] = 10.0,
-    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Of recordings, each held out once.")] = 5,
+    every: Annotated[float, Option(metavar="MS", help="Time between possible decisions, ms.")] = 10.0,
+    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Number of folds; each is held out once.")] = 5,
     assurance: Assurance = 0.9,
     backend: Backend = "event",
 ) -> None:
-    """Learn from recordings when a recogniser may decide before they end, and add that to its file.
+    """Learn when a recogniser may decide before a recording ends, and add the result to its file.
 
-    After a kill the same command goes on where it was.
+    After an interruption, run the same command again to resume.
     """
     from neuro_recognise.early import learn_early
     from neuro_recognise.telling import report
 
-    trained = _loaded(model)
-    chosen = _recordings(data, part, trained.classes)
-    with _learning() as shown:
-        made = learn_early(trained, chosen, every_ms=every, folds=folds, backend=backend, out=model, report=shown)
-    report.show_early(made, assurance)
+    recogniser = _load(model)
+    data_set = _recordings(data, part, recogniser.classes)
+    with _training_bar() as update_bar:
+        with_early = learn_early(
+            recogniser, data_set, every_ms=every, folds=folds, backend=backend, out=model, report=update_bar
+        )
+    report.show_early(with_early, assurance)
 
 
 @app.command()
 def watch(
     model: ModelFile,
-    recording: Annotated[Path, Argument(metavar="RECORDING", help="A file of any readable format.")],
-    out: Annotated[Path, Option(metavar="FILE", help="The page to write.")] = Path("recognise.html"),
-    several: Annotated[bool, Option("--several", help="Find several objects, as 'detect' does.")] = False,
+    recording: Annotated[Path, Argument(metavar="RECORDING", help="Event file of any readable format.")],
+    out: Annotated[Path, Option(metavar="FILE", help="HTML page to write.")] = Path("recognise.html"),
+    several: Annotated[bool, Option("--several", help="Detect several objects, as 'detect' does.")] = False,
     boxes: Annotated[
-        Path | None, Option(metavar="FILE", help="Draw these, too: as of 'detect' or 'scenes', .csv.")
+        Path | None, Option(metavar="FILE", help="Boxes to draw as well, a .csv file of 'detect' or 'scenes'.")
     ] = None,
     allow: Allow = None,
     assurance: Assurance = 0.9,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Write a page that plays a recording: events, what the method looks at, scores, and when it is decided.
+    """Write a page that plays a recording: events, inputs of the method, scores, and the time of the decision.
 
-    With --several or --boxes it shows the objects of a scene instead: boxes, classes and identities.
+    With --several or --boxes the page shows the objects of a scene instead: boxes, classes and identities.
     """
-    trained = _loaded(model, set)
+    recogniser = _load(model, set)
     if several or boxes is not None:
         from neuro_recognise.detection.report import watch_objects
 
         if allow is not None:
-            raise typer.BadParameter("decides early on a single object", param_hint="'--allow'")
-        summary = watch_objects(trained, recording, out, given=boxes, find=several, backend=backend)
+            raise typer.BadParameter(
+                "early decisions exist for single objects only: leave out --several and --boxes", param_hint="'--allow'"
+            )
+        summary = watch_objects(recogniser, recording, out, given=boxes, find=several, backend=backend)
     else:
         from neuro_recognise.telling.watch import watch
 
-        summary = watch(trained, recording, out, allow, backend, assurance)
+        summary = watch(recogniser, recording, out, allow, backend, assurance)
     typer.echo(f"{out}: {summary}")
 
 
 @app.command()
 def compare(
     data: Data,
-    out: Annotated[Path, Option(metavar="FOLDER", help="Results and pages.")] = Path("compared"),
+    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for results and pages.")] = Path("compared"),
     method: Annotated[
-        list[str], Option(metavar="NAME", help="Only this one, 'hats:poker' with settings; repeatable.")
+        list[str],
+        Option(metavar="NAME", help="Method to compare, or a preset such as 'hats:poker'; repeatable; default: all."),
     ] = [],  # noqa: B006
     part: Part = "Train",
     without: Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")] = [],  # noqa: B006
-    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Each is tested once.")] = 5,
-    repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Folds and trainings anew, by seed.")] = 1,
+    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Number of folds; each is tested once.")] = 5,
+    repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Repetitions with other seeds.")] = 1,
     chips: Chips = PRICED,
     backend: Backend = "event",
     workers: Annotated[
-        int | None, Option(metavar="N", parser=at_least(1), help="Folds at a time; one for each core.")
+        int | None, Option(metavar="N", parser=at_least(1), help="Folds that run in parallel; default: one per core.")
     ] = None,
 ) -> None:
-    """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
+    """Train and test all methods on the same folds: accuracy, time and energy on each chip, as a table and a page.
 
-    What is in the folder already is not done again.
+    Results that are already in the folder are reused.
     """
     from neuro_recognise.compare import MethodComparison, compare as compare_methods, contestants, show, write
     from neuro_train.data import leaving_out
 
     plan = MethodComparison(contestants(method), folds, tuple(range(repeats)), tuple(chips), out, backend, workers)
-    with _learning() as shown:
-        found = compare_methods(leaving_out(_recordings(data, part), without), plan, shown)
-    show(found, plan)
-    for file in write(found, plan, data.name):
+    with _training_bar() as update_bar:
+        results = compare_methods(leaving_out(_recordings(data, part), without), plan, update_bar)
+    show(results, plan)
+    for file in write(results, plan, data.name):
         typer.echo(file)
 
 
 @app.command()
 def relearn(
     data: Data,
-    out: Annotated[Path, Option(metavar="FOLDER", help="Results and a picture.")] = Path("relearnt"),
+    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for results and a picture.")] = Path("relearnt"),
     method: Annotated[
-        list[str], Option(metavar="NAME", help="Only this one, 'remus:thesis' with settings, or 'linear'; repeatable.")
+        list[str],
+        Option(metavar="NAME", help="Method to test, a preset such as 'remus:thesis', or 'linear'; repeatable."),
     ] = [],  # noqa: B006
     part: Part = "Train",
     without: Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")] = [],  # noqa: B006
-    before: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs until labels are permuted.")] = 8,
+    before: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs before the labels are permuted.")] = 8,
     after: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs with permuted labels.")] = 10,
-    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="The first is tested.")] = 5,
-    repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Folds and trainings anew, by seed.")] = 5,
+    folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Number of folds; the first is tested.")] = 5,
+    repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Repetitions with other seeds.")] = 5,
     backend: Backend = "event",
     workers: Annotated[
-        int | None, Option(metavar="N", parser=at_least(1), help="Trainings at a time; one for each core.")
+        int | None,
+        Option(metavar="N", parser=at_least(1), help="Trainings that run in parallel; default: one per core."),
     ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Permute the labels while methods learn; print and draw the accuracy on held-out recordings after each epoch.
+    """Permute the labels during training; print and plot the accuracy on held-out recordings after each epoch.
 
-    What is in the folder already is not done again.
+    Results that are already in the folder are reused.
     """
     from neuro_recognise import relearn
     from neuro_recognise.telling.report import show_relearnt
@@ -290,10 +300,10 @@ def relearn(
 
     methods, seeds = relearn.rules(method, assignments(set)), tuple(range(repeats))
     plan = relearn.Relearning(methods, before, after, folds, seeds, out, backend, workers)
-    found = leaving_out(_recordings(data, part), without)
-    with _learning() as shown:
-        accuracies = relearn.relearn(found, plan, shown)
-    show_relearnt(accuracies, before, len(found.classes), out / "relearn.png")
+    data_set = leaving_out(_recordings(data, part), without)
+    with _training_bar() as update_bar:
+        accuracies = relearn.relearn(data_set, plan, update_bar)
+    show_relearnt(accuracies, before, len(data_set.classes), out / "relearn.png")
 
 
 @app.command()
@@ -306,55 +316,55 @@ def energy(
     json: Json = False,
     backend: Backend = "event",
 ) -> None:
-    """Show recordings to a network and print what one of them takes on chips: joules and time."""
+    """Run a recogniser's network on recordings, and print energy and time per recording on each chip."""
     from neuro_recognise import energy
     from neuro_recognise.telling.report import try_out
 
-    trained = _loaded(model)
-    energy.check_targets(trained, chips)
-    tried = try_out(trained, _recordings(data, part, trained.classes), backend)
-    priced = energy.bills(tried, chips)
+    recogniser = _load(model)
+    energy.check_targets(recogniser, chips)
+    result = try_out(recogniser, _recordings(data, part, recogniser.classes), backend)
+    priced = energy.bills(result, chips)
     if json:
-        typer.echo(energy.words(trained, tried, priced))
+        typer.echo(energy.words(recogniser, result, priced))
     else:
-        energy.show(trained, tried, priced, sources)
+        energy.show(recogniser, result, priced, sources)
 
 
 @app.command()
 def show(
     model: ModelFile,
-    out: Annotated[Path | None, Option(metavar="FOLDER", help="Write pictures there.")] = None,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Folder for pictures of what was learnt.")] = None,
 ) -> None:
-    """Show what a recogniser was trained with; with --out draw what it has learnt."""
+    """Print the training record of a recogniser; with --out also draw what it has learnt."""
     from neuro_recognise.telling import report
 
-    trained = _loaded(model)
-    report.describe(trained)
-    report.show_early(trained)
+    recogniser = _load(model)
+    report.describe(recogniser)
+    report.show_early(recogniser)
     if out is not None:
-        report.write_pictures(trained, out)
+        report.write_pictures(recogniser, out)
 
 
 @app.command()
 def scenes(
-    data: Annotated[Path, Option(metavar="FOLDER", help="Recordings of one object each.")],
-    out: Annotated[Path, Option(metavar="FOLDER", help="Where the scenes go.")],
-    count: Annotated[int, Option(metavar="N", min=1, help="How many.")] = 100,
-    sensor: Annotated[str, Option(metavar="WxH", help="Its size, px.")] = "100x80",
-    touching: Annotated[bool, Option("--touching", help="Objects touch, and move as one.")] = False,
-    noise: Annotated[float, Option(metavar="HZ", help="Background events of a pixel.")] = 1.0,
-    length: Annotated[float, Option("--for", metavar="MS", help="Of a scene, in ms.")] = 300.0,
+    data: Annotated[Path, Option(metavar="FOLDER", help="Labelled recordings of one object each.")],
+    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for the scenes.")],
+    count: Annotated[int, Option(metavar="N", min=1, help="Number of scenes.")] = 100,
+    sensor: Annotated[str, Option(metavar="WxH", help="Size of the sensor, px.")] = "100x80",
+    touching: Annotated[bool, Option("--touching", help="Let objects touch and move together.")] = False,
+    noise: Annotated[float, Option(metavar="HZ", help="Background rate per pixel, Hz.")] = 1.0,
+    length: Annotated[float, Option("--for", metavar="MS", help="Duration of a scene, ms.")] = 300.0,
     part: Part = "Train",
-    folds: Annotated[int, Option(metavar="N", min=1, help="Into which recordings are divided.")] = 1,
-    fold: Annotated[int, Option(metavar="K", min=0, help="Take only this one, from 0 on.")] = 0,
-    others: Annotated[bool, Option("--others", help="Take all folds but this one.")] = False,
+    folds: Annotated[int, Option(metavar="N", min=1, help="Number of folds of the recordings.")] = 1,
+    fold: Annotated[int, Option(metavar="K", min=0, help="Index of the fold to use, from 0.")] = 0,
+    others: Annotated[bool, Option("--others", help="Use all folds except --fold.")] = False,
     seed: Seed = 0,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Compose scenes of several moving objects from recordings of one each, with true boxes; resumable.
+    """Compose scenes of several moving objects with true boxes from recordings of one object each; resumable.
 
-    By --set: objects (fewest and most, as objects=[1,1]), gap and speed, and slice, support and percentile, by which
-    true boxes are measured.
+    Settings for --set: objects (fewest and most, e.g. objects=[1,1]), gap and speed; and slice, support and percentile,
+    which define the true boxes.
     """
     import numpy as np
 
@@ -363,47 +373,47 @@ def scenes(
     sides = sensor.lower().split("x")
     if len(sides) != 2 or not all(side.isdecimal() and int(side) for side in sides):
         raise typer.BadParameter(f"'{sensor}': expected width and height such as 100x80", param_hint="'--sensor'")
-    given = {"sensor": tuple(map(int, sides)), "touching": touching, "noise": noise, "length": length}
-    scenery = Scenery().changed(given | assignments(set))
-    found = _recordings(data, part)
-    chosen = fold_of(found, folds, fold)
+    options = {"sensor": tuple(map(int, sides)), "touching": touching, "noise": noise, "length": length}
+    scenery = Scenery().changed(options | assignments(set))
+    data_set = _recordings(data, part)
+    chosen = fold_of(data_set, folds, fold)
     if others:
-        chosen = np.setdiff1d(np.arange(len(found)), chosen)
-    with _counting("composing scenes") as shown:
-        write_scenes(out, found, scenery, count, seed=seed, chosen=chosen, report=shown)
+        chosen = np.setdiff1d(np.arange(len(data_set)), chosen)
+    with _counting_bar("composing scenes") as update_bar:
+        write_scenes(out, data_set, scenery, count, seed=seed, chosen=chosen, report=update_bar)
     typer.echo(f"{out}: {count} scenes of {len(chosen)} recordings")
 
 
 @app.command()
 def crops(
     scenes: SceneFolder,
-    out: Annotated[Path, Option(metavar="FOLDER", help="Where the recordings go.")],
+    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for the recordings.")],
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Cut single objects out of scenes, as a detector sees them: recordings for 'neuro recognise train'."""
+    """Cut scenes into recordings of single objects, as a detector crops them, for 'neuro recognise train'."""
     from neuro_recognise.detection.detector import Detecting, write_crops
     from neuro_recognise.detection.scenes import Scenes
 
     settings = Detecting().changed(assignments(set))
-    with _counting("cutting out objects") as shown:
-        n = write_crops(out, Scenes(scenes), settings, before=f"{scenes.resolve().name}-", report=shown)
+    with _counting_bar("cutting out objects") as update_bar:
+        n = write_crops(out, Scenes(scenes), settings, before=f"{scenes.resolve().name}-", report=update_bar)
     typer.echo(f"{out}: {n} recordings")
 
 
 @app.command()
 def detect(
     model: ModelFile,
-    recording: Annotated[Path | None, Argument(metavar="RECORDING", help="File of any readable format.")] = None,
-    data: Annotated[Path | None, Option(metavar="SCENES", help="Measure on scenes instead.")] = None,
-    out: Annotated[Path | None, Option(metavar="FILE", help="Boxes as .html (page), .png (picture) or .csv.")] = None,
+    recording: Annotated[Path | None, Argument(metavar="RECORDING", help="Event file of any readable format.")] = None,
+    data: Annotated[Path | None, Option(metavar="SCENES", help="Scenes to measure the detection on.")] = None,
+    out: Annotated[Path | None, Option(metavar="FILE", help="File for the boxes: .html, .png or .csv.")] = None,
     way: Annotated[
-        str, Option(metavar="WAY", help="proposals; or dense: a remus network over the whole sensor.")
+        str, Option(metavar="WAY", help="proposals, or dense (a remus network over the whole sensor).")
     ] = "proposals",
     json: Annotated[bool, Option("--json", help="Print boxes or figures as JSON.")] = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Find several objects in a recording, with boxes and identities; or measure that on scenes."""
+    """Detect several objects in a recording, with boxes and identities, or measure the detection on scenes."""
     from neuro_events import load
     from neuro_recognise.detection import report
     from neuro_recognise.detection.detector import Detecting, Detector, try_out
@@ -412,16 +422,16 @@ def detect(
     if (recording is None) == (data is None):
         raise typer.BadParameter("expected either a RECORDING or --data SCENES")
     settings: Detecting = Detecting().changed(assignments(set))
-    detector = Detector(_loaded(model), settings, backend, way)
+    detector = Detector(_load(model), settings, backend, way)
     classes = detector.recogniser.classes
     if data is not None:
         if out is not None:
-            raise typer.BadParameter("boxes are written of a RECORDING", param_hint="'--out'")
+            raise typer.BadParameter("writes the boxes of a RECORDING: leave it out with --data", param_hint="'--out'")
         scenes = Scenes(data)
         report.check_classes(classes, scenes)
-        with _counting("finding objects") as shown:
-            tried = try_out(detector, scenes, lambda done: shown(done, len(scenes)))
-        report.show_tried(detector, tried, json)
+        with _counting_bar("finding objects") as update_bar:
+            result = try_out(detector, scenes, lambda done: update_bar(done, len(scenes)))
+        report.show_tried(detector, result, json)
     elif recording is not None:
         if out is not None:
             report.check_ending(out)

@@ -1,20 +1,21 @@
-"""Decisions while events arrive, and when to stop, by how often decisions on held-out recordings were wrong.
+"""Decisions while events arrive, and rules for stopping early that bound the share of wrong decisions.
 
-A session looks at one stretch of the stream after the other. A stretch begins at its first event, with nothing known of
-what was before. It ends after a window, after a pause without events, or when `end` is called; the next event begins
-another. So an endless stream takes no more memory and time than its window, and a decision is that of `scores_at` for
-the events of its stretch.
+A session divides the stream into stretches and scores one stretch at a time. A stretch begins at its first event,
+without memory of earlier events. It ends after a window, after a pause without events, or when `end` is called; the
+next event begins another stretch. Memory and time are therefore bounded by the window even for an endless stream, and
+each decision equals that of `scores_at` for the events of its stretch.
 
-A session stops at the first moment at which the error of its margin (`Held.error`) is at or below a level; recordings
-that never meet it are decided at their end. The level is the largest, so the soonest, for which it is assured that at
-most the allowed share of all recordings is decided wrongly.
+A session stops at the first moment at which the estimated error of its margin (`Held.error`) is at or below a level.
+Recordings that never reach the level are decided at their end. The level is the largest, hence the earliest to stop,
+for which the share of wrong decisions over all recordings is assured to be at most the allowed share.
 
-Held-out recordings are judged by the margins of the others, so no decision vouches for itself. Levels are tried
-from the strictest on, and the first whose bound on the error exceeds what is allowed ends it: so trying many does not
-weaken the assurance (fixed sequence testing: Angelopoulos et al., Learn then Test, arXiv 2110.01052, 2021).
+The margins of a held-out recording are judged by the other held-out recordings only (cross-fitting). Levels are tested
+from the strictest on, and testing ends at the first whose bound on the error exceeds the allowed share, so testing many
+levels does not weaken the assurance (fixed sequence testing: Angelopoulos et al., Learn then Test, arXiv 2110.01052,
+2021).
 
-All of this is of the mean over recordings drawn like those that were held out. It promises nothing of each class, so
-with another mix of classes more may be wrong, at most as many as of the worst class (`Outcome.worst`).
+The bound is on the mean over recordings drawn like the held-out ones, not on each class. With another mix of classes
+the error may be larger, but not larger than that of the worst class (`Outcome.worst`).
 
 In the file of a recogniser:
 
@@ -22,9 +23,9 @@ In the file of a recogniser:
 /early/times_us   moments since the first event, us
 /early/margins    (recordings, moments) of held-out recordings
 /early/right      (recordings, moments) whether the decision was right
-/early/labels     (recordings,) index of the class of each; older files have none
-/early/learnt/0   arrays and texts by name, of the first moment; and so on; none where all moments ask what was learnt
-                  of whole recordings
+/early/labels     (recordings,) index of the class of each; missing in older files
+/early/learnt/0   arrays and texts by name, of the first moment; and so on; missing if all moments use the training
+                  on whole recordings
 ```
 """
 
@@ -44,11 +45,14 @@ from neuro_recognise.method import SILENT, Learnt, Observer, choose
 from neuro_recognise.shown import Evidence, Floats, Ints
 
 PARTS = 10
-"""Of held-out recordings, when each is judged by the others: tenths leave 90 % to learn from."""
+"""Number of parts of the held-out recordings for cross-fitting: each tenth is judged by the other 90 %."""
 
 
 def margins(scores: Floats) -> Floats:
-    """How far the largest score of each row is above the second; NaN where all of a row are, 0 with one class."""
+    """Return the difference between the largest and the second largest score of each row.
+
+    The result is NaN for a row of NaN, and 0 with a single class. E.g. [0.2, 0.9, 0.6] gives 0.3.
+    """
     if scores.shape[-1] < 2:
         return np.where(np.isnan(scores[..., 0]), np.nan, 0.0)
     silent = np.isnan(scores).all(axis=-1)
@@ -60,13 +64,13 @@ def margins(scores: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """What was decided of recordings that were held out from training.
+    """Decisions on held-out recordings at each moment.
 
     Attributes:
-        times_us: (moments,) since the first event, ascending.
-        margins: (recordings, moments), NaN where nothing was decided.
-        right: (recordings, moments) whether the decision was right.
-        labels: (recordings,) index of the class of each; None if not known, as in older files.
+    times_us: (moments,) times since the first event, us, ascending.
+    margins: (recordings, moments), NaN without a decision.
+    right: (recordings, moments) whether the decision was right.
+    labels: (recordings,) index of the class of each; None if unknown, as in older files.
     """
 
     times_us: Ints
@@ -79,19 +83,19 @@ class Held:
         return len(self.right)
 
     def take(self, chosen: Ints | npt.NDArray[np.bool_]) -> Held:
-        """Some of the recordings."""
+        """Return the decisions on some of the recordings."""
         labels = None if self.labels is None else self.labels[chosen]
         return Held(self.times_us, self.margins[chosen], self.right[chosen], labels)
 
     def error(self, after_us: int, margin: float) -> float:
-        """How likely a decision of this margin is wrong, at the moment before a time.
+        """Estimate the probability that a decision with this margin is wrong, at the last moment up to `after_us`.
 
-        Of n decisions with this margin or a larger one, w of them wrong, it is (w + 1) / (n + 2), Laplace's rule of
-        succession: one right decision does not make certain. A larger margin never has the larger error: the least of
-        those of all smaller margins is taken.
+        If w of n decisions with this margin or a larger one were wrong, the estimate is (w + 1) / (n + 2), Laplace's
+        rule of succession: a single right decision (w = 0, n = 1) gives 1/3, not 0. The estimate never increases with
+        the margin, because it is the minimum over all smaller margins.
 
         Returns:
-            NaN before the first moment, and where nothing was held out.
+            NaN before the first moment, and without held-out decisions.
         """
         moment = int(np.searchsorted(self.times_us, after_us, "right")) - 1
         if moment < 0 or np.isnan(margin):
@@ -101,44 +105,44 @@ class Held:
         return float(error[place]) if error.size else float("nan")
 
     def errors(self, margins: Floats) -> Floats:
-        """`error` of many decisions.
+        """Compute `error` for many decisions.
 
         Args:
-            margins: (recordings, moments) of these or of other recordings, NaN where nothing was decided.
+            margins: (recordings, moments) of these or of other recordings, NaN without a decision.
 
         Returns:
-            (recordings, moments), NaN where nothing was decided.
+            (recordings, moments), NaN without a decision.
         """
-        found = np.full(margins.shape, np.nan)
+        errors = np.full(margins.shape, np.nan)
         for moment, (from_margin, error) in enumerate(self._curves):
-            there = np.flatnonzero(~np.isnan(margins[:, moment]))
-            place = np.searchsorted(from_margin, margins[there, moment], "right") - 1
+            rows = np.flatnonzero(~np.isnan(margins[:, moment]))
+            place = np.searchsorted(from_margin, margins[rows, moment], "right") - 1
             if error.size:
-                found[there, moment] = error[np.maximum(0, place)]
-        return found
+                errors[rows, moment] = error[np.maximum(0, place)]
+        return errors
 
     @cached_property
     def parts(self) -> list[tuple[Ints, Held]]:
-        """Tenths of the recordings, each spread over all, and what was decided of the other nine."""
+        """Return each tenth of the recordings, as every tenth index, with the decisions on the other nine tenths."""
         part = np.arange(len(self)) % PARTS
         return [(np.flatnonzero(part == k), self.take(part != k)) for k in range(min(PARTS, len(self)))]
 
     @cached_property
     def crossed(self) -> Floats:
-        """(recordings, moments) `error` of each decision, by the other parts alone."""
-        found = np.full(self.margins.shape, np.nan)
+        """(recordings, moments) `error` of each decision, estimated from the other parts only."""
+        errors = np.full(self.margins.shape, np.nan)
         for own, others in self.parts:
-            found[own] = others.errors(self.margins[own])
-        return found
+            errors[own] = others.errors(self.margins[own])
+        return errors
 
     @cached_property
     def _curves(self) -> list[tuple[Floats, Floats]]:
-        """Of each moment margins, ascending, and the error from each on."""
+        """For each moment, the margins that occurred, ascending, and the error of decisions at or above each."""
         curves = []
         for margins, right in zip(self.margins.T, self.right.T, strict=True):
-            there = ~np.isnan(margins)
-            from_margin, which = np.unique(margins[there], return_inverse=True)
-            wrong = np.bincount(which, ~right[there], len(from_margin))
+            decided = ~np.isnan(margins)
+            from_margin, which = np.unique(margins[decided], return_inverse=True)
+            wrong = np.bincount(which, ~right[decided], len(from_margin))
             number = np.bincount(which, minlength=len(from_margin))
             error = (np.cumsum(wrong[::-1])[::-1] + 1) / (np.cumsum(number[::-1])[::-1] + 2)
             curves.append((from_margin, np.minimum.accumulate(error)))
@@ -147,25 +151,26 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Early:
-    """What decisions while events arrive need.
+    """Data for decisions while events arrive.
 
     Attributes:
-        held: what was decided of held-out recordings, moment by moment.
-        learnt: at each of these moments, of beginnings so long; empty where they are not learnt apart.
+    held: decisions on held-out recordings at each moment.
+    learnt: result of a separate training for each moment; empty if all moments use the training on whole
+        recordings.
     """
 
     held: Held
     learnt: tuple[Learnt, ...] = ()
 
     def at(self, after_us: int) -> Learnt | None:
-        """What was learnt of beginnings so long: of the last moment before, or the first; None if not apart."""
+        """Return the training result for the last moment up to `after_us`, or else the first; None without any."""
         if not self.learnt:
             return None
         moment = int(np.searchsorted(self.held.times_us, after_us, "right")) - 1
         return self.learnt[max(0, moment)]
 
     def write(self, group: Any) -> None:
-        """Put it into an open group of a file."""
+        """Write the data into an open HDF5 group."""
         group["times_us"], group["margins"], group["right"] = self.held.times_us, self.held.margins, self.held.right
         if self.held.labels is not None:
             group["labels"] = self.held.labels
@@ -175,7 +180,7 @@ class Early:
 
     @classmethod
     def read(cls, group: Any) -> Early:
-        """What `write` put there."""
+        """Read the data that `write` wrote."""
         labels = group["labels"][()] if "labels" in group else None
         held = Held(group["times_us"][()], group["margins"][()], group["right"][()], labels)
         several = group.get("learnt", {})
@@ -184,31 +189,31 @@ class Early:
 
 
 def part_of(data: Any) -> Any:
-    """An array or a text of a file."""
+    """Read an array or a text from an HDF5 data set."""
     return data.asstr()[()] if data.dtype.kind == "O" else data[()]
 
 
 ASSURANCE = 0.9
-"""By default one rule in ten may be wrong more often than allowed."""
+"""Default assurance: one rule in ten may exceed the allowed error."""
 ASSUMES = (
     "an allowed error holds for recordings drawn like those that 'early' learnt from, with the same mix of classes"
 )
-"""What the bound assumes, for people."""
+"""Assumption of the bound, printed with results."""
 NEVER = -1.0
-"""The strictest level: all are decided at their end."""
+"""The strictest level: every recording is decided at its end."""
 LEVELS = 60
-"""Levels that are tried, up to three times the allowed error: recordings that stop late are wrong less often than the
-level says, since they were not stopped before."""
+"""Number of levels that are tested, up to three times the allowed error. Levels above the allowed error can be assured,
+because recordings often stop at an error below the level."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """When to stop for an allowed error.
+    """A stopping rule for an allowed error.
 
     Attributes:
-        allowed: share of recordings that may be decided wrongly.
-        assurance: probability that no larger share is, over all that might have been held out.
-        level: error of a margin at a moment (`Held.error`) at or below which is stopped.
+    allowed: largest share of recordings that may be decided wrongly.
+    assurance: probability, over draws of the held-out recordings, that the share of wrong decisions is not larger.
+    level: error (`Held.error`) at or below which a session stops.
     """
 
     allowed: float
@@ -216,21 +221,21 @@ class Rule:
     level: float
 
     def met(self, error: float) -> bool:
-        """Whether to stop at a decision of this error; never at NaN."""
+        """Return whether to stop at a decision with this error; False for NaN."""
         return error <= self.level
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of rules, each tried on recordings that it was not chosen with.
+    """Errors and times of stopping rules, each tested on recordings that it was not chosen with.
 
     Attributes:
-        error: share of wrong decisions.
-        interval: its 95 % interval (Clopper and Pearson).
-        mean_ms: when was decided.
-        worst: index of the class of which most are wrong, as a share; None where classes are not known.
-        worst_error: that share, the largest that another mix of the same classes can make of `error`.
-        worst_interval: its 95 % interval.
+    error: share of wrong decisions.
+    interval: 95 % interval of `error` (Clopper and Pearson).
+    mean_ms: mean time of the decisions since the first event, ms.
+    worst: index of the class with the largest share of wrong decisions; None if the classes are unknown.
+    worst_error: share of wrong decisions of that class, the upper limit of `error` for any mix of these classes.
+    worst_interval: 95 % interval of `worst_error`.
     """
 
     error: float
@@ -242,17 +247,17 @@ class Outcome:
 
 
 def stopping_rule(held: Held, allowed: float, assurance: float = ASSURANCE) -> Rule:
-    """The rule that stops soonest within an allowed error.
+    """Return the rule that stops earliest within an allowed error.
 
     Args:
-        held: what was decided of held-out recordings. Those to come have to be like them.
-        allowed: share of all recordings that may be decided wrongly.
-        assurance: probability with which no larger share is. 0.5 asks for the error to be what is allowed as likely
-            below as above.
+    held: decisions on held-out recordings. Later recordings must be drawn from the same distribution.
+    allowed: largest share of all recordings that may be decided wrongly.
+    assurance: probability that the share is not larger. With 0.5 the error is above the allowed share as often as
+        below.
 
     Raises:
-        ModelError: one is no share, or so few recordings cannot support what is allowed, or more are decided wrongly
-            even at their end.
+    ModelError: an argument is not between 0 and 1, or the held-out recordings do not support the allowed error:
+        there are too few, or more are wrong even at their end.
     """
     if not 0 < allowed < 1:
         raise ModelError(f"allow = {allowed:g}: expected a share of recordings between 0 and 1")
@@ -269,45 +274,45 @@ def stopping_rule(held: Held, allowed: float, assurance: float = ASSURANCE) -> R
 
 
 def least_allowed(held: Held, assurance: float = ASSURANCE) -> float:
-    """The smallest error that can be allowed: the bound on that of decisions at the end, in thousandths."""
+    """Return the smallest error that can be allowed: the bound on the error at the end, rounded up to thousandths."""
     bound = upper_bound(int(np.count_nonzero(~held.right[:, -1])), len(held), assurance)
     return float(np.ceil(1000.0 * bound) / 1000.0)
 
 
 def outcome(held: Held, allowed: float, assurance: float = ASSURANCE) -> Outcome:
-    """What rules of nine tenths of the recordings do with the last, of each tenth.
+    """Test stopping rules by cross-fitting: each tenth of the recordings is stopped by the rule of the others.
 
-    Where nine tenths cannot support what is allowed, they decide at the end.
+    Where the other nine tenths cannot support the allowed error, their rule decides at the end.
     """
     at = np.empty(len(held), np.int64)
     for own, others in held.parts:
         at[own] = stopped(others.errors(held.margins[own]), _level(others, allowed, assurance))
     wrong = ~held.right[np.arange(len(at)), at]
-    found = Outcome(*_share(wrong), float(held.times_us[at].mean()) / 1000.0)
+    result = Outcome(*_share(wrong), float(held.times_us[at].mean()) / 1000.0)
     if held.labels is None:
-        return found
+        return result
     error, worst = max((float(wrong[held.labels == label].mean()), int(label)) for label in np.unique(held.labels))
-    return replace(found, worst=worst, worst_error=error, worst_interval=_share(wrong[held.labels == worst])[1])
+    return replace(result, worst=worst, worst_error=error, worst_interval=_share(wrong[held.labels == worst])[1])
 
 
 def stopped(errors: Floats, level: float) -> Ints:
-    """(recordings,) the moment at which each is decided: the first that meets the level, else the last.
+    """Return the moment of each recording's decision, (recordings,): the first at or below the level, or the last.
 
     Args:
-        errors: (recordings, moments) `Held.error` of each decision.
-        level: at or below which is stopped.
+    errors: (recordings, moments) `Held.error` of each decision.
+    level: a recording stops at an error at or below this level.
     """
     met = errors <= level
     return np.asarray(np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1))
 
 
 def upper_bound(wrong: int, n: int, assurance: float) -> float:
-    """The largest probability of being wrong that so few wrong among n do not contradict.
+    """Return an upper confidence bound on the probability of a wrong decision.
 
     Args:
-        wrong: decisions.
-        n: decisions.
-        assurance: share of draws of n in which the bound lies above the probability, at least.
+    wrong: number of wrong decisions.
+    n: number of decisions.
+    assurance: confidence level of the one-sided bound, e.g. 0.9. With 0 wrong of 100 the bound is then 0.023.
 
     Source: Clopper and Pearson, Biometrika 26:404, 1934.
     """
@@ -317,7 +322,7 @@ def upper_bound(wrong: int, n: int, assurance: float) -> float:
 
 
 def _level(held: Held, allowed: float, assurance: float) -> float:
-    """The largest of the levels before the first that is not assured."""
+    """Return the largest assured level, by fixed sequence testing."""
     assured = NEVER
     for level in (NEVER, *np.linspace(0.0, 3.0 * allowed, LEVELS + 1).tolist()):
         at = stopped(held.crossed, level)
@@ -329,28 +334,28 @@ def _level(held: Held, allowed: float, assurance: float) -> float:
 
 
 def _share(wrong: npt.NDArray[np.bool_]) -> tuple[float, tuple[float, float]]:
-    """Of wrong decisions, and its 95 % interval."""
+    """Return the share of wrong decisions and its 95 % interval."""
     k, n = int(np.count_nonzero(wrong)), len(wrong)
     return k / n, (1.0 - upper_bound(n - k, n, 0.975), upper_bound(k, n, 0.975))
 
 
 WINDOW_MS = 1000.0
-"""How long a stretch is where nothing says how long recordings are."""
+"""Length of a stretch, ms, if the length of recordings is unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """What is decided at a moment.
+    """A decision at one moment of a session.
 
     Attributes:
-        at_us: the moment, in the time of the events; all events up to it and of its very time count.
-        after_ms: since the first event of the stretch.
-        label: index of the class, -1 where nothing speaks for any.
-        scores: (classes,) what speaks for each.
-        margin: how far the largest score is above the second, NaN where nothing speaks for any.
-        confidence: share of held-out recordings that were decided rightly among those with such a margin or a larger
-            one at this moment; NaN where none were kept (see `learn_early`).
-        settled: whether the allowed error was met at this moment or one before of the stretch; False without one.
+    at_us: time of the decision on the clock of the events, us. Events up to and including this time count.
+    after_ms: time since the first event of the stretch, ms.
+    label: index of the class, -1 without evidence for any class.
+    scores: (classes,) score of each class.
+    margin: difference between the largest and the second largest score, NaN without evidence.
+    confidence: 1 - `Held.error`, the estimated probability that the decision is right; NaN without held-out decisions
+        (see `learn_early`).
+    settled: whether the allowed error was met at this or an earlier moment of the stretch; False without a rule.
     """
 
     at_us: int
@@ -363,16 +368,16 @@ class Decision:
 
 
 class Session:
-    """Decides every few ms; made by `Recogniser.session`.
+    """Decides at regular intervals while events arrive; created by `Recogniser.session`.
 
     Args:
-        observer: gives what sees a stretch grow.
-        ask: gives the scores, (classes,), for the evidence of a time after the first event of a stretch, us.
-        every_us: from moment to moment, from the first event of a stretch on.
-        window_us: the longest stretch.
-        gap_us: a pause without events that ends a stretch; None for none.
-        held: how good held-out decisions were; None where that is not known.
-        rule: says when the allowed error is met; None where it is not asked.
+    observer: function that returns a new observer for each stretch.
+    ask: function from the time after the first event of a stretch, us, and the evidence to the scores, (classes,).
+    every_us: time between decisions, us, from the first event of a stretch on.
+    window_us: longest stretch, us.
+    gap_us: longest pause without events, us, which ends a stretch; None for no limit.
+    held: decisions on held-out recordings, for `Decision.confidence`; None if unknown.
+    rule: stopping rule, for `Decision.settled`; None for no rule.
     """
 
     def __init__(
@@ -390,12 +395,12 @@ class Session:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all events and the time: the next event, of this stream or another recording, begins a stretch."""
+        """Forget all events and the clock, so that the next event may be of another recording."""
         self._clock: int | None = None
         self._forget()
 
     def _forget(self) -> None:
-        """Forget all events: the next one begins a stretch."""
+        """Forget all events, so that the next event begins a stretch."""
         self._begin: int | None = None
         self._last = 0
         self._next = self._every
@@ -403,15 +408,15 @@ class Session:
         self._observer = self._make()
 
     def feed(self, events: Events, until_us: int | None = None) -> list[Decision]:
-        """Take in the next events of the stream.
+        """Process the next events of the stream.
 
         Args:
-            events: not before those of the part before; may be none.
-            until_us: time up to which this is all, us, for moments that pass without events; None: up to the last
-                event, whose own time may go on in the next part.
+            events: events at or after the time of the previous ones; may be empty.
+            until_us: time up to which these are all events, us, so that moments without events are decided as well.
+        With None, only moments before the last event are decided, because more events of its time may follow.
 
         Returns:
-            What was decided at each moment that passed, in order; the same for the stream, however it is cut.
+            The decision at each moment that passed, in order, however the stream is cut into parts.
 
         Raises:
             ModelError: time runs back, or the events do not fit the recogniser.
@@ -450,26 +455,27 @@ class Session:
         return decided
 
     def end(self) -> list[Decision]:
-        """Say that no more events come: what is decided of the stretch under way at its last event.
+        """End the stretch, and return its remaining decisions, the last one at its last event.
 
         The next event begins another stretch.
         """
         decided: list[Decision] = []
         if self._begin is not None:
             decided, length = self._pass(self._last), self._last - self._begin
-            if self._next == self._every or length > self._next - self._every:  # not where the clock went beyond it
+            # Skip the last decision if `until_us` has already led to a decision after the last event.
+            if self._next == self._every or length > self._next - self._every:
                 decided.append(self._decide(length))
         self._forget()
         return decided
 
     def _end(self) -> int:
-        """From when on no event belongs to the stretch under way, us."""
+        """Return the time from which no event can belong to the current stretch, us."""
         assert self._begin is not None
         whole = self._begin + self._window + 1
         return whole if self._gap is None else min(whole, self._last + self._gap + 1)
 
     def _take(self, events: Events) -> list[Decision]:
-        """See events of the stretch under way, and decide at the moments between them."""
+        """Observe events of the current stretch, and decide at the moments between them."""
         assert self._begin is not None
         decided: list[Decision] = []
         while len(events):
@@ -483,7 +489,7 @@ class Session:
         return decided
 
     def _pass(self, now_us: int) -> list[Decision]:
-        """Decide at the moments of the stretch that lie before a time."""
+        """Decide at all moments of the current stretch before `now_us`."""
         if self._begin is None:
             return []
         decided: list[Decision] = []

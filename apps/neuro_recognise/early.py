@@ -1,13 +1,14 @@
-"""Learning to decide while events arrive: held-out decisions moment by moment, and beginnings learnt apart.
+"""Training for early decisions: held-out decisions at each moment, and separate trainings on beginnings.
 
-Every recording is decided on by what was learnt of the other folds, so that all of them count as held out. There are
-two ways of deciding on beginnings, in steps that are done one by one. What beginnings show is looked at once for all
-moments, and kept in files of a hundred recordings:
+Cross-validation holds out every recording once: the training on the other folds decides on it. Methods with
+`Method.by_moment` train separately for each moment; all other methods score beginnings with the training on whole
+recordings. Either way consists of steps, with a checkpoint after each. Separate trainings first compute the evidence of
+all beginnings, and store it in files of a hundred recordings each:
 
 ```
 /                  attribute: format
-/K/NAME/values     an array of all recordings at moment K, one after the other
-/K/NAME/shape      (recordings, dimensions) of each
+/K/NAME/values     an array of all recordings at moment K, concatenated
+/K/NAME/shape      (recordings, dimensions) shape of each
 ```
 """
 
@@ -35,22 +36,22 @@ from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints, unlab
 
 BEGINNINGS = "neuro recognise beginnings 1"
 IN_FILE = 100
-"""Recordings in a file, all of whose moments are in memory while it is made."""
+"""Number of recordings in a file. The evidence of all their moments is in memory while the file is written."""
 
 
 def seen_until(method: Method, recording: Sample, times_us: Ints) -> list[Evidence]:
-    """Return what a recording shows until each time; errors as of `seen_of`."""
+    """Return the evidence of a recording up to each time; errors: see `seen_of`."""
     return seen_of(recording, lambda events: method.observe_until(events, times_us.tolist()))
 
 
 class Beginnings:
-    """What all recordings show, moment by moment.
+    """Evidence of the beginnings of all recordings at each moment, stored in files.
 
     Args:
-        method: its settings decide what is looked at.
-        data: labelled recordings.
-        times_us: how long the beginnings are.
-        folder: for the files; what is there already is not looked at again.
+    method: method that observes the recordings.
+    data: labelled recordings.
+    times_us: durations of the beginnings, us.
+    folder: folder for the files; existing files are not computed again.
     """
 
     def __init__(self, method: Method, data: Recordings, times_us: Ints, folder: Path) -> None:
@@ -59,11 +60,11 @@ class Beginnings:
         self._folder = folder
 
     def look(self) -> Iterator[int]:
-        """Look at what is not there yet; gives the number of recordings that are done, after each hundred.
+        """Compute the missing files; yield the number of finished recordings after each file.
 
         Raises:
             EventFileError: a recording is damaged.
-            ModelError: one does not fit the method; it is named.
+            ModelError: a recording does not fit the method; the message names it.
             Unwritable: a file cannot be written.
         """
         make_folder(self._folder)
@@ -74,28 +75,28 @@ class Beginnings:
             yield IN_FILE * k + len(part)
 
     def at(self, moment: int) -> Features:
-        """Return what beginnings so long show, in memory."""
+        """Load the evidence of all recordings at a moment into memory."""
         evidence = [one for file in self._files for one in _read(file, moment)]
         return Features(evidence, self._data.labels, tuple(item.name for item in self._data), self._data.classes)
 
     def remove(self) -> None:
-        """They are no longer needed."""
+        """Delete the files and the folder."""
         for file in self._files:
             file.unlink(missing_ok=True)
         if self._folder.exists():
             self._folder.rmdir()
 
 
-def _write(file: Path, of_recordings: Sequence[Sequence[Evidence]]) -> None:
+def _write(file: Path, recordings: Sequence[Sequence[Evidence]]) -> None:
     with hdf5.writing(file, BEGINNINGS, replace=True) as out:
-        for moment, evidence in enumerate(zip(*of_recordings, strict=True)):
+        for moment, evidence in enumerate(zip(*recordings, strict=True)):
             write_evidence(out.create_group(str(moment)), evidence)
 
 
 def _read(file: Path, moment: int) -> list[Evidence]:
     arrays: dict[str, list[Array]] = {}
-    with hdf5.reading(file, BEGINNINGS) as kept:
-        for name, group in kept[str(moment)].items():
+    with hdf5.reading(file, BEGINNINGS) as stored:
+        for name, group in stored[str(moment)].items():
             shapes, values = group["shape"][()], group["values"][()]
             parts = np.split(values, np.cumsum(shapes.prod(axis=1))[:-1])
             arrays[name] = [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
@@ -103,28 +104,28 @@ def _read(file: Path, moment: int) -> list[Evidence]:
 
 
 AT_ONCE = 40
-"""Recordings whose beginnings are asked about together."""
+"""Number of recordings whose beginnings are scored together."""
 
 
 Decided = tuple[tuple[Any, Any], Floats, Learnt]
-"""What comes of a step: which of (recordings, moments) are decided on, their scores of all classes, and what was learnt
-of beginnings so long, where they are learnt apart."""
+"""Result of a step: index into (recordings, moments), scores of all classes there, and the training result of the
+moment, which is empty without separate trainings."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Decisions on recordings that are held out, in steps.
+    """Decisions on held-out recordings, computed in steps.
 
     Attributes:
-        recogniser: what was learnt of whole recordings.
-        data: recordings to learn from and to decide on.
-        fingerprint: of their contents.
-        times: how long beginnings are, us.
-        folds: indices to learn from and to decide on, of each fold.
-        backend: runs networks that are asked; they are trained on that of the recogniser's training.
-        beside: files of what is under way have this name and an ending.
-        cache: folder for what is computed of recordings; None takes the user's.
-        report: called with the progress.
+    recogniser: recogniser that was trained on whole recordings.
+    data: recordings for the cross-validation.
+    fingerprint: fingerprint of their contents.
+    times: durations of the beginnings, us.
+    folds: for each fold, the indices to learn from and to decide on.
+    backend: backend that scores recordings; trainings use the backend of the recogniser's training.
+    beside: path whose name prefixes the names of intermediate files.
+    cache: folder for evidence of whole recordings; None uses the user's cache.
+    report: function that is called with the progress.
     """
 
     recogniser: Recogniser
@@ -139,17 +140,17 @@ class HeldOut:
 
     @property
     def course(self) -> Course:
-        """As the recogniser was trained."""
+        """Conditions of the recogniser's training."""
         training = self.recogniser.training
         return Course(int(training.get("seed", 0)), str(training.get("backend", "event")), None, self.report)
 
     def file(self, ending: str) -> Path:
-        """Of something under way."""
+        """Return the path of an intermediate file."""
         return self.beside.with_name(f"{self.beside.name}.{ending}")
 
     @cached_property
     def steps(self) -> list[tuple[int, Ints]]:
-        """The steps: a moment and all recordings where beginnings are learnt apart, else a fold and some of its own."""
+        """The steps: (moment, all recordings) with separate trainings, else (fold, some of its held-out recordings)."""
         if self.recogniser.method.by_moment:
             return [(moment, np.arange(len(self.data))) for moment in range(len(self.times))]
         return [
@@ -159,11 +160,11 @@ class HeldOut:
         ]
 
     def apart(self, done: int) -> Iterator[Decided]:
-        """Learn beginnings of each moment, of the other folds for each fold, and then of all; some steps are done."""
+        """Train separately for each moment, once per fold and once on all recordings; skip the first `done` steps."""
         method, course = self.recogniser.method, self.course
         beginnings = Beginnings(method, self.data, self.times, self.file("beginnings"))
-        for seen in beginnings.look():
-            self.report(Progress("looking at beginnings", seen, len(self.data)))
+        for finished in beginnings.look():
+            self.report(Progress("looking at beginnings", finished, len(self.data)))
         for moment, _ in self.steps[done:]:
             shown = beginnings.at(moment)
             scores = np.full((len(shown), len(shown.classes)), np.nan)
@@ -173,9 +174,9 @@ class HeldOut:
             yield (slice(None), moment), scores, method.fit(shown, course)
 
     def wholes(self, done: int) -> Iterator[Decided]:
-        """Ask what was learnt of the other folds' whole recordings about beginnings; some steps are done.
+        """Score beginnings with trainings on the other folds' whole recordings; skip the first `done` steps.
 
-        What is learnt of a fold is a recogniser with a file of its own, so that a kill costs little.
+        The training of a fold is saved as a recogniser of its own, so that an interruption loses little work.
         """
         method, classes, course = self.recogniser.method, self.recogniser.classes, self.course
         words: Any = {"seed": course.seed, "backend": course.backend, "report": course.report}
@@ -184,50 +185,50 @@ class HeldOut:
             self.report(Progress("looking at recordings", seen, total))
 
         shown = observe(method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=look)
-        asked: int | None = None
+        current_fold: int | None = None
         for fold, rows in self.steps[done:]:
-            if fold != asked:
+            if fold != current_fold:
                 message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
                 others = shown.take(self.folds[fold][0])
-                made = learn(method, others, message, out=self.file(f"fold{fold}"), **words)
-                asked, ask = fold, method.asker(made.learnt, self.backend)
+                fold_recogniser = learn(method, others, message, out=self.file(f"fold{fold}"), **words)
+                current_fold, ask = fold, method.asker(fold_recogniser.learnt, self.backend)
             evidence = [one for row in rows.tolist() for one in seen_until(method, self.data[row], self.times)]
             scores = ask(unlabelled(evidence, classes)).scores
             yield (rows, slice(None)), scores.reshape(len(rows), len(self.times), len(classes)), {}
 
     def clear(self) -> None:
-        """Remove the files of what was under way."""
+        """Delete all intermediate files."""
         Beginnings(self.recogniser.method, self.data, self.times, self.file("beginnings")).remove()
         for fold in range(len(self.folds)):
             self.file(f"fold{fold}").unlink(missing_ok=True)
 
     def decided(self, checkpoint: Checkpoint) -> Early:
-        """Do all steps, from where they were left."""
-        shape, kept = (len(self.data), len(self.times)), checkpoint.resume()
-        found = np.array(kept.get("margins", np.full(shape, np.nan)))
-        right = np.array(kept.get("right", np.zeros(shape, bool)))
-        learnt: dict[str, Array] = dict(kept.get("learnt", {}))
-        if not kept:  # before any other file, so that other options are refused by what they are called here
-            checkpoint.keep(done=np.array(0), margins=found, right=right, learnt=learnt)
-        done, labels, total = int(kept.get("done", 0)), self.data.labels, len(self.steps)
+        """Run the remaining steps from the last checkpoint, and return the decisions."""
+        shape, state = (len(self.data), len(self.times)), checkpoint.resume()
+        all_margins = np.array(state.get("margins", np.full(shape, np.nan)))
+        right = np.array(state.get("right", np.zeros(shape, bool)))
+        learnt: dict[str, Array] = dict(state.get("learnt", {}))
+        if not state:  # first of all files, so that an error about changed options names the options of this call
+            checkpoint.keep(done=np.array(0), margins=all_margins, right=right, learnt=learnt)
+        done, labels, total = int(state.get("done", 0)), self.data.labels, len(self.steps)
         way = self.apart if self.recogniser.method.by_moment else self.wholes
         self.report(Progress("deciding on recordings held out", done, total))
         for k, (where, scores, of_moment) in enumerate(way(done) if done < total else (), done):
-            decided = choose(scores.reshape(-1, scores.shape[-1])).reshape(scores.shape[:-1])
-            found[where] = margins(scores)
-            right[where] = decided == np.broadcast_to(labels[:, None], shape)[where]
+            labels_decided = choose(scores.reshape(-1, scores.shape[-1])).reshape(scores.shape[:-1])
+            all_margins[where] = margins(scores)
+            right[where] = labels_decided == np.broadcast_to(labels[:, None], shape)[where]
             learnt |= {f"{k}.{name}": np.asarray(part) for name, part in of_moment.items()}
-            checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
+            checkpoint.keep(done=np.array(k + 1), margins=all_margins, right=right, learnt=learnt)
             self.report(Progress("deciding on recordings held out", k + 1, total))
         by_moment: list[dict[str, Array]] = [{} for _ in range(len(self.times) if learnt else 0)]
         for place, part in learnt.items():
             moment, _, name = place.partition(".")
             by_moment[int(moment)][name] = part
-        return Early(Held(self.times, found, right, labels), tuple(by_moment))
+        return Early(Held(self.times, all_margins, right, labels), tuple(by_moment))
 
 
 MOST = 200
-"""Moments; more would mean an interval far below what changes decisions."""
+"""Largest number of moments. More moments would be so close that decisions hardly change between them."""
 FORMAT = "neuro recogniser early 2"
 
 
@@ -244,54 +245,54 @@ def learn_early(
 ) -> Recogniser:
     """Learn when decisions can be made before a recording ends.
 
-    A method of which `Method.by_moment` says so learns the beginnings of recordings apart, at each moment.
+    Methods with `Method.by_moment` train separately for each moment on the beginnings of recordings.
 
     Args:
-        recogniser: what was learnt of whole recordings.
-        data: labelled recordings of its classes, best those of its training.
-        every_ms: from moment to moment, up to the end of the longest recording.
-        folds: into which the recordings are cut; each is decided on by what was learnt of the others.
-        backend: runs networks that decide; those of folds are trained on what the recogniser was trained on.
-        out: file for the recogniser, also the one it has. What is reached is kept beside it, and the same call goes on
-            from there to the same bits.
-        cache: folder for what is computed of the recordings; None takes the user's.
-        report: called with the progress.
+    recogniser: recogniser that was trained on whole recordings.
+    data: labelled recordings of the same classes, best those of the training.
+    every_ms: time between moments, ms, up to the end of the longest recording.
+    folds: number of folds; the training on the others decides on each.
+    backend: backend that scores recordings; trainings of folds use the backend of the recogniser's training.
+    out: file for the recogniser, which may be its present one. Checkpoints are stored beside it: the same call resumes
+        an interrupted run and gives the same bits.
+    cache: folder for evidence of the recordings; None uses the user's cache.
+    report: function that is called with the progress.
 
     Returns:
-        The same with `early`.
+    The same recogniser with `early`.
 
     Raises:
-        ModelError: too many moments, a class with fewer recordings than folds, other classes, another backend for a
-            method without a network, a recording does not fit the method, or what is there of `out` was begun with
-            other options.
-        EventFileError: a recording is damaged.
+    ModelError: there are too many moments, a class has fewer recordings than folds, the classes differ, the method
+        has no network for the backend, a recording does not fit the method, or the checkpoint of `out` has other
+        options.
+    EventFileError: a recording is damaged.
     """
     method = recogniser.method
     if data.classes != recogniser.classes:
         raise ModelError(f"the recordings are of {list(data.classes)}, expected {list(recogniser.classes)}")
     method.check_backend(backend)
     times = moments(data, every_ms)
-    cut = data.folds(folds, seed=int(recogniser.training.get("seed", 0)))
+    splits = data.folds(folds, seed=int(recogniser.training.get("seed", 0)))
     settings = {"method": method.as_words(), **recogniser.training, "every": every_ms, "folds": folds}
     fingerprint = data.fingerprint()
     settings |= {"early data": fingerprint, "early backend": backend}
     with tempfile.TemporaryDirectory() if out is None else nullcontext("") as folder:
         beside = out or Path(folder) / "early"
         checkpoint = Checkpoint(beside, FORMAT, settings)
-        work = HeldOut(recogniser, data, fingerprint, times, cut, backend, beside, cache, report)
-        made = replace(recogniser, early=work.decided(checkpoint))
+        work = HeldOut(recogniser, data, fingerprint, times, splits, backend, beside, cache, report)
+        with_early = replace(recogniser, early=work.decided(checkpoint))
         if out is not None:
-            made.save(out)
+            with_early.save(out)
         work.clear()
         checkpoint.remove()
-    return made
+    return with_early
 
 
 def moments(data: Recordings, every_ms: float) -> Ints:
-    """(moments,) from the first event on, us: every few ms until the longest recording is over.
+    """Return the moments, (moments,) us after the first event: every `every_ms` up to the end of the longest recording.
 
     Raises:
-        ModelError: there are more than 200, or the interval is not above 0.
+    ModelError: there are more than 200, or the interval is not above 0.
     """
     longest = max(int(events.t[-1] - events.t[0]) if len(events) else 0 for events in (one.load() for one in data))
     if not (np.isfinite(every_ms) and 1000.0 * every_ms * MOST >= max(longest, MOST)):

@@ -1,4 +1,4 @@
-"""Bills of a decision on a recording, on chips and as dense layers: a table, and where its figures come from."""
+"""Energy of a decision on chips, per recording: bills, a table, and the assumptions and sources of the figures."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Priced:
-    """What it takes to decide on a recording.
+    """Bills of a network's run, per recording.
 
     Attributes:
-        run: of the network, on any backend.
-        recordings: that were shown.
-        bills: by target, of one recording.
-        refused: by target why it cannot run the network.
+    run: run of the network, on any backend.
+    recordings: number of recordings in the run.
+    bills: bill of one recording, by target.
+    refused: reason why a target cannot run the network, by target.
     """
 
     run: Run
@@ -45,59 +45,59 @@ def price(
     neurons_per_core: int | None = None,
     duration_s: float | None = None,
 ) -> Priced:
-    """The bill of a recording on each target.
+    """Compute the bill per recording on each target.
 
     Args:
-        run: of a network on some recordings, on any backend.
-        recordings: how many were shown.
-        targets: chips, processors or table files, see `neuro.Simulation.energy`.
-        neurons_per_core: of a chip, see `Answer`.
-        duration_s: of all recordings, see `Answer`.
+    run: run of a network on some recordings, on any backend.
+    recordings: number of recordings in the run.
+    targets: chips, processors or table files, see `neuro.Simulation.energy`.
+    neurons_per_core: limit for the placement on a chip, see `Answer`.
+    duration_s: total duration of the recordings, s, see `Answer`.
 
     Raises:
-        ModelError: there is no such target, or it has no published costs.
+    ModelError: there is no such target, or no costs of it are published.
     """
-    sim, taken = run
+    sim, trials = run
     from neuro.chips import chip, place, price as of_counts
 
     bills: dict[str, Energy] = {}
     refused: dict[str, str] = {}
     for name in targets:
-        asked = chip(name)
+        target = chip(name)
         if why := refusal(sim, name):
             refused[name] = why
-        elif neurons_per_core is None or asked.mesh is None or not asked.costs:
-            bills[name] = sim.energy(name, of=taken, duration_s=duration_s).per(recordings, "recording")
+        elif neurons_per_core is None or target.mesh is None or not target.costs:
+            bills[name] = sim.energy(name, of=trials, duration_s=duration_s).per(recordings, "recording")
         else:
-            placement = place(sim.program, asked, neurons_per_core=neurons_per_core)
-            bill = of_counts(sim.program, taken.raw_counts, placement, asked, duration_s=duration_s)
+            placement = place(sim.program, target, neurons_per_core=neurons_per_core)
+            bill = of_counts(sim.program, trials.raw_counts, placement, target, duration_s=duration_s)
             bills[name] = bill.per(recordings, "recording")
     return Priced(run, recordings, bills, refused)
 
 
 def refusal(sim: neuro.Simulation, target: str) -> str:
-    """Why a chip cannot run a network, the first reason; "" if it can, or if its arithmetic is not known here."""
+    """Return the first reason why a chip cannot run a network, or "" if it can or if its arithmetic is not modelled."""
     from neuro.chips import chip, quantise
 
-    asked = chip(target)
-    problems = quantise(sim.program, asked).problems if asked.arithmetic else ()
+    limits = chip(target)
+    problems = quantise(sim.program, limits).problems if limits.arithmetic else ()
     return next((f"{one.what}: {one.why}" for one in problems if one.refused), "")
 
 
 FORMAT = "neuro recognise energy 1"
 
 FRONT_END = (
-    "not in the bill: the camera, the front end, which makes spikes of events on the host, and the way between "
+    "not in the bill: the camera, the front end on the host that turns events into spikes, and the link between "
     "host and chip"
 )
 
 
 def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
-    """Refuse targets before anything is run.
+    """Check the targets before the network is run.
 
     Raises:
-        ModelError: the recogniser is no network, there is no such target, the network does not fit on it, or it has no
-            published costs.
+    ModelError: the recogniser is no network, there is no such target, the network does not fit on it, or no costs of
+        it are published.
     """
     net = recogniser.network()
     if net is None:
@@ -109,26 +109,26 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
 
 
 def bills(tried: Tried, targets: Iterable[str]) -> Priced:
-    """The bill of a recording on each target.
+    """Compute the bill per recording on each target.
 
     Args:
-        tried: what a network was run on, on any backend.
-        targets: chips, processors or table files, see `neuro.Simulation.energy`.
+    tried: test of a network, on any backend.
+    targets: chips, processors or table files, see `neuro.Simulation.energy`.
 
     Raises:
-        ModelError: as of `check_targets`.
+    ModelError: see `check_targets`.
     """
-    assert tried.answer.run is not None, "of a network only"
+    assert tried.answer.run is not None, "expected the test of a network"
     answer = tried.answer
     return price(tried.answer.run(), tried.own.n, targets, answer.neurons_per_core, answer.duration_s)
 
 
 def counted(priced: Priced) -> dict[str, float]:
-    """What a recording takes on the mean, whatever runs it; frames where it is shown as trials."""
-    sim, taken = priced.run
-    counts = taken.counts
+    """Return the mean counts per recording, which do not depend on the target; frames if recordings run as trials."""
+    sim, trials = priced.run
+    counts = trials.counts
     inputs = [name for name, part in sim.network().populations.items() if isinstance(part.model, neuro.spike_generator)]
-    sums = {"frames": len(taken)} if len(taken) else {}
+    sums = {"frames": len(trials)} if len(trials) else {}
     sums |= {
         "steps": counts.steps,
         "input_spikes": sum(counts.populations[name].spikes for name in inputs),
@@ -140,19 +140,22 @@ def counted(priced: Priced) -> dict[str, float]:
 
 
 def notes(priced: Priced) -> list[str]:
-    """What the bills do not include, and what dense layers would take if they were run once a frame."""
-    _, taken = priced.run
+    """Return the parts that bills do not include, and the energy of dense layers if they ran once per frame."""
+    _, trials = priced.run
     costs = {name: bill.by_cost() for name, bill in priced.bills.items()}
     dense = {name: by_cost["mac"] for name, by_cost in costs.items() if "mac" in by_cost}
-    if not dense or not len(taken):
+    if not dense or not len(trials):
         return [FRONT_END]
-    steps, frames = taken.counts.steps, len(taken)
+    steps, frames = trials.counts.steps, len(trials)
     once = ", ".join(f"{name} {quantity(joules * frames / steps, 'J')}" for name, joules in dense.items())
-    return [FRONT_END, f"dense layers once a frame, not in each of its {number(steps / frames)} steps: {once}"]
+    return [
+        FRONT_END,
+        f"dense layers run once per frame instead of in each of its {number(steps / frames)} steps: {once}",
+    ]
 
 
 def words(recogniser: Recogniser, tried: Tried, priced: Priced) -> str:
-    """The bills, the counts and the accuracy as JSON."""
+    """Return the bills, the counts and the accuracy as JSON."""
     own = tried.own
     about: dict[str, object] = {"format": FORMAT, "method": recogniser.method.called()}
     about |= {"backend": priced.run[0].backend, "accuracy": own.accuracy, "interval": list(own.interval)}
@@ -162,7 +165,7 @@ def words(recogniser: Recogniser, tried: Tried, priced: Priced) -> str:
 
 
 def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = False) -> None:
-    """Print what was counted, a row for each chip, and what that assumes, with the sources if asked for."""
+    """Print the counts, a row for each chip and the assumptions; with `sources`, also the sources of the figures."""
     own = tried.own
     low, high = own.interval
     right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
@@ -170,7 +173,7 @@ def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = F
     rows = [(bill.target, *bill.cells()) for bill in priced.bills.values()]
     rows += [(name, "refused", *["-"] * (len(COLUMNS) - 1)) for name in priced.refused]
     text = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
-    typer.echo(f"a recording: {text}\n")
+    typer.echo(f"per recording: {text}\n")
     console().print(table(("chip", *COLUMNS), rows, title=title))
     refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
     for line in (*refused, *footnotes(priced.bills.values(), sources), *notes(priced)):

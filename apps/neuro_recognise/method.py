@@ -1,9 +1,9 @@
-"""What every way of recognising is: settings, and three functions between events and scores.
+"""The base class of recognition methods: settings, and three functions between events and scores.
 
     events -> observe -> evidence -> fit -> learnt;  learnt, evidence -> answer -> scores
 
-What is observed of a recording does not depend on what was learnt, so it is computed once for all folds and kept. An
-observer sees a recording grow: events go in part after part, and what they show comes out whenever it is asked for.
+Evidence does not depend on what was learnt, so the evidence of a recording is computed once for all folds and cached.
+An observer receives the events of one recording in parts, and returns the evidence of all events so far at any time.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ if TYPE_CHECKING:
 
 
 SPLITS = "chosen on splits of N-MNIST's training recordings, which its accuracies are of, too"
-"""Source of a value that was chosen by what was reported afterwards, not on recordings apart."""
+"""Source of a value that was tuned on the same splits as its reported accuracy, not on separate recordings."""
 
 
 Learnt: TypeAlias = Mapping[str, Array | str]
-"""What training gives: arrays and texts by name, all that answering needs beside the settings."""
+"""Result of a training: arrays and texts by name. Together with the settings they suffice to compute scores."""
 
 Run: TypeAlias = "tuple[neuro.Simulation, neuro.TrialCounts]"
-"""The simulation that a network ran on, and what that took."""
+"""A simulation of a network, and the operations counted in its trials."""
 
 Drawings: TypeAlias = "Mapping[str, Figure]"
 """Pictures by name."""
 
 SILENT = -1
-"""The decision where nothing speaks for any class."""
+"""The decision for a recording without evidence for any class, whose scores are all NaN."""
 
 
 MAX_OUTSIDE = 0.05
-"""Share of a recording's events that may lie outside of the field and be left out."""
+"""Largest share of a recording's events outside of the field; these events are dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
-        what: is being done, e.g. "epoch 2 of 8".
-        done, total: of that.
-        right: share of what was done that was decided rightly, where that is known.
-        among: how many of how many such things are done, where there are several.
+    what: current activity, e.g. "epoch 2 of 8".
+    done, total: finished and total units of this activity.
+    right: share of correct decisions so far; None if unknown.
+    among: finished and total number of jobs, if several jobs run.
     """
 
     what: str
@@ -71,13 +71,13 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """How a training goes: what is random, what runs networks, and what is kept of it on the way.
+    """Conditions of a training: seed, backend, checkpoint and progress report.
 
     Attributes:
-        seed: of everything random.
-        backend: runs networks.
-        checkpoint: keeps the state, so that a killed training goes on; None keeps nothing.
-        report: called with the progress.
+    seed: seed of all random numbers.
+    backend: backend that runs networks.
+    checkpoint: file from which an interrupted training resumes; None stores nothing.
+    report: function that is called with the progress.
     """
 
     seed: int = 0
@@ -86,28 +86,28 @@ class Course:
     report: Callable[[Progress], None] = lambda progress: None
 
     def resume(self) -> dict[str, Any]:
-        """What `keep` wrote before a kill; nothing if there is none."""
+        """Return the last state that `keep` stored, or an empty dict."""
         return self.checkpoint.resume() if self.checkpoint else {}
 
     def keep(self, **parts: Array | Mapping[str, Array]) -> None:
-        """Keep the state of the training, in place of the one before."""
+        """Store the state of the training, and replace the previous state."""
         if self.checkpoint:
             self.checkpoint.keep(**parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What a recogniser says of recordings.
+    """Scores of recordings, and the run of the network that computed them.
 
     Attributes:
-        scores: (recordings, classes), the larger, the more speaks for a class; NaN in all of a row where nothing
-            speaks for any.
-        votes: the same by other ways of reading the same evidence, by name; `scores` are among them.
-        run: gives the run of the network on the same recordings, for bills; None without a network. A method that
-            answers by less than its whole network runs that only when asked.
-        neurons_per_core: of a chip, for bills, fewer than it allows; None for as many.
-        duration_s: how long the recordings last together, s, for bills in real time, where the network runs in a time
-            of its own, e.g. so many steps a frame; None where a step of the network is as long as on the recording.
+    scores: (recordings, classes), larger for a more likely class. A row is all NaN if there is no evidence for any
+        class.
+    votes: scores of other decision rules on the same evidence, by name. They include `scores`.
+    run: function that returns the run of the network on the same recordings, for the bill; None without a network. A
+        method that scores with less than its whole network simulates the rest only in this call.
+    neurons_per_core: limit of neurons per core of a chip, for the bill; None for the chip's own limit.
+    duration_s: total duration of the recordings, s, for bills in real time. It is set where simulated time differs
+        from recorded time, e.g. a fixed number of steps per frame; None where both are equal.
     """
 
     scores: Floats
@@ -119,35 +119,35 @@ class Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pictures:
-    """Pictures, each shown from its time on until that of the next.
+    """Images over time. Each is shown until the time of the next.
 
     Attributes:
-        name: what they are.
-        at_ms: (pictures,) since the first event, ascending.
-        images: (pictures, rows, columns), from 0 on; all are drawn on one scale.
-        told: a few words on each; none for ().
+    name: title of the images.
+    at_ms: (images,) times since the first event, ms, ascending.
+    images: (images, rows, columns), values >= 0; all share one colour scale.
+    captions: one for each image; () for none.
     """
 
     name: str
     at_ms: Floats
     images: Array
-    told: tuple[str, ...] = ()
+    captions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialView:
-    """Spikes of the trials of a network, each shown from its time on until that of the next.
+    """Spikes of a network's trials over time. Each trial is shown until the time of the next.
 
     Attributes:
-        name: whose spikes, e.g. "input spikes of each frame".
-        at_ms: (trials,) since the first event of the recording, ascending.
-        length_ms: of a trial.
-        size: number of neurons.
-        offsets: (trials + 1,) trial i has ``times[offsets[i]:offsets[i + 1]]``.
-        times: (spikes,) ms, since the beginning of the trial.
-        ids: (spikes,) neurons.
-        told: a few words on each trial, such as the winner; none for ().
-        bands: names of groups of equally many neurons, in the order of their ids; none for ().
+    name: title of the spikes, e.g. "input spikes of each frame".
+    at_ms: (trials,) times since the first event of the recording, ms, ascending.
+    length_ms: duration of a trial, ms.
+    size: number of neurons.
+    offsets: (trials + 1,) trial i has ``times[offsets[i]:offsets[i + 1]]``.
+    times: (spikes,) times since the beginning of the trial, ms.
+    ids: (spikes,) indices of the neurons.
+    captions: one for each trial, e.g. the winner; () for none.
+    bands: names of groups of equally many neurons, in the order of their ids; () for none.
     """
 
     name: str
@@ -157,7 +157,7 @@ class TrialView:
     offsets: Ints
     times: Floats
     ids: Ints
-    told: tuple[str, ...] = ()
+    captions: tuple[str, ...] = ()
     bands: tuple[str, ...] = ()
 
 
@@ -169,19 +169,20 @@ class Method(Settings):
     """Base of all methods: a frozen dataclass of settings.
 
     Attributes:
-        size: width and height of the field that is looked at, px, from the top left pixel; 0 takes the sensor's.
+    size: width and height of the field in px, from the top left pixel. The field is the part of the sensor whose
+        events are used; 0 uses the whole sensor.
 
     Class attributes:
-        title: what it is, in one line.
-        source: where it is described.
-        needs: an extra that training needs, "" for none.
-        spikes: whether it is a spiking network, which has a bill on chips.
-        changeable: settings that may be changed after training, since what was learnt goes with any of their values.
-        by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
-            beginning differs from what is seen of the whole.
-        unobserved: settings that what is observed does not depend on, such as those of learning.
-        presets: other settings by name, as values that differ; the first, without a name, are the defaults.
-        measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
+    title: description in one line.
+    source: publication or page that describes the method.
+    needs: optional dependency (extra) that training needs, "" for none.
+    spikes: whether the method is a spiking network, which has a bill on chips.
+    changeable: settings that may be changed after training, because `Learnt` is valid for any of their values.
+    by_moment: whether deciding early needs a separate training for each duration, because the evidence of a beginning
+        differs from that of a whole recording.
+    unobserved: settings that evidence does not depend on, e.g. those of learning.
+    presets: named sets of settings that differ from the defaults.
+    measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
     """
 
     title: ClassVar[str]
@@ -202,56 +203,60 @@ class Method(Settings):
             raise ModelError(f"{self.place()}: size = {list(self.size)}: expected width and height")
 
     def place(self) -> str:
-        """``method`` and its name."""
+        """Return ``method`` and the method's name, as error messages begin."""
         return f"method '{self.called()}'"
 
     def way_out_of_silence(self) -> str:
-        """Return what to change where recordings get no decision, with the settings that are thresholds."""
+        """Return advice for recordings without a decision: lower the threshold settings, or use more events."""
         thresholds = [f"--set {row.name}={row.value:g}" for row in self.rows() if "threshold" in row.doc]
         lower = f"expected lower values than {', '.join(thresholds)}, or " if thresholds else "expected "
         return f"{lower}recordings with more events"
 
     def preset(self, name: str) -> Self:
-        """These settings with those of a preset.
+        """Return these settings with the values of a preset.
 
         Raises:
-            ModelError: there is none of that name.
+            ModelError: the method has no preset of that name.
         """
         if name not in self.presets:
             raise unknown(f"settings of {self.place()}", name, self.presets)
         return self.changed(self.presets[name])
 
     def fitting(self, size: tuple[int, int]) -> Self:
-        """These settings with everything decided that follows from the sensor.
+        """Return these settings with the values that follow from the sensor filled in.
 
         Args:
-            size: its width and height, px.
+            size: width and height of the sensor, px.
         """
         return replace(self, size=size) if self.size == (0, 0) else self
 
     def inside(self, events: Events) -> Events:
-        """The events inside the field, as of a sensor of its size.
+        """Return the events inside the field; the result has the field as its sensor size.
 
         Raises:
-            ModelError: more than 5 % of the events lie outside of it.
+            ModelError: more than 5 % of the events lie outside of the field.
         """
-        left = self.within(events)
-        self.check_outside(len(events) - len(left), len(events))
-        return left
+        cropped = self.within(events)
+        self.check_outside(len(events) - len(cropped), len(events))
+        return cropped
 
     def within(self, events: Events) -> Events:
-        """The events inside the field, as of a sensor of its size, however many that are."""
+        """Return the events inside the field, as `inside` does, but without a limit for events outside."""
         width, height = self.size
         if events.sensor_size == self.size:
             return events
-        left = events[(events.x < width) & (events.y < height)]
-        return Events(left.t, left.x, left.y, left.p, (width, height))
+        cropped = events[(events.x < width) & (events.y < height)]
+        return Events(cropped.t, cropped.x, cropped.y, cropped.p, (width, height))
 
     def check_outside(self, outside: int, total: int) -> None:
-        """Refuse a recording of which too much lies outside of the field.
+        """Check that at most 5 % of the events of a recording lie outside of the field.
+
+        Args:
+            outside: number of events outside.
+            total: number of all events.
 
         Raises:
-            ModelError: it is more than 5 % of the events.
+            ModelError: more than 5 % lie outside.
         """
         width, height = self.size
         if outside > MAX_OUTSIDE * total:
@@ -263,13 +268,13 @@ class Method(Settings):
             )
 
     def check_backend(self, name: str) -> None:
-        """Refuse a backend that nothing would run on, or that is not there.
+        """Check that a backend exists and that the method has a network to run on it.
 
         Args:
-            name: of a backend; "event" is every method's default.
+            name: name of the backend; every method accepts "event", the default.
 
         Raises:
-            ModelError: there is none of this name, or the method has no network.
+            ModelError: the backend does not exist, or the method has no network.
         """
         if name != "event" and not self.spikes:
             networks = ", ".join(known for known, method in METHODS.items() if method.spikes)
@@ -280,54 +285,54 @@ class Method(Settings):
         find_backend(name)
 
     def fixed(self) -> Mapping[str, Any]:
-        """The settings that a training under way cannot change, as plain data."""
+        """Return the settings that must not change when a training resumes, as plain data."""
         return self.as_words()
 
     def observing(self) -> Mapping[str, Any]:
-        """The settings that `observe` depends on, as plain data: equal ones give the same evidence."""
+        """Return the settings that evidence depends on, as plain data. Equal settings give equal evidence."""
         return {name: value for name, value in self.as_words().items() if name not in self.unobserved}
 
     @abstractmethod
     def observe(self, events: Events) -> Evidence:
-        """What a recording shows, whatever was learnt.
+        """Compute the evidence of a recording; independent of training.
 
         Raises:
             ModelError: the recording does not fit the settings.
         """
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
-        """What the beginnings of a recording show.
+        """Compute the evidence of several beginnings of a recording.
 
         Args:
             events: the recording.
-            times_us: how long each beginning is from the first event on, us, ascending.
+            times_us: durations of the beginnings, counted from the first event, us, ascending.
         """
         first, begin = int(events.t[0]) if len(events) else 0, 0
-        observer, found = self.observer(), []
+        observer, evidence = self.observer(), []
         for time in times_us:
             end = int(np.searchsorted(events.t, first + time, "right"))
             observer.add(events[begin:end])
-            found.append(observer.evidence())
+            evidence.append(observer.evidence())
             begin = end
-        return found
+        return evidence
 
     def observer(self) -> Observer:
-        """What sees a recording grow; a method that need not look at all events again has its own."""
+        """Return a new observer. Methods that can update their evidence incrementally override this."""
         return Whole(self.observe, self.size)
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
-        """What this method makes of a recording on the way, by time, for `neuro recognise watch`; none by default.
+        """Return intermediate results over time, e.g. frames or spikes, for `neuro recognise watch`; none by default.
 
         Args:
             events: the recording, at least one event.
-            learnt: by `fit`.
-            classes: names.
+            learnt: result of `fit`.
+            classes: names of the classes.
         """
         return ()
 
     @abstractmethod
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Learn from what labelled recordings show.
+        """Learn from the evidence of labelled recordings.
 
         Raises:
             ModelError: there is too little to learn from.
@@ -335,29 +340,29 @@ class Method(Settings):
 
     @abstractmethod
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """What was learnt, asked about recordings.
+        """Compute the scores of recordings.
 
         Args:
-            learnt: by `fit`.
-            shown: what the recordings show; their labels are not looked at.
-            backend: runs networks.
+            learnt: result of `fit`.
+            shown: evidence of the recordings; labels are ignored.
+            backend: backend that runs networks.
         """
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """`answer` with all that can be prepared: for asking often. It gives the same bits whatever it was asked."""
+        """Prepare `answer` for repeated use. The returned function gives the same bits in every call order."""
         return partial(self.answer, learnt, backend=backend)
 
     def network(self, learnt: Learnt) -> neuro.Network | None:
-        """The learnt network, None for a method without."""
+        """Return the learnt network, None for a method without one."""
         return None
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """What was learnt, as pictures by name; none where there is nothing to see."""
+        """Draw what was learnt, as pictures by name; empty if the method has none."""
         return {}
 
 
 def choose(scores: Floats) -> Ints:
-    """The class with the largest score of each row, `SILENT` where all are NaN."""
+    """Return the class with the largest score of each row, `SILENT` for a row of NaN."""
     silent = np.isnan(scores).all(axis=1)
     return np.where(silent, SILENT, np.where(np.isnan(scores), -np.inf, scores).argmax(axis=1))
 
@@ -369,27 +374,27 @@ METHODS: Registry[type[Method]] = Registry(
 
 
 class Observer(ABC):
-    """Sees one recording grow."""
+    """Computes the evidence of one recording from events that arrive in parts."""
 
     @abstractmethod
     def add(self, events: Events) -> None:
-        """Take in the next events."""
+        """Add the next events."""
 
     @abstractmethod
     def evidence(self) -> Evidence:
-        """What `Method.observe` gives of all events so far, to the bit.
+        """Return the evidence of all events so far, to the bit as `Method.observe` of the same events.
 
         Raises:
-            ModelError: they do not fit the method.
+            ModelError: the events do not fit the method.
         """
 
 
 class Whole(Observer):
-    """Keeps the events and observes all of them anew: right for every method.
+    """Stores all events and observes them again at each call of `evidence`; correct for every method.
 
     Args:
-        observe: `Method.observe`.
-        size: of the field, for a recording without events.
+    observe: `Method.observe`.
+    size: size of the field, px, for a recording without events.
     """
 
     def __init__(self, observe: Callable[[Events], Evidence], size: tuple[int, int]) -> None:
@@ -397,34 +402,34 @@ class Whole(Observer):
         self._parts: list[Events] = []
 
     def add(self, events: Events) -> None:
-        """Keep the next events."""
+        """Store the next events."""
         if len(events):
             self._parts.append(events)
 
     def evidence(self) -> Evidence:
-        """Observe what was kept."""
+        """Observe all stored events."""
         none: Any = []
-        seen = joined_parts(self._parts) if self._parts else Events(none, none, none, none, self._size)
-        self._parts = [seen] if len(seen) else []
-        return self._observe(seen)
+        events = joined_parts(self._parts) if self._parts else Events(none, none, none, none, self._size)
+        self._parts = [events] if len(events) else []
+        return self._observe(events)
 
 
 class Grows(Protocol):
-    """A description that grows event by event."""
+    """A description that is updated with each event."""
 
     def add(self, events: Events) -> None:
-        """Take in the next events."""
+        """Add the next events."""
 
     def histograms(self) -> npt.NDArray[np.floating]:
-        """The description of all events so far."""
+        """Return the description of all events so far."""
 
 
 class Growing(Observer):
-    """Sees by a description that grows, so that a moment costs what came since the last, not all that came.
+    """Updates a description incrementally: each call costs time for the new events only, not for all events.
 
     Args:
-        field: what is looked at.
-        description: without events yet; its values are the evidence "vector".
+    field: the method, whose field selects the events.
+    description: description without events; its values become the evidence "vector".
     """
 
     def __init__(self, field: Method, description: Grows) -> None:
@@ -432,13 +437,13 @@ class Growing(Observer):
         self._outside = self._total = 0
 
     def add(self, events: Events) -> None:
-        """Describe the next events."""
+        """Add the next events to the description."""
         within = self._field.within(events)
         self._total += len(events)
         self._outside += len(events) - len(within)
         self._description.add(within)
 
     def evidence(self) -> Evidence:
-        """The description as a vector."""
+        """Return the description as a vector."""
         self._field.check_outside(self._outside, self._total)
         return {"vector": self._description.histograms().ravel().astype(np.float32)}

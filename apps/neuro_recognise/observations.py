@@ -1,12 +1,12 @@
-"""What the recordings of a data set show, computed once and kept in files of a few hundred recordings each.
+"""Evidence of a data set, computed once and cached in files of a few hundred recordings each.
 
-A file is whole or not there, so a kill costs only what was being computed. What other code observed is not used: a
-folder is named after the settings, the recordings and a digest of the code that computes. Each array of each recording
-is read when it is asked for:
+A file is either complete or missing, so an interruption loses at most one file. The folder's name is a hash of the
+settings, the recordings and the source code that computes evidence, so results of other code are never used. Each array
+of a recording is read on access:
 
 ```
-/NAME/shape     (recordings, axes) of the arrays of this name
-/NAME/values    these arrays, flat, one after the other
+/NAME/shape     (recordings, axes) shapes of the arrays of this name
+/NAME/values    these arrays, flattened and concatenated
 ```
 """
 
@@ -34,7 +34,7 @@ from neuro_recognise.method import Method
 from neuro_recognise.shown import Array, Evidence, Features, Ints, Lazy, unlabelled
 
 OURS = ("neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train")
-"""Packages that compute what is observed and learnt; another backend is a setting."""
+"""Packages whose code affects evidence and training. Code of other backends is not included: a backend is a setting."""
 ONLY_TELL = {
     ("neuro", "cli"),
     ("neuro_recognise", "telling"),
@@ -42,27 +42,29 @@ ONLY_TELL = {
     ("neuro_train", "telling.py"),
     ("neuro_train", "cli.py"),
 }
-"""Rooms in which nothing is computed that is kept."""
+"""Modules and packages that only report, so their code does not affect cached results."""
 PLAIN = (bool, int, float, str)
 
 
 def code_of(method: Settings) -> str:
-    """A digest of the sources that a method and its parts come from: equal for equal code.
+    """Return a hash of the source code of a method and its parts.
 
-    Of this package all that computes counts; of a third-party class its file, and the files beside it or of its package
-    that it takes names from. What was typed into a notebook counts by its functions.
+    The hash covers the project's packages in `OURS`. For a third-party class it covers its file, and the files of the
+    same package or folder from which it imports names. For a class of a notebook it covers the functions' bytecode.
     """
     classes = dict.fromkeys(_classes(method))
     digest = hashlib.sha256(_ours().encode())
     for name, module in sorted(_with_neighbours(cls.__module__ for cls in classes).items()):
-        held = vars(module).values() if module else [cls for cls in classes if cls.__module__ == name]
+        members = vars(module).values() if module else [cls for cls in classes if cls.__module__ == name]
         file = getattr(module, "__file__", None)
-        digest.update(f"\0{name}\0".encode() + (_text(Path(file)) if file else repr([*_told(held, name)]).encode()))
+        digest.update(
+            f"\0{name}\0".encode() + (_text(Path(file)) if file else repr([*_bytecode(members, name)]).encode())
+        )
     return digest.hexdigest()[:32]
 
 
 def _classes(settings: Settings) -> Iterator[type]:
-    """The classes of settings and of the parts in them, with all that they inherit from."""
+    """Yield the classes of settings and of their parts, with all base classes."""
     yield from type(settings).__mro__
     for one in fields(settings):
         value = getattr(settings, one.name)
@@ -72,7 +74,7 @@ def _classes(settings: Settings) -> Iterator[type]:
 
 @cache
 def _ours() -> str:
-    """The digest of our own sources; read once, as it is the code that runs which counts."""
+    """Return the hash of the project's sources, computed once because the loaded code does not change."""
     digest = hashlib.sha256()
     for folder in _folders():
         for file in sorted(folder.rglob("*")):
@@ -88,22 +90,24 @@ def _folders() -> list[Path]:
 
 
 def _with_neighbours(names: Iterable[str]) -> dict[str, ModuleType | None]:
-    """The third-party modules of some names, and those of the same place that they have names of."""
-    found: dict[str, ModuleType | None] = {}
+    """Return the third-party modules of these names, and those of the same package or folder that they import from."""
+    modules: dict[str, ModuleType | None] = {}
     waiting = [*names]
     while waiting:
         name = waiting.pop()
         first = name.partition(".")[0]
-        if name not in found and first not in OURS and (first == "__main__" or first not in sys.stdlib_module_names):
-            found[name] = module = sys.modules.get(name)
-            held = vars(module).values() if module else ()
-            others = {one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", "") for one in held}
+        if name not in modules and first not in OURS and (first == "__main__" or first not in sys.stdlib_module_names):
+            modules[name] = module = sys.modules.get(name)
+            members = vars(module).values() if module else ()
+            others = {
+                one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", "") for one in members
+            }
             waiting += [other for other in others if isinstance(other, str) and _together(name, other)]
-    return found
+    return modules
 
 
 def _together(name: str, other: str) -> bool:
-    """Whether two modules are of one package, or files of one folder."""
+    """Return whether two modules belong to one package, or are files of one folder."""
     if "." in name or "." in other:
         return name.partition(".")[0] == other.partition(".")[0]
     here, there = (getattr(sys.modules.get(each), "__file__", None) for each in (name, other))
@@ -112,25 +116,27 @@ def _together(name: str, other: str) -> bool:
 
 @cache
 def _text(file: Path) -> bytes:
-    """The source of a module, likewise read once."""
+    """Return the source of a module, cached."""
     return file.read_bytes() if file.is_file() else b""
 
 
-def _told(things: Iterable[object], module: str) -> Iterator[object]:
-    """What the functions and classes do that were defined in a module."""
+def _bytecode(things: Iterable[object], module: str) -> Iterator[object]:
+    """Yield the bytecode of the functions and methods defined in a module, with the plain globals that they read."""
     for thing in things:
-        inner = getattr(thing, "fget", None) or getattr(thing, "__func__", thing)  # of properties and class methods
+        inner = getattr(thing, "fget", None) or getattr(thing, "__func__", thing)  # unwrap properties and class methods
         if getattr(inner, "__module__", None) == module:
             if isinstance(inner, type):
-                yield from _told([*vars(inner).values()], module)
+                yield from _bytecode([*vars(inner).values()], module)
             elif isinstance(inner, FunctionType):
-                known = inner.__globals__
-                plain = {name: known[name] for name in inner.__code__.co_names if isinstance(known.get(name), PLAIN)}
+                namespace = inner.__globals__
+                plain = {
+                    name: namespace[name] for name in inner.__code__.co_names if isinstance(namespace.get(name), PLAIN)
+                }
                 yield _instructions(inner.__code__), plain
 
 
 def _instructions(code: CodeType) -> tuple[object, ...]:
-    """What a function does, without where it stands."""
+    """Return the instructions of a function without its source position."""
     inner = (_instructions(one) if isinstance(one, CodeType) else one for one in code.co_consts)
     return code.co_code, code.co_names, [sorted(one, key=repr) if isinstance(one, frozenset) else one for one in inner]
 
@@ -139,11 +145,11 @@ FORMAT = "neuro recognise evidence 1"
 
 
 def keep(file: Path, evidence: Sequence[Evidence]) -> None:
-    """Write a file, in the place of whatever is there.
+    """Write evidence to a file, and replace an existing file.
 
     Raises:
-        OSError: its folder cannot be made.
-        Unwritable: the file cannot be written.
+    OSError: the folder cannot be created.
+    Unwritable: the file cannot be written.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     with hdf5.writing(file, FORMAT, replace=True) as out:
@@ -151,7 +157,7 @@ def keep(file: Path, evidence: Sequence[Evidence]) -> None:
 
 
 def write_evidence(group: Any, evidence: Sequence[Evidence]) -> None:
-    """Write evidence of some recordings, at least one, into a group of HDF5, a group for each name."""
+    """Write the evidence of at least one recording into an HDF5 group, with one subgroup for each name."""
     for name in evidence[0]:
         arrays = [one[name] for one in evidence]
         group[f"{name}/shape"] = np.array([array.shape for array in arrays], np.int64)
@@ -159,11 +165,11 @@ def write_evidence(group: Any, evidence: Sequence[Evidence]) -> None:
 
 
 class KeptAnswers(Lazy[Evidence]):
-    """The recordings of a file, which is opened when one of them is asked for.
+    """Evidence of the recordings in a file, which is opened on first access.
 
     Args:
-        file: as `keep` wrote it.
-        n: recordings in it.
+    file: file that `keep` wrote.
+    n: number of recordings in the file.
     """
 
     def __init__(self, file: Path, n: int) -> None:
@@ -188,13 +194,13 @@ class _One(Mapping[str, Array]):
 
 
 class _Place(NamedTuple):
-    """Where the arrays of a name lie in a file.
+    """Position of the arrays of one name in a file.
 
     Attributes:
-        offset: of the first byte.
-        dtype: of the values.
-        shapes: (recordings, axes).
-        begins: (recordings + 1,) number of the first value of each.
+    offset: position of the first byte.
+    dtype: data type of the values.
+    shapes: (recordings, axes).
+    begins: (recordings + 1,) index of the first value of each recording.
     """
 
     offset: int
@@ -204,22 +210,22 @@ class _Place(NamedTuple):
 
 
 class _File:
-    """An open file, which stays what it was where another takes its name.
+    """An open file of evidence. It stays readable after another file has replaced its name.
 
-    HDF5 takes ten times as long for so little, so it is asked only where the arrays lie.
+    HDF5 is used only to find the arrays' positions, because reading a small array with it takes ten times as long.
     """
 
     def __init__(self, path: Path) -> None:
         self.places = dict[str, _Place]()
-        with hdf5.reading(path, FORMAT) as kept:
-            for name, group in kept.items():
+        with hdf5.reading(path, FORMAT) as stored:
+            for name, group in stored.items():
                 shapes, values = group["shape"][()], group["values"]
                 begins = np.concatenate(([0], np.cumsum(shapes.prod(axis=1)))).astype(np.int64)
                 self.places[name] = _Place(values.id.get_offset() or 0, values.dtype, shapes, begins)
         self._path, self._number = path, os.open(path, os.O_RDONLY)
 
     def read(self, name: str, k: int) -> Array:
-        """The array of a recording.
+        """Read one array of a recording.
 
         Raises:
             ModelError: the file is damaged.
@@ -242,27 +248,27 @@ def _opened(kept: KeptAnswers) -> _File:
 
 
 AT_ONCE = 500
-"""Recordings in a file."""
+"""Number of recordings in a file."""
 
 Report = Callable[[int, int], None]
 T = TypeVar("T")
 
 
 def observed(method: Method, recordings: Iterable[Events], classes: Sequence[str]) -> Features:
-    """What some recordings without labels show, in memory.
+    """Compute the evidence of recordings without labels, in memory.
 
     Raises:
-        ModelError: one does not fit the method.
+    ModelError: a recording does not fit the method.
     """
     return unlabelled([method.observe(events) for events in recordings], tuple(classes))
 
 
 def seen_of(recording: Sample, look: Callable[[Events], T]) -> T:
-    """What a function makes of the events of a recording.
+    """Load the events of a recording, and return `look(events)`.
 
     Raises:
-        EventFileError: the recording is damaged.
-        ModelError: it does not fit the method; it is named.
+    EventFileError: the recording is damaged.
+    ModelError: the recording does not fit the method; the message names it.
     """
     events = recording.load()
     try:
@@ -274,34 +280,34 @@ def seen_of(recording: Sample, look: Callable[[Events], T]) -> T:
 def observe(
     method: Method, data: Recordings, *, fingerprint: str = "", cache: Path | None = None, report: Report | None = None
 ) -> Features:
-    """What a data set shows, from where it was kept or computed now.
+    """Return the evidence of a data set, from the cache or computed now.
 
     Args:
-        method: its settings decide what is looked at.
-        data: labelled recordings.
-        fingerprint: of the data, where it is known already; to find it all recordings are read.
-        cache: folder in which results are kept, one folder for each contents, settings and code; None takes the
-            user's cache. Where it cannot be written everything stays in memory.
-        report: called with how many recordings are done, and of how many.
+    method: method that observes the recordings.
+    data: labelled recordings.
+    fingerprint: fingerprint of the data, if known; computing it reads all recordings.
+    cache: folder for results, with a subfolder for each combination of contents, settings and code; None uses the
+        user's cache. If it is not writable, results stay in memory.
+    report: function that is called with the number of finished and of all recordings.
 
     Raises:
-        EventFileError: a recording is damaged.
-        ModelError: one does not fit the method; it is named.
+    EventFileError: a recording is damaged.
+    ModelError: a recording does not fit the method; the message names it.
     """
     import platformdirs
 
-    looks = json.dumps(method.observing(), sort_keys=True)
-    key = f"{method.called()} {looks} {code_of(method)} {fingerprint or data.fingerprint()}"
+    settings = json.dumps(method.observing(), sort_keys=True)
+    key = f"{method.called()} {settings} {code_of(method)} {fingerprint or data.fingerprint()}"
     name = hashlib.sha256(key.encode()).hexdigest()[:32]
     folder = (cache or platformdirs.user_cache_path("neuro") / "recognise") / name
     parts: list[Sequence[Evidence]] = []
     for first in range(0, len(data), AT_ONCE):
         file = folder / f"{first:08d}.h5"
-        wanted = min(AT_ONCE, len(data) - first)
-        parts.append(KeptAnswers(file, wanted))
+        count = min(AT_ONCE, len(data) - first)
+        parts.append(KeptAnswers(file, count))
         if not hdf5.is_whole(file, FORMAT):
             computed: list[Evidence] = []
-            for item in data[first : first + wanted]:
+            for item in data[first : first + count]:
                 computed.append(seen_of(item, method.observe))
                 if report:
                     report(first + len(computed), len(data))
@@ -310,12 +316,12 @@ def observe(
             except (OSError, Unwritable):
                 parts[-1] = computed
         if report:
-            report(first + wanted, len(data))
-    evidence = Lazy(len(data), partial(_joined, parts))
+            report(first + count, len(data))
+    evidence = Lazy(len(data), partial(_evidence_at, parts))
     return Features(evidence, data.labels, tuple(item.name for item in data), data.classes)
 
 
-def _joined(parts: Sequence[Sequence[Evidence]], k: int) -> Evidence:
-    """Return that of one of several files of `AT_ONCE` recordings."""
+def _evidence_at(parts: Sequence[Sequence[Evidence]], k: int) -> Evidence:
+    """Return evidence k of a data set that is stored in parts of `AT_ONCE` recordings."""
     part, place = divmod(k, AT_ONCE)
     return parts[part][place]

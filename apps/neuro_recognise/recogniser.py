@@ -1,4 +1,4 @@
-"""A trained recogniser, what users hold, and how one is trained: what makes its training the same as another."""
+"""Trained recognisers: training, prediction and files, and the check that a training is the same as an earlier one."""
 
 from __future__ import annotations
 
@@ -32,85 +32,91 @@ REPLACE = "give another name, or --force (in Python replace=True) to replace it"
 
 
 def settled(method: Method, data: Recordings) -> Method:
-    """A method with everything decided that follows from the recordings to learn from.
+    """Return a method with all settings filled in that follow from the training data.
 
     Raises:
-        EventFileError: as of `field_of`.
-        ModelError: the method cannot look at a field of this size.
+    EventFileError: see `field_of`.
+    ModelError: the method does not support a field of this size.
     """
     return method.fitting(field_of(data))
 
 
 def field_of(data: Recordings) -> tuple[int, int]:
-    """Width and height of the field that recordings to learn from need, px.
+    """Return width and height of the field that covers all training recordings, px.
 
     Raises:
-        EventFileError: there are none, all are of one class, or one is damaged.
+    EventFileError: there are no recordings, all have the same class, or one is damaged.
     """
-    there = set(data.labels.tolist()) - {UNKNOWN}
-    if len(there) < 2:
-        only = f"has only the class '{data.classes[there.pop()]}'" if there else "has no recordings with a class"
+    labels = set(data.labels.tolist()) - {UNKNOWN}
+    if len(labels) < 2:
+        problem = f"has only the class '{data.classes[labels.pop()]}'" if labels else "has no recordings with a class"
         if data.layout == "recording":
-            only = "is a single recording"
-        raise EventFileError(data.path, f"{only}: expected recordings of at least two classes")
+            problem = "is a single recording"
+        raise EventFileError(data.path, f"{problem}: expected recordings of at least two classes")
     return data.sensor_size(setting="--set size=[WIDTH, HEIGHT]")
 
 
 def digest_of(fingerprint: str) -> str:
-    """A short text that differs for other recordings."""
+    """Return a short hash of a data set's fingerprint."""
     return hashlib.blake2b(fingerprint.encode(), digest_size=16).hexdigest()
 
 
 def training_record(method: Method, digest: str, recordings: int, seed: int, backend: str) -> dict[str, Any]:
-    """The record of a training beside the settings."""
+    """Return the conditions of a training other than its settings."""
     return {"seed": seed, "backend": backend, "data": digest, "recordings": recordings, "code": code_of(method)}
 
 
 def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Training]) -> None:
-    """Refuse to replace a recogniser by that of another training.
+    """Check that a training has the same settings and conditions as the recogniser that it would replace.
+
+    Args:
+    out: file of the recogniser.
+    there: method and training of the recogniser in the file.
+    now: method and training of the new one.
 
     Raises:
-        ModelError: with the first thing that differs.
+    ModelError: a value differs; the message names the first.
     """
     before, after = ({"method": one.called(), **one.as_words(), **training} for one, training in (there, now))
     for name in before | after:
         values = before.get(name), after.get(name)
         if values[0] != values[1]:
-            was, found = (next(iter(value)) if isinstance(value, dict) else value for value in values)  # a part's name
-            what = OTHER.get(name, f"{name} = {was}: found {found} now")
+            # A part of the settings is a dict with its name as the only key.
+            old, new = (next(iter(value)) if isinstance(value, dict) else value for value in values)
+            what = OTHER.get(name, f"{name} = {old}: found {new} now")
             raise ModelError(f"{out}: a recogniser that was trained with {what}", hint=REPLACE)
 
 
 AT_MOST = 4
-"""Kept ready; those that were not asked for longest go first."""
+"""Largest number of prepared functions in `Ready`; the least recently used is dropped first."""
 
 Ask: TypeAlias = Callable[[Features], Answer]
 
 
 class Ready:
-    """Functions that answer, of a few things learnt.
+    """Cache of prepared scoring functions (`Method.asker`), one for each training result and backend.
 
-    Copies, also those for another process, begin with none.
+    Copies start empty, also when pickled for another process.
     """
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[int, str], tuple[Learnt, Ask]] = OrderedDict()
+        self._askers: OrderedDict[tuple[int, str], tuple[Learnt, Ask]] = OrderedDict()
 
     def asker(self, method: Method, learnt: Learnt, backend: str) -> Ask:
-        """That of `Method.asker`, made where it is not there. One thing learnt is always asked by one method.
+        """Return the cached `Method.asker`, or create it. A training result must always come with the same method.
 
         Raises:
             ModelError: the method cannot run on the backend.
         """
         key = (id(learnt), backend)
-        if key not in self._kept:
+        if key not in self._askers:
             method.check_backend(backend)
-            # what was learnt is kept, too, so that no other gets its id
-            self._kept[key] = learnt, method.asker(learnt, backend)
-        self._kept.move_to_end(key)
-        while len(self._kept) > AT_MOST:
-            self._kept.popitem(last=False)
-        return self._kept[key][1]
+            # A reference to `learnt` is stored, so that no other object can get the same id.
+            self._askers[key] = learnt, method.asker(learnt, backend)
+        self._askers.move_to_end(key)
+        while len(self._askers) > AT_MOST:
+            self._askers.popitem(last=False)
+        return self._askers[key][1]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Ready, ()
@@ -122,14 +128,14 @@ FORMAT = "neuro recogniser 1"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recogniser:
-    """What training gives, and all that recognising needs.
+    """A trained recogniser: method, classes and everything that was learnt.
 
     Attributes:
-        method: settings of the training, with all that followed from the recordings.
-        classes: names.
-        learnt: arrays and texts by name.
-        training: what it was trained on and with: seed, backend, number and hash of the recordings.
-        early: what decisions while events arrive need; None where it was not learnt (see `learn_early`).
+    method: settings of the training, including those that followed from the recordings.
+    classes: names of the classes.
+    learnt: arrays and texts by name.
+    training: conditions of the training: seed, backend, number and hash of the recordings.
+    early: data for early decisions; None until `learn_early` was run.
     """
 
     method: Method
@@ -140,39 +146,39 @@ class Recogniser:
     _ready: Ready = field(default_factory=Ready, init=False, repr=False)
 
     def scores(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Floats:
-        """What speaks for each class.
+        """Compute the score of each class.
 
         Args:
-            recordings: a data set, some recordings, or one.
-            backend: runs networks.
+            recordings: a data set, several recordings, or one.
+            backend: backend that runs networks.
 
         Returns:
-            (recordings, classes), the larger, the more; NaN in all of a row where nothing speaks for any class.
+            (recordings, classes), larger for a more likely class. A row without evidence for any class is all NaN.
 
         Raises:
             EventFileError: a recording is damaged.
-            ModelError: one does not fit the method, or the backend cannot run it.
+            ModelError: a recording does not fit the method, or the backend cannot run the method.
         """
         return self.answer(recordings, backend).scores
 
     def predict(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Ints:
-        """The class of each recording, an index into `classes`; -1 where nothing speaks for any. Errors as `scores`."""
+        """Return the class of each recording as an index into `classes`, -1 without evidence. Errors: see `scores`."""
         return choose(self.scores(recordings, backend))
 
     def scores_at(self, recording: Events, times_ms: Sequence[float], backend: str = "event") -> Floats:
-        """What speaks for each class after the first milliseconds of a recording.
+        """Compute the score of each class from the first milliseconds of a recording.
 
         Args:
-            recording: its events.
-            times_ms: from its first event on, >= 0, ascending.
-            backend: runs networks.
+            recording: events of the recording.
+            times_ms: durations counted from the first event, ms, >= 0, ascending.
+            backend: backend that runs networks.
 
         Returns:
-            (times, classes), as of `scores`; what comes after a time has no influence on its row. Where beginnings
-            were learnt apart (see `learn_early`), that of a beginning is asked.
+            (times, classes), see `scores`. Events after a time do not affect its row. If `learn_early` trained on
+            beginnings separately, each row uses the training for its duration.
 
         Raises:
-            ModelError: a time is below 0 or they run back, or the recording does not fit the method.
+            ModelError: a time is negative, the times are not ascending, or the recording does not fit the method.
         """
         times = np.asarray(times_ms, float)
         if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times, prepend=0.0) < 0):
@@ -181,31 +187,32 @@ class Recogniser:
         evidence = self.method.observe_until(recording, times_us)
         if self.early is None or not self.early.learnt:
             return self.answer_shown(unlabelled(evidence, self.classes), backend).scores
-        rows = [self._asked(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
+        rows = [self._scores_after(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
         return np.array(rows).reshape(-1, len(self.classes))
 
     def changed(self, values: Mapping[str, Any]) -> Recogniser:
-        """What was learnt, with other settings of how recordings are looked at; without what `learn_early` learnt.
+        """Return a recogniser with other settings and the same `learnt`, but without the result of `learn_early`.
 
         Args:
-            values: by name, of `Method.changeable`: a network that learnt from some frames may be asked about others.
+            values: settings by name, those in `Method.changeable`. E.g. a network that learnt from some of the
+        frames can be tested on other frames.
 
         Raises:
-            ModelError: what was learnt depends on a setting, or its value is wrong.
+            ModelError: a setting cannot be changed after training, or its value is wrong.
         """
         method = self.method.changed(values)
-        was, now = self.method.as_words(), method.as_words()
-        for name in now:
-            if now[name] != was[name] and name not in method.changeable:
+        old, new = self.method.as_words(), method.as_words()
+        for name in new:
+            if new[name] != old[name] and name not in method.changeable:
                 known = ", ".join(method.changeable) or "none"
                 raise neuro.ModelError(
                     f"{method.place()}: '{name}' cannot be changed after training, which depends on it",
-                    hint=f"what can: {known}; or train anew",
+                    hint=f"settings that can be changed: {known}; or train again",
                 )
-        return with_changes(self, method=method, early=None) if now != was else self
+        return with_changes(self, method=method, early=None) if new != old else self
 
     def learnt_at(self, after_us: int) -> Learnt:
-        """What is asked after so much of a recording, us."""
+        """Return the training result that scores the first `after_us` of a recording."""
         return self.early.at(after_us) or self.learnt if self.early else self.learnt
 
     def session(
@@ -218,36 +225,36 @@ class Recogniser:
         gap_ms: float | None = None,
         backend: str = "event",
     ) -> Session:
-        """Decide while the events of a stream arrive.
+        """Start a session that decides while the events of a stream arrive.
 
         Args:
-            every_ms: from moment to moment.
-            allow: share of wrong decisions at which `Decision.settled` says that it can be stopped; needs `early`.
-            assurance: probability with which no larger share is wrong, see `stopping_rule`.
-            window_ms: after so long all is forgotten, and the next event begins anew; None takes the length of the
-                longest recording that `early` was learnt from, else 1000 ms.
-            gap_ms: likewise after a pause without events; None for no such pause.
-            backend: runs networks.
+            every_ms: time between decisions, ms.
+            allow: largest share of wrong decisions. `Decision.settled` is true once this error is met; needs `early`.
+            assurance: probability that the share of wrong decisions stays within `allow`, see `stopping_rule`.
+            window_ms: longest stretch of the stream, ms. Then the session forgets all events, and the next event
+        starts a new stretch. None uses the longest recording of `learn_early`, or else 1000 ms.
+            gap_ms: longest pause without events, ms, which also ends a stretch; None for no limit.
+            backend: backend that runs networks.
 
         Raises:
             ModelError: a time is not above 0, or the held-out recordings do not support the allowed error.
         """
-        seen = self.early.held.times_us[-1] / 1000.0 if self.early else WINDOW_MS
+        longest_ms = self.early.held.times_us[-1] / 1000.0 if self.early else WINDOW_MS
         every = _microseconds("every_ms", every_ms)
-        window = _microseconds("window_ms", seen if window_ms is None else window_ms)
+        window = _microseconds("window_ms", longest_ms if window_ms is None else window_ms)
         gap = None if gap_ms is None else _microseconds("gap_ms", gap_ms)
-        held, rule = self.early.held if self.early else None, None
-        if allow is not None and held is None:
+        held_out, rule = self.early.held if self.early else None, None
+        if allow is not None and held_out is None:
             raise neuro.ModelError(
                 "the recogniser has not learnt when it may stop",
                 hint="learn_early, or 'neuro recognise early MODEL --data FOLDER'",
             )
-        if allow is not None and held is not None:
-            rule = stopping_rule(held, allow, assurance)
-        return Session(self.method.observer, self._asked(backend), every, window, gap, held, rule)
+        if allow is not None and held_out is not None:
+            rule = stopping_rule(held_out, allow, assurance)
+        return Session(self.method.observer, self._scores_after(backend), every, window, gap, held_out, rule)
 
-    def _asked(self, backend: str) -> Callable[[int, Evidence], Floats]:
-        """A function of a time after the first event, us, and what was seen until then, that gives the scores."""
+    def _scores_after(self, backend: str) -> Callable[[int, Evidence], Floats]:
+        """Return a function from the time after the first event, us, and the evidence to the scores, (classes,)."""
 
         def ask(after_us: int, evidence: Evidence) -> Floats:
             shown = unlabelled([evidence], self.classes)
@@ -257,39 +264,39 @@ class Recogniser:
         return ask
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
-        """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
-        self._ready.asker(self.method, self.learnt, backend)  # what cannot run shows before recordings are read
+        """Return scores, those of other decision rules, and the network's run. Arguments and errors: see `scores`."""
+        self._ready.asker(self.method, self.learnt, backend)  # raises errors before any recording is read
         return self.answer_shown(self.shown(recordings), backend)
 
     def answer_shown(self, shown: Features, backend: str = "event") -> Answer:
-        """Likewise of what was looked at before, see `shown`; of nothing there are no scores."""
+        """Return the answer for evidence that `shown` computed; without recordings, an empty array of scores."""
         ask = self._ready.asker(self.method, self.learnt, backend)
         return ask(shown) if len(shown) else Answer(np.empty((0, len(self.classes))))
 
     def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Features:
-        """What recordings show to this recogniser."""
+        """Compute the evidence of recordings."""
         if isinstance(recordings, Recordings):
             return observe(self.method, recordings)
-        many = [recordings] if isinstance(recordings, Events) else recordings
-        return observed(self.method, many, self.classes)
+        several = [recordings] if isinstance(recordings, Events) else recordings
+        return observed(self.method, several, self.classes)
 
     def network(self) -> neuro.Network | None:
-        """The learnt network, None for a method without."""
+        """Return the learnt network, None for a method without one."""
         return self.method.network(self.learnt)
 
     def save(self, path: Path) -> None:
-        """Write a file, in the place of another recogniser of that name.
+        """Write a file. An existing recogniser of that name is replaced.
 
         ```
         /            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of
-                     neuro, python, numpy and numba
+             neuro, python, numpy and numba
         /classes     names of the classes
-        /learnt      arrays and texts by name, as the method gives them
-        /early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding`
+        /learnt      arrays and texts by name, as returned by the method's `fit`
+        /early       data for early decisions, if `learn_early` was run: see `neuro_recognise.deciding`
         ```
 
         Raises:
-            Unwritable: it cannot be written, or something else stands there.
+            Unwritable: the file cannot be written, or the name belongs to something other than a recogniser.
         """
         options = {word: self.training.get(word) for word in ("backend", "seed")}
         with hdf5.writing(path, FORMAT, record=provenance(**options)) as file:
@@ -310,7 +317,7 @@ class Recogniser:
         """Read a file.
 
         Raises:
-            ModelError: there is no such file, it is something else or damaged, or of a method that is not there.
+            ModelError: the file is missing, damaged or no recogniser, or its method is not installed.
         """
         with hdf5.reading(path, FORMAT) as file:
             record_input(path)
@@ -335,23 +342,23 @@ def fit(
     """Train a recogniser.
 
     Args:
-        data: labelled recordings.
-        method: its name, or one with settings of its own.
-        seed: of everything random.
-        backend: runs networks.
-        out: file for the recogniser. What is reached is kept beside it, and the same call goes on from there to the
-            same bits. A training that is complete is not done again.
-        replace: whether `out` takes the place of a recogniser of another training.
-        cache: folder for what is computed of the recordings; None takes the user's.
-        report: called with the progress.
+    data: labelled recordings.
+    method: name of a method, or a method with its own settings.
+    seed: seed of all random numbers.
+    backend: backend that runs networks.
+    out: file for the recogniser. Checkpoints are stored beside it: the same call resumes an interrupted training and
+        gives the same bits. A finished training is not repeated.
+    replace: whether `out` may replace a recogniser of a different training.
+    cache: folder for evidence of the recordings; None uses the user's cache.
+    report: function that is called with the progress.
 
     Returns:
-        The recogniser.
+    The recogniser.
 
     Raises:
-        ModelError: a setting or the backend is wrong, a recording does not fit, there is nothing to learn, or `out`
-            belongs to another training.
-        EventFileError: a recording is damaged, or all are of one class.
+    ModelError: a setting or the backend is wrong, a recording does not fit, there is nothing to learn, or `out`
+        belongs to a different training.
+    EventFileError: a recording is damaged, or all are of one class.
     """
     chosen = method if isinstance(method, Method) else method_of(method)
     chosen.check_backend(backend)
@@ -363,7 +370,7 @@ def fit(
         tell(Progress("looking at recordings", done, n))
 
     shown = partial(observe, fixed, data, fingerprint=fingerprint, cache=cache, report=look)
-    return _learn(fixed, shown, training, Course(seed, backend, None, tell), out, replace)
+    return _train_and_save(fixed, shown, training, Course(seed, backend, None, tell), out, replace)
 
 
 def learn(
@@ -377,27 +384,27 @@ def learn(
     replace: bool = False,
     report: Tell = lambda progress: None,
 ) -> Recogniser:
-    """Train on what was observed before.
+    """Train on evidence that was computed before.
 
     Args:
-        method: with all that follows from the sensor decided.
-        shown: what the recordings show to it.
-        digest: differs for other recordings.
-        seed: of everything random.
-        backend: runs networks.
-        out: as of `fit`.
-        replace: as of `fit`.
-        report: called with the progress.
+    method: method with all settings that follow from the sensor filled in.
+    shown: evidence of the recordings.
+    digest: hash of the recordings.
+    seed: seed of all random numbers.
+    backend: backend that runs networks.
+    out: see `fit`.
+    replace: see `fit`.
+    report: function that is called with the progress.
 
     Raises:
-        ModelError: as of `fit`.
+    ModelError: see `fit`.
     """
     method.check_backend(backend)
     training = training_record(method, digest, len(shown), seed, backend)
-    return _learn(method, lambda: shown, training, Course(seed, backend, None, report), out, replace)
+    return _train_and_save(method, lambda: shown, training, Course(seed, backend, None, report), out, replace)
 
 
-def _learn(
+def _train_and_save(
     method: Method,
     look: Callable[[], Features],
     training: Training,
@@ -405,35 +412,35 @@ def _learn(
     out: Path | None,
     replace: bool,
 ) -> Recogniser:
-    """Train on what `look` gives, and write what was learnt to `out`; what is reached is kept beside it until then.
+    """Train on the evidence that `look` returns, and write the result to `out`, with checkpoints beside it.
 
     Raises:
-        ModelError: `out` cannot be written, or is of another training that is not to be replaced.
+    ModelError: `out` cannot be written, or belongs to a different training and `replace` is false.
     """
     if out is None:
         shown = look()
         return Recogniser(method, shown.classes, method.fit(shown, course), training)
-    asked = {"method": method.called(), "settings": method.fixed(), **training}
-    checkpoint = Checkpoint(out, "neuro recogniser training 1", asked)
-    # what stands in the way, or is done already, shows before long work
+    conditions = {"method": method.called(), "settings": method.fixed(), **training}
+    checkpoint = Checkpoint(out, "neuro recogniser training 1", conditions)
+    # Errors about `out` are raised before the long computation.
     check_output(out, hdf5.kind(FORMAT))
     if not replace and hdf5.has_format(out, FORMAT):
-        made = Recogniser.load(out)
-        check_same(out, (made.method, made.training), (method, training))
+        recogniser = Recogniser.load(out)
+        check_same(out, (recogniser.method, recogniser.training), (method, training))
     else:
         shown = look()
         learnt = method.fit(shown, with_changes(course, checkpoint=checkpoint))
-        made = Recogniser(method, shown.classes, learnt, training)
-        made.save(out)
+        recogniser = Recogniser(method, shown.classes, learnt, training)
+        recogniser.save(out)
     checkpoint.remove()
-    return made
+    return recogniser
 
 
 def _microseconds(name: str, value: float) -> int:
-    """A time in ms as whole us.
+    """Convert a time in ms to whole us.
 
     Raises:
-        ModelError: it is none above 0.
+    ModelError: the time is not finite, or below 1 us.
     """
     if not np.isfinite(value) or round(1000.0 * value) < 1:
         raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")

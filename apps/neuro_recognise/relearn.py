@@ -1,7 +1,7 @@
-"""Relearning: after some epochs the labels are permuted, and learning continues; accuracy by epoch.
+"""Relearning experiment: the labels are permuted after some epochs, training continues, and accuracy is measured.
 
-FOLDER/METHOD-SEED.json    accuracies of a seed; a seed that has a file is not done again by the same code
-FOLDER/relearn.png         accuracy by epoch of all methods
+FOLDER/METHOD-SEED.json    accuracies of a seed; a seed with a result of the same code is not repeated
+FOLDER/relearn.png         accuracy after each epoch of all methods
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from neuro_recognise.shown import Array, Features, Floats, Ints
 
 RESULTS = apps.JobResults("a result of 'neuro recognise relearn'", "neuro recognise relearn 1")
 RULES = ("remus", "remus:relearns", "remus:adapted", "remus:thesis", "mozafari", "linear")
-"""Methods that are compared by default."""
+"""Default methods."""
 
 
 @dataclass(frozen=True)
 class Linear(Framewise):
-    """Softmax regression on the spikes that networks see, earlier spikes as larger values, frame by frame.
+    """Softmax regression on the spikes of a frame, trained online. Earlier spikes are larger inputs.
 
     Attributes:
-        rate: of a step of gradient descent; a step follows each frame.
+    rate: learning rate; each frame is one step of gradient descent.
     """
 
     title = "softmax regression, online"
@@ -44,15 +44,15 @@ class Linear(Framewise):
     rate: float = setting(0.01, "", "of a step of gradient descent", "not tuned", above=0)
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Return ``weights`` (inputs, classes) and ``history`` (epochs,), the share of frames decided rightly.
+        """Return ``weights`` (inputs, classes) and ``history`` (epochs,), the share of right decisions on frames.
 
         Raises:
             ModelError: there are no frames to learn from.
         """
-        frames, past = frames_to_learn_from(shown), course.resume()
+        frames, state = frames_to_learn_from(shown), course.resume()
         labels, values = shown.labels[frames.recording], self._values(frames)
-        weights = past.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(shown.classes))))
-        history = [*past.get("history", ())]
+        weights = state.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(shown.classes))))
+        history = [*state.get("history", ())]
         for epoch in range(len(history), self.epochs):
             right = 0
             for frame in np.random.default_rng([course.seed, epoch]).permutation(len(frames)):
@@ -70,7 +70,7 @@ class Linear(Framewise):
         return {"weights": weights, "history": np.array(history)}
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """By the sum of the scores of all frames."""
+        """Prepare scoring by the sum over the scores of all frames."""
 
         def ask(shown: Features) -> Answer:
             frames, sums = Frames.of(shown), np.zeros((len(shown), len(shown.classes)))
@@ -81,22 +81,22 @@ class Linear(Framewise):
         return ask
 
     def _values(self, frames: Frames) -> Floats:
-        """(spikes,) 1 for a spike at the start of its frame, 0 at the end."""
+        """Return (spikes,) inputs: 1 for a spike at the start of its frame, 0 at the end."""
         return 1.0 - self.encoder.times(frames.codes, {}) / self.inputs.window
 
 
 @dataclass(frozen=True)
 class Remembered(Course):
-    """A course that continues from what the last one has reached, in memory."""
+    """A course whose state is kept in memory, so that each epoch continues from the last one."""
 
     reached: dict[str, Any] = field(default_factory=dict)
 
     def resume(self) -> dict[str, Any]:
-        """What `keep` got last."""
+        """Return the last state that `keep` stored."""
         return self.reached
 
     def keep(self, **parts: Array | Mapping[str, Array]) -> None:
-        """Keep the state of the training, in place of the one before."""
+        """Store the state of the training, and replace the previous state."""
         self.reached.update(parts)
 
 
@@ -105,11 +105,11 @@ class Relearner:
     """A training of one seed, a job of `neuro.apps.grid`.
 
     Attributes:
-        name: for people.
-        method: with its settings.
-        learning, held: recordings to learn from, and to test.
-        of: all that its result follows from, as plain data.
-        file: of its result.
+    name: name in progress reports.
+    method: the method with its settings.
+    learning, held: recordings to learn from, and to test.
+    of: conditions that determine the result, as plain data.
+    file: file of the result.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Relearner:
     file: Path
 
     def work(self, report: Callable[[tuple[str, Progress | None]], None]) -> dict[str, Any]:
-        """Train epoch by epoch, and test after each."""
+        """Train epoch by epoch, and test after each epoch."""
         seed, backend, before = self.of["seed"], self.of["backend"], self.of["before"]
         course = Remembered(seed, backend, None, lambda progress: report((self.name, progress)))
         learning, held, accuracies, silent = self.learning, self.held, [], []
@@ -128,9 +128,9 @@ class Relearner:
             if epoch == before:
                 learning, held = self._permuted(learning), self._permuted(held)
             learnt = self.method.changed({"epochs": epoch + 1}).fit(learning, course)
-            decided = choose(self.method.answer(learnt, held, backend).scores)
-            accuracies.append(float(np.mean(decided == held.labels)))
-            silent.append(float(np.mean(decided < 0)))
+            decisions = choose(self.method.answer(learnt, held, backend).scores)
+            accuracies.append(float(np.mean(decisions == held.labels)))
+            silent.append(float(np.mean(decisions < 0)))
         report((self.name, None))
         return {
             "provenance": apps.provenance(backend=backend, seed=seed),
@@ -145,17 +145,17 @@ class Relearner:
 
 @dataclass(frozen=True, slots=True)
 class Relearning:
-    """What is tried.
+    """The plan of a relearning experiment.
 
     Attributes:
-        contestants: methods.
-        before: epochs with the labels of the recordings.
-        after: epochs with permuted labels.
-        folds: of each seed, of which the first is tested and the others are learnt from.
-        seeds: of folds, permutations and trainings.
-        folder: of the results.
-        backend: runs networks.
-        jobs: trainings at a time; as many as there are cores if None.
+    contestants: methods.
+    before: number of epochs with the true labels.
+    after: number of epochs with permuted labels.
+    folds: number of folds for each seed; the first is tested, the others are learnt from.
+    seeds: seeds of folds, permutations and trainings.
+    folder: folder for results.
+    backend: backend that runs networks.
+    jobs: number of trainings that run in parallel; None for one per core.
     """
 
     contestants: tuple[Contestant, ...]
@@ -169,14 +169,14 @@ class Relearning:
 
 
 def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) -> tuple[Contestant, ...]:
-    """Return methods that learn epoch by epoch with labels.
+    """Return methods that learn from labels epoch by epoch.
 
     Args:
-        names: as of `neuro_recognise.compare.contestants`, or ``linear``; `RULES` if there are none.
-        values: settings of all of them.
+    names: names as in `neuro_recognise.compare.contestants`, or ``linear``; `RULES` if empty.
+    values: settings for all of these methods.
 
     Raises:
-        ModelError: a method does not exist, does not learn in such epochs, or a value is wrong.
+    ModelError: a method does not exist, does not learn from labels epoch by epoch, or a value is wrong.
     """
     chosen = []
     for name in names or RULES:
@@ -190,7 +190,10 @@ def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) ->
 
 
 def permuted(labels: Ints, classes: int, seed: int) -> Ints:
-    """Return other labels: classes in a drawn circle, each with the label of the next, so that none keeps its own."""
+    """Permute the labels so that no class keeps its own: in a random cycle, each class gets the previous class's label.
+
+    E.g. the cycle 2, 0, 1 gives class 2 the label 1, class 0 the label 2 and class 1 the label 0.
+    """
     circle = np.random.default_rng([seed, 57]).permutation(classes)
     other = np.empty(classes, np.int64)
     other[circle] = np.roll(circle, 1)
@@ -200,20 +203,20 @@ def permuted(labels: Ints, classes: int, seed: int) -> Ints:
 def relearn(
     data: Recordings, plan: Relearning, report: Callable[[Progress], None] = lambda progress: None
 ) -> dict[str, Floats]:
-    """Train, permute the labels, train on; a seed that has a result in the folder is not done again.
+    """Train, permute the labels, and continue the training; a seed with a result in the folder is not repeated.
 
     Args:
-        data: labelled recordings.
-        plan: what is tried.
-        report: called with the progress.
+    data: labelled recordings.
+    plan: plan of the experiment.
+    report: function that is called with the progress.
 
     Returns:
-        (seeds, epochs) accuracy on the held-out fold after each epoch, by the name of the method. From epoch
-        `plan.before` on, the labels of the held-out recordings are permuted as well.
+    (seeds, epochs) accuracy on the held-out fold after each epoch, by method name. From epoch `plan.before` on, the
+    labels of the held-out recordings are permuted as well.
 
     Raises:
-        EventFileError: a recording is damaged, or all are of one class.
-        ModelError: the backend does not exist, recordings do not fit, or a file in the folder is another's.
+    EventFileError: a recording is damaged, or all are of one class.
+    ModelError: the backend does not exist, recordings do not fit, or a file in the folder has another origin.
     """
     apps.find_backend(plan.backend)
     apps.make_folder(plan.folder)
@@ -224,13 +227,17 @@ def relearn(
         look = lambda done, n, name=one.name: report(Progress(f"{name}: looking", done, n))  # noqa: E731
         shown = observe(method, data, fingerprint=fingerprint, report=look)
         for seed in plan.seeds:
-            others, mine = data.folds(plan.folds, seed=seed)[0]
+            train_rows, test_rows = data.folds(plan.folds, seed=seed)[0]
             of: dict[str, Any] = {"method": method.called(), "settings": dict(method.fixed()), "code": code_of(method)}
             of |= {"data": fingerprint[:32], "backend": plan.backend, "seed": seed, "folds": plan.folds}
             of |= {"before": plan.before, "after": plan.after}
             file = plan.folder / f"{one.name.replace(':', '-')}-{seed}.json"
-            jobs.append(Relearner(f"{one.name}, seed {seed}", method, shown.take(others), shown.take(mine), of, file))
-    in_turn = sorted(jobs, key=lambda job: job.of["seed"])  # after a kill all methods have equally many seeds
+            jobs.append(
+                Relearner(f"{one.name}, seed {seed}", method, shown.take(train_rows), shown.take(test_rows), of, file)
+            )
+    in_turn = sorted(
+        jobs, key=lambda job: job.of["seed"]
+    )  # an interrupted run has about equally many seeds of each method
     results = apps.grid(RESULTS, in_turn, plan.jobs, telling(report, len(jobs)))
     by_file = {job.file: result["accuracies"] for job, result in zip(in_turn, results, strict=True)}
     each = np.array([by_file[job.file] for job in jobs]).reshape(len(plan.contestants), len(plan.seeds), -1)

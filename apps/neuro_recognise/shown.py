@@ -1,4 +1,4 @@
-"""What recordings show: arrays by name for each, with labels."""
+"""Evidence of recordings: the named arrays that a method computes from the events of each, with labels."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 Evidence: TypeAlias = Mapping[str, Array]
-"""What a recording shows: arrays by name, the same names for all recordings."""
+"""Arrays by name that a method computes from the events of one recording. All recordings have the same names."""
 
 T = TypeVar("T")
 
 
 class Lazy(Sequence[T]):
-    """A sequence whose items are made when they are asked for.
+    """A sequence whose items are computed on access and not stored.
 
     Args:
-        size: the number of items.
-        item: makes that of a number from 0 on; other processes can be given one that can be pickled.
+    size: number of items.
+    item: function from an index (0 ... size - 1) to the item. It must be picklable if the sequence goes to
+        another process.
     """
 
     def __init__(self, size: int, item: Callable[[int], T]) -> None:
@@ -39,17 +40,17 @@ class Lazy(Sequence[T]):
     @overload
     def __getitem__(self, index: slice) -> Sequence[T]: ...
     def __getitem__(self, index: int | slice) -> T | Sequence[T]:
-        chosen = range(len(self))[index]
-        return self.item(chosen) if isinstance(chosen, int) else [self.item(k) for k in chosen]
+        indices = range(len(self))[index]
+        return self.item(indices) if isinstance(indices, int) else [self.item(k) for k in indices]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ragged:
-    """Arrays of several recordings, one after the other.
+    """Arrays of several recordings, concatenated.
 
     Attributes:
-        values: of all recordings.
-        offsets: (recordings + 1,) recording i has ``values[offsets[i]:offsets[i + 1]]``.
+    values: of all recordings.
+    offsets: (recordings + 1,) recording i has ``values[offsets[i]:offsets[i + 1]]``.
     """
 
     values: Array
@@ -58,13 +59,13 @@ class Ragged:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:
-    """What recordings show, with their labels.
+    """Evidence of recordings, with their labels.
 
     Attributes:
-        evidence: of each recording.
-        labels: (recordings,) indices into `classes`, -1 where unknown.
-        names: of the recordings.
-        classes: names.
+    evidence: of each recording.
+    labels: (recordings,) indices into `classes`, -1 where unknown.
+    names: of the recordings.
+    classes: names of the classes.
     """
 
     evidence: Sequence[Evidence]
@@ -77,39 +78,39 @@ class Features:
         return len(self.evidence)
 
     def take(self, chosen: Iterable[int] | Array) -> Features:
-        """Some of the recordings, in the order given."""
+        """Return the recordings at these indices, in this order."""
         indices = np.asarray(chosen if isinstance(chosen, np.ndarray) else list(chosen), np.int64)
         names = tuple(self.names[k] for k in indices)
-        evidence = Lazy(len(indices), partial(_taken, self.evidence, indices))
+        evidence = Lazy(len(indices), partial(_evidence_at, self.evidence, indices))
         return replace(self, evidence=evidence, labels=self.labels[indices], names=names)
 
     def batches(self, size: int) -> Iterator[Features]:
-        """All recordings, so many at a time; of none one empty batch."""
+        """Yield all recordings in batches of `size`; without recordings, yield one empty batch."""
         for first in range(0, max(len(self), 1), size):
             yield self.take(range(first, min(first + size, len(self))))
 
     def column(self, name: str) -> Ragged:
-        """One array of all recordings, in memory."""
+        """Load one array of every recording into memory and concatenate these arrays."""
         parts = [one[name] for one in self.evidence]
         lengths = [len(part) for part in parts]
         values = np.concatenate(parts) if parts else np.empty(0)
         return Ragged(values, np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64))
 
     def duration_s(self) -> float | None:
-        """Return how long the recordings last together, s, by their ``lasts`` in us; None where one has none."""
+        """Return the total duration of the recordings, s, from ``lasts`` (us); None if one has no ``lasts``."""
         if not all("lasts" in one for one in self.evidence):
             return None
         return float(self.column("lasts").values.sum()) * 1e-6
 
     def stacked(self, name: str) -> Array:
-        """One array of all recordings that is equally large for all, (recordings, ...), in memory."""
+        """Load an array that has the same shape in every recording, and stack it to (recordings, ...)."""
         return np.stack([one[name] for one in self.evidence])
 
 
 def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Features:
-    """What recordings show whose classes are not known."""
+    """Return evidence as features without labels: every label is -1, and names are indices."""
     return Features(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
 
 
-def _taken(evidence: Sequence[Evidence], indices: Ints, k: int) -> Evidence:
+def _evidence_at(evidence: Sequence[Evidence], indices: Ints, k: int) -> Evidence:
     return evidence[int(indices[k])]

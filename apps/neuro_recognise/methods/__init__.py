@@ -1,4 +1,4 @@
-"""The methods, one file each; a method of one's own is a subclass of `Method`, made known by `neuro.register`."""
+"""The built-in methods, one file each. A custom method is a subclass of `Method`, registered by `neuro.register`."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ for _method in (*_LOCAL, Dense, Conv, Recurrent, LearntDelays):
 
 
 def method_of(name: str, settings: str = "", values: Mapping[str, Any] | None = None) -> Method:
-    """A method by its name.
+    """Return a method by its name.
 
     Args:
-        name: see `neuro recognise list`.
-        settings: the name of one of its presets; "" for the defaults.
-        values: what differs from these, by name.
+    name: name of a method, see `neuro recognise list`.
+    settings: name of one of its presets; "" for the defaults.
+    values: settings that differ from the preset, by name.
 
     Raises:
-        ModelError: there is no such method or preset, or a value is wrong.
+    ModelError: there is no such method or preset, or a value is wrong.
     """
     if name not in METHODS:
         raise unknown("method", name, METHODS)

@@ -1,1 +1,1 @@
-"""Parts of methods by name: what recordings become on their way to an answer."""
+"""Exchangeable parts of methods: cleaners, segmenters, filter banks, encoders and readouts."""

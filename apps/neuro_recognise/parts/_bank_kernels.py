@@ -8,13 +8,13 @@ from neuro.apps import allocating, subkernel
 
 @allocating
 def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out):
-    """What filters answer to every frame of a recording, of each cell of pixels the largest, at least 0.
+    """Correlate every frame of a recording with the filters, and write the largest response of each cell, at least 0.
 
-    A frame has far fewer pixels with events than pixels, so each such pixel adds what it holds times the
-    (turned) filter to the response; this is the 'same' correlation with zeros outside of the frame. A row of a filter
-    lies in one piece, orientations innermost, so that it is added as vectors.
+    Few pixels of a frame have events, so each of these adds its value times the rotated filter to the responses. This
+    is the 'same' correlation with zeros outside of the frame. A row of a filter is contiguous with orientations
+    innermost, so that the loop over it is vectorised.
 
-    x, y: uint16[n], inside the frame; held: float64[n], above 0; bounds: int64[frames + 1]; bank:
+    x, y: uint16[n], inside the frame; held: float64[n], values above 0; bounds: int64[frames + 1]; bank:
     float64[scales, orientations, side, side]; sizes: int64[scales]; cell: side of a cell, px; out:
     float64[frames, scales, orientations, height // cell, width // cell].
     """
@@ -68,11 +68,11 @@ def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out)
 
 @allocating
 def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cell, out):
-    """Responses that leak to 0 at a constant rate, at the end of each frame; of each cell the largest absolute value.
+    """Write responses that leak to 0 at a constant rate: the largest absolute value per cell at the end of each frame.
 
-    A response is brought up to date where an event reaches it, and everywhere at the end of a frame.
+    The leak is applied to a response when an event reaches it, and to all responses at the end of a frame.
 
-    t: int64[n], us; x, y: uint16[n], inside the frame; sign: float64[n], by which an event counts; bounds:
+    t: int64[n], us; x, y: uint16[n], inside the frame; sign: float64[n], sign of an event; bounds:
     int64[frames + 1]; bank: float64[scales, orientations, side, side]; sizes: int64[scales]; leak: per us; cell: side
     of a cell, px; out: float64[frames, scales, orientations, height // cell, width // cell].
     """
@@ -106,5 +106,5 @@ def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cel
 
 @subkernel
 def _leaked(v, amount):
-    """A response that is nearer to 0 by an amount."""
+    """Move a response towards 0 by an amount, e.g. 3 by 1 to 2, and -0.5 by 1 to 0."""
     return max(v - amount, 0.0) if v > 0.0 else min(v + amount, 0.0)

@@ -1,6 +1,6 @@
-"""Layers S1 and C1: what filters are shown of each frame, what they answer, and which responses are passed on.
+"""Layers S1 and C1: representations of frames, filter banks on them, and pools of the responses.
 
-A frame shows its events, or surfaces that remember those before.
+A frame holds its own events only, or a surface that also remembers earlier events.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from neuro_recognise.shown import Array, Floats, Ints
 
 
 class Pixels(NamedTuple):
-    """What pixels hold at the end of each segment; entries of the same pixel add up.
+    """Pixel values at the end of each segment; entries of the same pixel are added.
 
     Attributes:
-        x, y: (entries,) px.
-        value: (entries,) above 0.
-        bounds: (segments + 1,) segment i has the entries ``[bounds[i], bounds[i + 1])``.
+    x, y: (entries,) px.
+    value: (entries,) above 0.
+    bounds: (segments + 1,) segment i has the entries ``[bounds[i], bounds[i + 1])``.
     """
 
     x: Array
@@ -37,13 +37,13 @@ class Pixels(NamedTuple):
     bounds: Ints
 
     def pictures(self, size: tuple[int, int]) -> Floats:
-        """(segments, height, width) of a field so wide and high, px."""
+        """Return images (segments, height, width) of a field with this width and height, px."""
         width, height = size
         segment = np.repeat(np.arange(len(self.bounds) - 1), np.diff(self.bounds))
         inside = slice(int(self.bounds[0]), int(self.bounds[-1]))
-        drawn = np.zeros((len(self.bounds) - 1, height, width))
-        np.add.at(drawn, (segment, self.y[inside], self.x[inside]), self.value[inside])
-        return drawn
+        images = np.zeros((len(self.bounds) - 1, height, width))
+        np.add.at(images, (segment, self.y[inside], self.x[inside]), self.value[inside])
+        return images
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Representation(Part):
     """Base of the representations.
 
     Class attributes:
-        remembers: whether it holds what was before a segment.
+    remembers: whether pixel values also depend on events before the segment.
     """
 
     kind = "representation"
@@ -59,7 +59,7 @@ class Representation(Part):
 
     @abstractmethod
     def pixels(self, events: Events, bounds: Ints) -> Pixels:
-        """What is held at the last event before the end of each segment.
+        """Return the pixel values at the last event of each segment.
 
         Args:
             events: a recording inside the field.
@@ -69,47 +69,47 @@ class Representation(Part):
 
 @dataclass(frozen=True)
 class Counts(Representation):
-    """The number of events of the segment."""
+    """Number of events per pixel in the segment."""
 
     remembers = False
     source = "thesis 6.2.1, lines 2321-2334"
 
     def pixels(self, events: Events, bounds: Ints) -> Pixels:
-        """Each event counts 1."""
+        """Return an entry of 1 for each event."""
         return Pixels(events.x, events.y, np.ones(len(events)), bounds)
 
 
 @dataclass(frozen=True)
 class _Remembering(Representation):
-    """Base of surfaces.
+    """Base of surfaces, whose events decay over time.
 
     Class attributes:
-        surface: a class of `neuro.events.representations`.
+    surface: a class of `neuro.events.representations`.
     """
 
     surface: ClassVar[Any]
 
-    tau: float = setting(20.0, "ms", "in which an event is forgotten to 1/e", "that of MSD", above=0)
+    tau: float = setting(20.0, "ms", "time constant of the decay of an event", "that of MSD", above=0)
 
     def pixels(self, events: Events, bounds: Ints) -> Pixels:
-        """All pixels that had an event."""
+        """Return the surface at all pixels that had an event."""
         width, height = events.sensor_size
         words = {"tau_us": 1000.0 * self.tau, "polarity": "ignored"}
-        held, begin = self.surface(events.sensor_size, **words), 0
-        read = np.empty((len(bounds) - 1, height, width))
+        surface, begin = self.surface(events.sensor_size, **words), 0
+        values = np.empty((len(bounds) - 1, height, width))
         for segment, end in enumerate(bounds[1:].tolist()):
-            held.add(events[begin:end])
+            surface.add(events[begin:end])
             begin = end
-            # read at an event, some pixel is large however long the pause before it was
-            read[segment] = held.at(int(events.t[end - 1]), np.float64)
-        segments, y, x = np.nonzero(read)
-        lengths = np.bincount(segments, minlength=len(read))
-        return Pixels(x.astype(np.uint16), y.astype(np.uint16), read[segments, y, x], np.cumsum([0, *lengths]))
+            # At the time of an event its pixel is large, even if the pause before it was long.
+            values[segment] = surface.at(int(events.t[end - 1]), np.float64)
+        segments, y, x = np.nonzero(values)
+        lengths = np.bincount(segments, minlength=len(values))
+        return Pixels(x.astype(np.uint16), y.astype(np.uint16), values[segments, y, x], np.cumsum([0, *lengths]))
 
 
 @dataclass(frozen=True)
 class Leaky(_Remembering):
-    """The sum of a pixel's events, each of which decays exponentially."""
+    """Sum of a pixel's events, each of which decays exponentially."""
 
     source = "thesis 6.2.8; appendix C, algorithm 15"
     surface = representations.LeakySurface
@@ -137,26 +137,26 @@ def gabor_bank(
     circular: bool = False,
     smooth: bool = False,
 ) -> npt.NDArray[np.float64]:
-    """Make one filter per scale and orientation.
+    """Return one Gabor filter per scale and orientation.
 
     ``g = exp(-(x'^2 + gamma^2 y'^2) / (2 sigma^2)) cos(2 pi x' / wavelength)`` with x' and y' the
-    coordinates turned by the orientation; x to the right, y downwards. The bar that a filter
-    prefers runs along y', so orientation 0 is a vertical bar and 90 a horizontal one.
+    coordinates rotated by the orientation; x points right, y down. The bar that a filter prefers runs
+    along y', so orientation 0 is a vertical bar and 90 a horizontal one.
 
     Args:
-        sizes: (scales,) odd side lengths, px.
-        sigmas: (scales,) widths of the Gaussian, px.
-        wavelengths: (scales,) of the cosine, px.
-        gamma: aspect ratio; less than 1 is longer along the bar.
-        orientations: degrees.
-        literal: keep the values of the formula; else each filter has zero mean and unit L2 norm, so
-            that an even area excites none and all scales answer alike.
-        circular: 0 where farther from the middle than half a side, before the mean is taken.
-        smooth: each filter blurred by a box of 3 x 3 px, as if the picture was.
+    sizes: (scales,) odd side lengths, px.
+    sigmas: (scales,) widths of the Gaussian, px.
+    wavelengths: (scales,) wavelengths of the cosine, px.
+    gamma: aspect ratio; less than 1 is longer along the bar.
+    orientations: degrees.
+    literal: use the values of the formula. Otherwise each filter has zero mean and unit L2 norm, so that
+        uniform areas give no response and all scales respond equally strongly.
+    circular: set values at more than half a side from the centre to 0, before the mean is subtracted.
+    smooth: blur each filter by a box of 3 x 3 px, equivalent to blurring the image.
 
     Returns:
-        (scales, orientations, side, side) with side the largest size; smaller filters lie in the
-        middle of zeros.
+    (scales, orientations, side, side) with side the largest size; smaller filters are centred and
+    padded with zeros.
 
     Source: thesis eqs 122-124, lines 2342-2346.
     """
@@ -177,7 +177,7 @@ def gabor_bank(
             if not literal:
                 g -= g.mean()
                 g /= np.linalg.norm(g)
-            if smooth:  # the mean of each place and its eight neighbours, 0 outside
+            if smooth:  # mean over each pixel and its eight neighbours, 0 outside
                 wide = np.pad(g, 1)
                 g = np.mean([wide[i : i + size, j : j + size] for i in range(3) for j in range(3)], axis=0)
             bank[s, o, inner, inner] = g
@@ -193,13 +193,13 @@ class Bank(Part):
     """Base of the banks of filters.
 
     Class attributes:
-        shown: whether filters see what a representation holds; else each event by itself.
+    shown: whether filters are applied to a representation; otherwise they are applied to single events.
     """
 
     kind = "bank"
     shown: ClassVar[bool] = True
 
-    sizes: tuple[int, ...] = setting((3, 5, 7, 9), "px", "sides of the filters, odd, one a scale", TABLE_2, above=0)
+    sizes: tuple[int, ...] = setting((3, 5, 7, 9), "px", "sides of the filters, odd, one per scale", TABLE_2, above=0)
     orientations: tuple[float, ...] = setting((0.0, 45.0, 90.0, 135.0), "degrees", "0 is a vertical bar", TABLE_2)
 
     def __post_init__(self) -> None:
@@ -210,24 +210,24 @@ class Bank(Part):
     @cached_property
     @abstractmethod
     def filters(self) -> Floats:
-        """(scales, orientations, side, side), each in the middle of the largest's side."""
+        """(scales, orientations, side, side), smaller filters centred in the side of the largest."""
 
     def _empty(self, events: Events, bounds: Ints, side: int) -> Floats:
-        """(frames, scales, orientations, rows, columns) of cells, to write responses into."""
+        """Allocate an array (frames, scales, orientations, rows, columns) for the responses of cells."""
         width, height = events.sensor_size
         return np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
-        """Rectified "same" correlation of each frame with each filter.
+        """Return the rectified "same" correlation of each frame with each filter, as the maximum of each cell.
 
         Args:
             events: a recording inside the field.
             bounds: (frames + 1,) frame i is ``[bounds[i], bounds[i + 1])``.
-            side: of a cell, px; of each only the largest response is given.
-            seen: what a frame shows.
+            side: side of a cell, px.
+            seen: representation of a frame.
 
         Returns:
-            (frames, scales, orientations, rows, columns) of cells, not below 0.
+            (frames, scales, orientations, rows, columns) of cells, >= 0.
         """
         from neuro_recognise.parts._bank_kernels import largest_responses
 
@@ -239,7 +239,7 @@ class Bank(Part):
 
 @dataclass(frozen=True)
 class _OfGabors(Bank):
-    """Base of banks of Gabor filters: sizes, widths and wavelengths go together, one each a scale."""
+    """Base of banks of Gabor filters. `sizes`, `sigmas` and `wavelengths` have one value per scale."""
 
     sigmas: tuple[float, ...] = setting((1.2, 2.0, 2.8, 3.6), "px", "their effective widths", TABLE_2, above=0)
     wavelengths: tuple[float, ...] = setting((1.5, 2.5, 3.5, 4.6), "px", "their wavelengths", TABLE_2, above=0)
@@ -257,13 +257,13 @@ class _OfGabors(Bank):
 
     @property
     def shapes(self) -> dict[str, bool]:
-        """Words of `gabor_bank` by which the filters differ from its own."""
+        """Keyword arguments of `gabor_bank`."""
         return {}
 
 
 @dataclass(frozen=True)
 class Gabors(_OfGabors):
-    """Gabor filters over what each pixel of a frame holds."""
+    """Gabor filters on the pixel values of a frame."""
 
     source = "thesis 6.2.2, eqs 122-124, lines 2337-2370"
 
@@ -273,29 +273,29 @@ class Gabors(_OfGabors):
 
     @property
     def shapes(self) -> dict[str, bool]:
-        """The formula as printed, if that is wanted."""
+        """Return ``literal``."""
         return {"literal": self.literal}
 
 
 @dataclass(frozen=True)
 class Sobels(Bank):
-    """Directed Sobel filters: the rise of what pixels hold in each direction, of unit norm.
+    """Directional Sobel filters: the gradient of the pixel values in each direction, with unit norm.
 
-    Across a filter stands the difference, along it the binomial mean; a direction between the axes is their sum
-    weighted by cosine and sine.
+    Each filter is a central difference along the direction and a binomial mean across it. A direction between the axes
+    is the sum of both axes' filters, weighted by cosine and sine.
     """
 
     known_as = "sobel"
     source = "thesis 8.2.2 and figure 81, lines 3183-3190"
 
-    sizes: tuple[int, ...] = setting((3,), "px", "sides of the filters, odd, one a scale", "figure 81", above=1)
+    sizes: tuple[int, ...] = setting((3,), "px", "sides of the filters, odd, one per scale", "figure 81", above=1)
     orientations: tuple[float, ...] = setting(
         tuple(45.0 * k for k in range(8)), "degrees", "of the rise; 0: to the right, 90: downwards", "figure 81"
     )
 
     @cached_property
     def filters(self) -> Floats:
-        """Zero where smaller than the largest."""
+        """(scales, orientations, side, side), smaller filters centred and padded with zeros."""
         side, angles = max(self.sizes), np.deg2rad(self.orientations)
         bank = np.zeros((len(self.sizes), len(angles), side, side))
         for s, size in enumerate(self.sizes):
@@ -309,22 +309,22 @@ class Sobels(Bank):
 
 @dataclass(frozen=True)
 class LeakyGabors(_OfGabors):
-    """Gabor filters that each event adds to, whose responses leak to 0 at a constant rate and are never reset."""
+    """Gabor filters that are added at each event. Their responses leak to 0 at a constant rate and are never reset."""
 
     known_as = "leaky_gabors"
     shown = False
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A; MK-Tempotron, zb_filters2.m, conv_integNoFire.m"
 
-    leak: float = setting(0.01, "1/ms", "of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)
+    leak: float = setting(0.01, "1/ms", "leak rate of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)
     signed: bool = setting(False, "", "whether OFF events subtract", SPLITS)
 
     @property
     def shapes(self) -> dict[str, bool]:
-        """Round and smoothed."""
+        """Return ``circular`` and ``smooth``."""
         return {"circular": True, "smooth": True}
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
-        """Absolute values at the end of each frame; frames before have left their rest."""
+        """Return absolute responses at the end of each frame; responses carry over from earlier frames."""
         from neuro_recognise.parts._bank_kernels import leaky_responses
 
         (width, height), out = events.sensor_size, self._empty(events, bounds, side)
@@ -339,15 +339,15 @@ Bank.known = Registry("bank", (Gabors, LeakyGabors, Sobels))
 
 @dataclass(frozen=True)
 class Pool(Part):
-    """Base of the pools. Of each cell of `side` x `side` px the bank gives the largest response."""
+    """Base of the pools, which select from the largest responses of cells of `side` x `side` px."""
 
     kind = "pool"
 
-    side: int = setting(2, "px", "of the cells", "thesis 6.2.2, line 2366", at_least=1)
+    side: int = setting(2, "px", "side of the cells", "thesis 6.2.2, line 2366", at_least=1)
 
     @abstractmethod
     def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
-        """Responses that are passed on, the others 0.
+        """Return the responses with those set to 0 that the pool suppresses.
 
         Args:
             responses: (frames, scales, orientations, rows, columns) of cells.
@@ -357,27 +357,27 @@ class Pool(Part):
 
 @dataclass(frozen=True)
 class Max(Pool):
-    """The largest response of each cell."""
+    """Max pooling: the largest response of each cell."""
 
     source = "thesis 6.2.2, lines 2363-2370"
 
     def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
-        """All of them."""
+        """Return all responses unchanged."""
         return responses
 
 
 @dataclass(frozen=True)
 class LocalMaximum(Pool):
-    """Responses that are the largest under their filter."""
+    """Responses that are a local maximum within their filter's side."""
 
     known_as = "local_maximum"
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A"
 
-    side: int = setting(1, "px", "of the cells", "none in the paper", at_least=1)
-    least: float = setting(0.2, "", "below which none is passed on", "MK-Tempotron, top_onN_MNIST.m", at_least=0)
+    side: int = setting(1, "px", "side of the cells", "none in the paper", at_least=1)
+    least: float = setting(0.2, "", "smallest response that passes", "MK-Tempotron, top_onN_MNIST.m", at_least=0)
 
     def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
-        """Those at least `least` that no other of their orientation and scale exceeds, half a filter around."""
+        """Keep responses >= `least` that are the largest of their orientation and scale within half a filter."""
         from scipy.ndimage import maximum_filter
 
         highest = np.empty_like(responses)

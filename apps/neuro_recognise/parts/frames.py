@@ -1,4 +1,4 @@
-"""Spikes of frames: those of stronger responses come earlier; and what speaks for each class by how frames ended."""
+"""Encoders, which turn filter responses of frames into spike times, and votes of frames for classes."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ if TYPE_CHECKING:
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 ROUNDING = 1e-9
-"""Share of a filter's largest response up to which a response is a rounding error of 0."""
+"""Responses up to this share of a filter's largest response are rounding errors, treated as 0."""
 TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how-to/remus.md"
 
 
 @dataclass(frozen=True)
 class Encoder(Part):
-    """Base of the encoders.
+    """Base of the encoders: stronger responses spike earlier.
 
-    What a recording shows are codes; times follow from these and from what was learnt of all recordings.
+    Evidence holds codes, which do not depend on training. Spike times are computed from codes and from what the encoder
+    learnt from all training recordings.
     """
 
     kind = "encoder"
@@ -39,15 +40,15 @@ class Encoder(Part):
 
     @property
     def last(self) -> int:
-        """The last tick of the window."""
+        """The index of the last tick of the window."""
         return int(np.ceil(self.window / self.resolution)) - 1
 
     @abstractmethod
     def channels(self, scales: int, orientations: int) -> int:
-        """How many spikes can come from a place: the ids' first axis; the others are rows and columns."""
+        """Return the number of inputs per place, the first axis of the ids; the other axes are rows and columns."""
 
     def bands(self, sizes: Sequence[int], orientations: Sequence[float]) -> tuple[str, ...]:
-        """Names of the channels, of filters with these sides, px, and orientations, degrees."""
+        """Return names of the channels for filters of these sizes, px, and orientations, degrees."""
         angles = [f"{angle:g}°" for angle in orientations]
         if self.channels(len(sizes), len(angles)) == len(angles):
             return tuple(angles)
@@ -55,39 +56,39 @@ class Encoder(Part):
 
     @abstractmethod
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
-        """The spikes of each frame.
+        """Return the spikes of each frame.
 
         Args:
             responses: (frames, scales, orientations, rows, columns).
 
         Returns:
-            (spikes,) codes; (spikes,) ids; (frames,) number of spikes of each. Those of a frame are in the order of
-            their times.
+            (spikes,) codes; (spikes,) ids; (frames,) number of spikes of each frame. The spikes of a frame are
+            ordered by time.
         """
 
     def learn(self, codes: Array) -> dict[str, Array]:
-        """What times depend on beside a code, by name, from the codes of all recordings to learn from."""
+        """Learn parameters of `times` from the codes of all training recordings, as arrays by name."""
         return {}
 
     @abstractmethod
     def times(self, codes: Array, learnt: Learnt) -> Floats:
-        """(spikes,) ms from the start of the frame, on the grid of `resolution` in [0, window)."""
+        """Return spike times since the start of the frame, (spikes,) ms, multiples of `resolution` in [0, window)."""
 
 
 @dataclass(frozen=True)
 class LogLatency(Encoder):
-    """Spikes of each orientation and place, of the strongest scale or of all, by the logarithms of responses."""
+    """Latencies from the logarithms of responses, one spike per orientation and place, optionally for each scale."""
 
     known_as = "log_latency"
     source = "thesis 6.2.3, eq. 15, lines 2371-2395"
 
     min_response: float = setting(
-        0.1, "", "share of the frame's largest response below which none spikes", "ours; thesis: r_min of a filter",
+        0.1, "", "smallest response that spikes, as a share of the frame's largest", "ours; thesis: r_min of a filter",
         above=0, below=1,
     )  # fmt: skip
-    first: int = setting(0, "", "how many spikes of a frame are kept, the first ones; 0: all", "thesis", at_least=0)
+    first: int = setting(0, "", "largest number of spikes per frame, the earliest; 0: all", "thesis", at_least=0)
     scales: str = setting(
-        "strongest", "", "whose spikes come from a place: the strongest scale's, or those of all, merged",
+        "strongest", "", "scales whose responses spike: the strongest at each place, or all, merged into one input",
         "all: thesis 6.2.3, line 2387; strongest: docs/reference/recognisers.md", words=("strongest", "all"),
     )  # fmt: skip
     ranges: str = setting(
@@ -105,15 +106,17 @@ class LogLatency(Encoder):
             )
 
     def channels(self, scales: int, orientations: int) -> int:
-        """The orientations."""
+        """Return the number of orientations."""
         return orientations
 
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
-        """Codes are ticks; equal ones are in the order of their ids."""
-        seen = responses.max(axis=1, keepdims=True) if self.scales == "strongest" else responses
-        latencies = self._of_filters(seen) if self.ranges == "filter" else self._of_frames(seen)
-        places = int(np.prod(seen.shape[2:]))
-        fused = np.moveaxis(latencies, 1, -1).reshape(len(seen), places, seen.shape[1])
+        """Return ticks as codes; spikes with equal ticks are ordered by id."""
+        selected = responses.max(axis=1, keepdims=True) if self.scales == "strongest" else responses
+        latencies = (
+            self._latencies_by_filter(selected) if self.ranges == "filter" else self._latencies_by_frame(selected)
+        )
+        places = int(np.prod(selected.shape[2:]))
+        fused = np.moveaxis(latencies, 1, -1).reshape(len(selected), places, selected.shape[1])
         frame, ids, scale = np.nonzero(~np.isnan(fused))
         ticks = np.minimum(fused[frame, ids, scale] // self.resolution, self.last).astype(np.int64)
         order = np.argsort(frame * (self.last + 1) + ticks, kind="stable")
@@ -121,42 +124,42 @@ class LogLatency(Encoder):
         order, lengths = _first(order, lengths, self.first)
         return ticks[order].astype(np.uint16), ids[order].astype(np.int64), lengths
 
-    def _of_frames(self, responses: Floats) -> Floats:
-        """Latencies of the shape of the responses, ms; NaN without a spike."""
+    def _latencies_by_frame(self, responses: Floats) -> Floats:
+        """Return latencies scaled to the frame's largest response, ms, shaped like the responses; NaN for no spike."""
         peak = responses.max(axis=(1, 2, 3, 4), initial=0.0, keepdims=True)
         relative = np.divide(responses, peak, out=np.zeros_like(responses), where=peak > 0)
         relative[relative < self.min_response] = 0.0
         return log_intensity_to_latency(relative, self.min_response, 1.0, self.window)
 
-    def _of_filters(self, responses: Floats) -> Floats:
-        """Latencies of the shape of the responses, ms; NaN without a spike."""
+    def _latencies_by_filter(self, responses: Floats) -> Floats:
+        """Return latencies scaled to each filter's range, ms, shaped like the responses; NaN for no spike."""
         peak = responses.max(axis=(3, 4), initial=0.0, keepdims=True)
         spiking = responses > ROUNDING * peak
         least = responses.min(axis=(3, 4), initial=np.inf, where=spiking, keepdims=True)
-        span = np.log(peak / least, where=least < peak, out=np.ones_like(peak))  # all equal: at the start
+        span = np.log(peak / least, where=least < peak, out=np.ones_like(peak))  # equal responses spike at 0
         ratio = np.divide(peak, responses, where=spiking, out=np.full_like(responses, np.nan))
         latencies: Floats = self.window * np.log(ratio) / span
         return latencies
 
     def times(self, codes: Array, learnt: Learnt) -> Floats:
-        """Ticks of the grid."""
+        """Convert ticks to ms."""
         return np.asarray(codes * self.resolution)
 
 
 @dataclass(frozen=True)
 class Latency(Encoder):
-    """A spike of each scale, orientation and place, at 1 - response / largest response of all that was learnt from."""
+    """Latencies 1 - response / largest training response, with one spike per scale, orientation and place."""
 
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; MK-Tempotron, myC1respToSpk.m"
 
-    first: int = setting(300, "", "how many spikes of a frame are kept, the first ones; 0: all", CODE, at_least=0)
+    first: int = setting(300, "", "largest number of spikes per frame, the earliest; 0: all", CODE, at_least=0)
 
     def channels(self, scales: int, orientations: int) -> int:
-        """All filters."""
+        """Return the number of filters."""
         return scales * orientations
 
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
-        """Codes are responses; equal ones are in the order of their ids."""
+        """Return responses as codes; spikes with equal responses are ordered by id."""
         flat = responses.reshape(len(responses), int(np.prod(responses.shape[1:])))
         frame, ids = np.nonzero(flat > 0)
         strength = flat[frame, ids]
@@ -166,17 +169,17 @@ class Latency(Encoder):
         return strength[order].astype(np.float32), ids[order].astype(np.int64), lengths
 
     def learn(self, codes: Array) -> dict[str, Array]:
-        """The largest response."""
+        """Return the largest response."""
         return {"largest": np.array(codes.max())}
 
     def times(self, codes: Array, learnt: Learnt) -> Floats:
-        """What is as large as the largest comes at 0."""
+        """Convert responses to ms; responses at or above the largest training response spike at 0."""
         weak = 1.0 - np.minimum(codes / np.asarray(learnt["largest"], float), 1.0)
         return np.asarray(np.minimum(weak * self.window // self.resolution, self.last) * self.resolution)
 
 
 def _first(order: Ints, lengths: Ints, n: int) -> tuple[Ints, Ints]:
-    """The first spikes of each frame, so many at most, and how many these are; all where n is 0."""
+    """Limit each frame to its first `n` spikes; 0 for no limit. Return their order and the number per frame."""
     if not n:
         return order, lengths
     rank = np.arange(len(order)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
@@ -191,10 +194,10 @@ class Frames:
     """Spikes of all frames of some recordings.
 
     Attributes:
-        codes: (spikes,) from which an encoder computes the times.
-        ids: (spikes,) of the inputs.
-        offsets: (frames + 1,) frame i has the spikes ``[offsets[i], offsets[i + 1])``.
-        recording: (frames,) the recording that each frame is of, ascending.
+    codes: (spikes,) codes, from which an encoder computes the times.
+    ids: (spikes,) indices of the inputs.
+    offsets: (frames + 1,) frame i has the spikes ``[offsets[i], offsets[i + 1])``.
+    recording: (frames,) index of the recording of each frame, ascending.
     """
 
     codes: Array
@@ -204,7 +207,7 @@ class Frames:
 
     @classmethod
     def of(cls, shown: Features) -> Self:
-        """Those of recordings whose evidence has ``codes`` and ``ids``, and ``lengths``, the spikes of each frame."""
+        """Collect the frames from evidence with ``codes``, ``ids`` and ``lengths``, the number of spikes per frame."""
         lengths = shown.column("lengths")
         recording = np.repeat(np.arange(len(shown)), np.diff(lengths.offsets))
         codes, ids = (shown.column(name).values for name in ("codes", "ids"))
@@ -216,7 +219,7 @@ class Frames:
         return len(self.recording)
 
     def take(self, frames: Ints) -> Self:
-        """Some of the frames, in the order given."""
+        """Return some of the frames, in the given order."""
         lengths = np.diff(self.offsets)[frames]
         offsets = np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)))
         where = np.repeat(self.offsets[frames] - offsets[:-1], lengths) + np.arange(offsets[-1])
@@ -224,7 +227,7 @@ class Frames:
 
 
 def ended_by(evidence: Evidence, us: int) -> Evidence:
-    """What frames have shown that were complete by a time after the first event."""
+    """Return the evidence of frames that were complete `us` after the first event."""
     n = int(np.searchsorted(evidence["ends"], us, "right"))
     spikes = int(evidence["lengths"][:n].sum())
     per_frame, per_spike = ("lengths", "ends"), ("codes", "ids")
@@ -239,37 +242,38 @@ VOTES = ("majority", "potentials")
 def votes(
     results: TrialResults, recording: Ints, recordings: int, classes: int, together: bool = False
 ) -> dict[str, Floats]:
-    """What speaks for each class, by each of `VOTES`.
+    """Compute scores of recordings from their frames, by each rule of `VOTES`.
 
     Args:
-        results: of all frames.
-        recording: (frames,) the recording that each is of.
-        recordings: their number; one may have no frames.
-        classes: their number; each has equally many maps, one after the other.
-        together: whether the maps of a class speak by the mean of their potentials, not by the largest.
+    results: trials of all frames.
+    recording: (frames,) index of the recording of each.
+    recordings: number of recordings; some may have no frames.
+    classes: number of classes. Each has equally many maps (neurons that share a kernel), stored one after the other.
+    together: whether the potential of a class is the mean over its maps instead of the largest.
 
     Returns:
-        (recordings, classes) each; a recording of which no frame says anything has NaN.
+    (recordings, classes) each; a row is NaN if no frame of the recording supports any class.
     """
     decided = results.label >= 0
     wins = np.zeros((recordings, classes))
     np.add.at(wins, (recording[decided], results.label[decided]), 1.0)
     sums = np.zeros((recordings, classes))
     per_class = results.potential.shape[1] // classes
-    of_classes = results.potential.reshape(-1, classes, per_class)
-    np.add.at(sums, recording, of_classes.mean(axis=2) if together else of_classes.max(axis=2))
+    by_class = results.potential.reshape(-1, classes, per_class)
+    np.add.at(sums, recording, by_class.mean(axis=2) if together else by_class.max(axis=2))
     return {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
 
 def majority(wins: Floats, sums: Floats) -> Floats:
-    """The frames that each class has won, and a share of one by which equals are ordered.
+    """Return the number of frames that each class won, plus a fraction below 1 that breaks ties.
 
     Args:
-        wins: (recordings, classes) frames.
-        sums: (recordings, classes) by which classes with equally many are ordered; of equals the first leads.
+    wins: (recordings, classes) number of frames.
+    sums: (recordings, classes) values that break ties; with equal sums the first class leads.
 
     Returns:
-        (recordings, classes) where no class has won any frame NaN.
+    (recordings, classes); a row is NaN if no class won a frame. E.g. wins [2, 2, 1] and sums [1, 3, 2] give
+    [2, 2.67, 1.33].
     """
     behind = np.argsort(np.argsort(-sums, axis=1, kind="stable"), axis=1)
     votes = wins + 1.0 - (behind + 1.0) / sums.shape[1]
@@ -277,12 +281,12 @@ def majority(wins: Floats, sums: Floats) -> Floats:
 
 
 def potentials(sums: Floats) -> Floats:
-    """Over the frames, the sum of the potentials of a class' maps at the decision, mV.
+    """Return the sums as scores, with rows of zeros replaced by NaN.
 
     Args:
-        sums: (recordings, classes).
+    sums: (recordings, classes) sum over the frames of the class's potential at the decision, mV.
 
     Returns:
-        The same; NaN where no map of any class was reached.
+    (recordings, classes); a row is NaN if no map of any class received a spike.
     """
     return np.where(sums.any(axis=1, keepdims=True), sums, np.nan)

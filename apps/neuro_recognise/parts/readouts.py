@@ -1,6 +1,6 @@
-"""From a vector of numbers to classes: linear and RBF support vector machines, least squares, and the nearest class.
+"""Classifiers of vectors: linear and RBF support vector machines, ridge regression, and the nearest class mean.
 
-scikit-learn trains the machines; what they learnt is arrays, and scores are computed from these without it.
+scikit-learn trains the support vector machines. Their parameters are stored as arrays, so scoring does not need it.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from neuro_recognise.shown import Array, Floats, Ints
 
 
 def standard(x: Array, means: Array) -> Floats:
-    """Euclidean distances of vectors (recordings, values) from those of classes, (recordings, classes)."""
+    """Return Euclidean distances of vectors (recordings, values) from class means, (recordings, classes)."""
     return np.stack([np.sqrt(((x - mean) ** 2).sum(axis=1)) for mean in means], axis=1)
 
 
 def normalised(x: Array, means: Array) -> Floats:
-    """Euclidean distances of vectors whose sums are brought to 1."""
+    """Return Euclidean distances of vectors that are first divided by their sums."""
     return standard(_shares(x), _shares(means))
 
 
 def bhattacharyya(x: Array, means: Array) -> Floats:
-    """Bhattacharyya distances, ``-ln sum_k sqrt(x_k m_k)`` of vectors whose sums are brought to 1; 0 to infinity.
+    """Return Bhattacharyya distances, ``-ln sum_k sqrt(x_k m_k)``, of vectors divided by their sums; 0 to infinity.
 
-    Values must not be negative, as those of histograms.
+    Values must be >= 0, e.g. histograms.
     """
     with np.errstate(divide="ignore"):
         return np.asarray(-np.log(np.sqrt(_shares(x)) @ np.sqrt(_shares(means)).T))
@@ -47,7 +47,7 @@ DISTANCES: Mapping[str, Callable[[Array, Array], Floats]] = {
 
 
 def _shares(x: Array) -> Floats:
-    """Vectors brought to a sum of 1; one of zeros stays."""
+    """Divide each vector by its sum; a vector of zeros is unchanged."""
     total = x.sum(axis=1, keepdims=True)
     return np.asarray(x / np.where(total > 0, total, 1.0))
 
@@ -65,21 +65,21 @@ class Readout(Part):
 
     @abstractmethod
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
-        """Learn to tell classes apart.
+        """Train the classifier.
 
         Args:
             x: (recordings, values).
             labels: (recordings,) from 0 to classes - 1.
-            classes: their number; some may have no recordings.
-            course: has the seed.
+            classes: number of classes; some may have no recordings.
+            course: conditions of the training; the seed is used.
 
         Raises:
-            ModelError: what it needs is not installed.
+            ModelError: an optional dependency is not installed.
         """
 
     @abstractmethod
     def scores(self, learnt: Learnt, x: Array) -> Floats:
-        """(recordings, classes), the larger, the more speaks for a class."""
+        """Return scores (recordings, classes), larger for a more likely class."""
 
 
 @dataclass(frozen=True)
@@ -96,33 +96,33 @@ class Svm(Readout):
 
     @property
     def takes_sparse(self) -> bool:
-        """Where values are not scaled."""
+        """True where values are not scaled."""
         return self.scale == "none"
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
         """Learn weights and thresholds."""
         svm = _learner("LinearSVC")
         middle, spread = _scale(x) if self.scale == "standard" else (np.zeros(1), np.ones(1))
-        made = svm(C=self.C, dual="auto", random_state=course.seed)
+        machine = svm(C=self.C, dual="auto", random_state=course.seed)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that it did not converge: the machine is used as it is
-            made.fit(_standard(x, middle, spread) if self.scale == "standard" else self._scaled(x), labels)
-        planes, offsets = made.coef_, made.intercept_
-        if len(made.classes_) == 2:  # one plane tells both apart
+            warnings.simplefilter("ignore")  # a warning about convergence: the last iterate is used
+            machine.fit(_standard(x, middle, spread) if self.scale == "standard" else self._scaled(x), labels)
+        planes, offsets = machine.coef_, machine.intercept_
+        if len(machine.classes_) == 2:  # scikit-learn has a single plane for two classes
             planes, offsets = np.concatenate([-planes, planes]), np.concatenate([-offsets, offsets])
         weights, thresholds = np.zeros((classes, planes.shape[1])), np.full(classes, -np.inf)
-        weights[made.classes_], thresholds[made.classes_] = planes, offsets
-        # the planes of plain values, so that nothing has to be standardised to ask
+        weights[machine.classes_], thresholds[machine.classes_] = planes, offsets
+        # Planes are converted to unscaled values, so that scoring needs no standardisation.
         shift = weights @ (middle / spread) if self.scale == "standard" else 0.0
         return {"weights": weights / spread, "thresholds": thresholds - shift}
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
-        """Distances from the planes, in units of the margin."""
+        """Return signed distances from the planes, in units of the margin."""
         m: Any = learnt
         return np.asarray(self._scaled(x) @ m["weights"].T + m["thresholds"])
 
     def _scaled(self, x: Array) -> Array:
-        """Vectors of length 1, if that is wanted; a vector of zeros stays."""
+        """Scale vectors to length 1 if the setting asks for it; a vector of zeros is unchanged."""
         if self.scale != "length":
             return x
         length = np.sqrt((x**2).sum(axis=1, keepdims=True))
@@ -139,21 +139,21 @@ class Rbf(Readout):
     gamma: float = setting(1.0, "", "1 / width^2 of the kernel, times the number of values", "scikit-learn", above=0)
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
-        """Learn which recordings hold the borders, and their weights."""
+        """Learn the support vectors and their weights."""
         svc = _learner("SVC")
         middle, spread = _scale(x)
         scaled = _standard(x, middle, spread)
         weights, thresholds = np.zeros((classes, len(x))), np.full(classes, -np.inf)
         for label in np.unique(labels):
-            made = svc(C=self.C, gamma=self.gamma / x.shape[1]).fit(scaled, labels == label)
-            weights[label, made.support_] = made.dual_coef_[0]
-            thresholds[label] = made.intercept_[0]
-        holding = weights.any(axis=0)
-        held = {"vectors": scaled[holding], "weights": weights[:, holding], "thresholds": thresholds}
-        return {"middle": middle, "spread": spread, **held}
+            machine = svc(C=self.C, gamma=self.gamma / x.shape[1]).fit(scaled, labels == label)
+            weights[label, machine.support_] = machine.dual_coef_[0]
+            thresholds[label] = machine.intercept_[0]
+        is_support = weights.any(axis=0)
+        parameters = {"vectors": scaled[is_support], "weights": weights[:, is_support], "thresholds": thresholds}
+        return {"middle": middle, "spread": spread, **parameters}
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
-        """Values of the machines, in units of the margin."""
+        """Return the decision function of each machine, in units of the margin."""
         m: Any = learnt
         scaled = (x - m["middle"]) / m["spread"]
         squares = (scaled**2).sum(1)[:, None] + (m["vectors"] ** 2).sum(1) - 2.0 * scaled @ m["vectors"].T
@@ -163,7 +163,7 @@ class Rbf(Readout):
 
 @dataclass(frozen=True)
 class Ridge(Readout):
-    """Linear least squares with a penalty, one class against the others, on standardised values; quick to learn."""
+    """Ridge regression, one class against the others, on standardised values; fast to train."""
 
     source = "Rifkin and Klautau, JMLR 5:101, 2004, section 3.2 (regularised least squares classification)"
 
@@ -172,30 +172,30 @@ class Ridge(Readout):
     )
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
-        """Solve for weights in closed form, in the smaller of the two spaces."""
+        """Solve for the weights in closed form, in the smaller of the primal and the dual space."""
         middle, spread = _scale(x)
         scaled = _standard(x, middle, spread)
-        wanted = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
-        level = wanted.mean(axis=0)
+        targets = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
+        mean_targets = targets.mean(axis=0)
         if len(x) <= x.shape[1]:
             inner = scaled @ scaled.T + self.penalty * np.eye(len(x))
-            weights = scaled.T @ np.linalg.solve(inner, wanted - level)
+            weights = scaled.T @ np.linalg.solve(inner, targets - mean_targets)
         else:
             inner = scaled.T @ scaled + self.penalty * np.eye(x.shape[1])
-            weights = np.linalg.solve(inner, scaled.T @ (wanted - level))
-        weights = np.ascontiguousarray(weights.T / spread)  # in a file's order, so that what is read scores to the bit
-        there = np.isin(np.arange(classes), labels)
-        return {"weights": weights, "thresholds": np.where(there, level - weights @ middle, -np.inf)}
+            weights = np.linalg.solve(inner, scaled.T @ (targets - mean_targets))
+        weights = np.ascontiguousarray(weights.T / spread)  # same memory order as when read from a file, for equal bits
+        has_recordings = np.isin(np.arange(classes), labels)
+        return {"weights": weights, "thresholds": np.where(has_recordings, mean_targets - weights @ middle, -np.inf)}
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
-        """Values from about -1 to about 1."""
+        """Return scores from about -1 to about 1."""
         m: Any = learnt
         return np.asarray(x @ m["weights"].T + m["thresholds"])
 
 
 @dataclass(frozen=True)
 class Nearest(Readout):
-    """The class whose mean is nearest."""
+    """The class with the nearest mean."""
 
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017, section 3.3"
 
@@ -206,42 +206,42 @@ class Nearest(Readout):
     )  # fmt: skip
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
-        """The mean of each class."""
+        """Compute the mean of each class."""
         means = np.full((classes, x.shape[1]), np.inf)
         for label in np.unique(labels):
             means[label] = x[labels == label].mean(axis=0)
         return {"means": means}
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
-        """Distances, negative; of a class without recordings -inf."""
+        """Return negative distances; -inf for a class without recordings."""
         means = np.asarray(learnt["means"])
-        there = np.isfinite(means).all(axis=1)
-        found = np.full((len(x), len(means)), -np.inf)
-        found[:, there] = -DISTANCES[self.distance](x, means[there])
-        return found
+        has_recordings = np.isfinite(means).all(axis=1)
+        scores = np.full((len(x), len(means)), -np.inf)
+        scores[:, has_recordings] = -DISTANCES[self.distance](x, means[has_recordings])
+        return scores
 
 
 Readout.known = Registry("readout", (Svm, Rbf, Ridge, Nearest))
 
 
 def _scale(x: Array) -> tuple[Floats, Floats]:
-    """Mean and deviation of each value; 1 where a value is always the same."""
+    """Return mean and standard deviation of each value; the deviation of a constant value is set to 1."""
     spread = x.std(axis=0)
     return x.mean(axis=0), np.where(spread > 0, spread, 1.0)
 
 
 def _standard(x: Array, middle: Floats, spread: Floats) -> Floats:
-    """Values with mean 0 and deviation 1; no copy but this one, as there may be tens of thousands of vectors."""
+    """Standardise values with a single copy, because there may be tens of thousands of vectors."""
     scaled: Floats = x - middle
     scaled /= spread
     return scaled
 
 
 def _learner(name: str) -> Any:
-    """A class of scikit-learn.
+    """Return a class of scikit-learn.
 
     Raises:
-        ModelError: it is not installed.
+    ModelError: scikit-learn is not installed.
     """
     try:
         from sklearn import svm

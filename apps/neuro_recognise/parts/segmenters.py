@@ -1,4 +1,4 @@
-"""Filters of events, and cuts into frames by motion, clock, count or peaks."""
+"""Cleaners, which filter events, and segmenters, which cut a recording into frames by motion, clock, count or peaks."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ from neuro_recognise.shown import Ints
 
 @dataclass(frozen=True)
 class Cleaner(Part):
-    """Base of the cleaners."""
+    """Base of the cleaners, which remove noise events."""
 
     kind = "cleaner"
 
     @abstractmethod
     def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
-        """A function that takes a recording part after part and gives what is left of each part."""
+        """Return a function that filters a recording part after part."""
 
     def clean(self, events: Events) -> Events:
-        """The events of a recording that are left."""
+        """Return the events of a recording that pass the filter."""
         return self.begun(events.sensor_size)(events)
 
 
 @dataclass(frozen=True)
 class Plain(Cleaner):
-    """All events stay."""
+    """No filter: all events pass."""
 
-    source = "what all methods but those with a filter do"
+    source = "default of methods without a filter"
 
     def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
-        """Each part as it is."""
+        """Return the identity."""
         return lambda events: events
 
 
 @dataclass(frozen=True)
 class Tar(Cleaner):
-    """Events of temporal active regions stay."""
+    """Filter that passes events of temporal active regions (TAR)."""
 
     source = "thesis appendix B, algorithm 14"
 
     tau: float = setting(0.08, "s", "decay of activity", "thesis figure 85", above=0)
     theta: float = setting(2.4, "events", "activity that must be exceeded", "thesis figure 85", above=0)
-    radius: int = setting(1, "px", "of the neighbourhood", "thesis figure 85", at_least=0)
+    radius: int = setting(1, "px", "radius of the neighbourhood", "thesis figure 85", at_least=0)
 
     def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
-        """Those whose surroundings were active shortly before."""
+        """Return a filter that passes events whose neighbourhood was recently active."""
         return filters.TAR(sensor_size, tau=self.tau, theta=self.theta, radius=self.radius)
 
 
@@ -64,14 +64,14 @@ class Segmenter(Part):
     """Base of the segmenters.
 
     Class attributes:
-        tentative: whether the last segment of a beginning may end elsewhere once more is seen.
+    tentative: whether the end of the last segment may change when more events of the recording arrive.
     """
 
     kind = "segmenter"
     tentative: ClassVar[bool] = False
 
     def bounds(self, t: Ints) -> Ints:
-        """Where segments begin, and the end of the last; what comes after it belongs to none.
+        """Return the first event of each segment and the end of the last; later events belong to no segment.
 
         Args:
             t: (n,) times, us, ascending.
@@ -84,24 +84,24 @@ class Segmenter(Part):
 
     @abstractmethod
     def cutter(self) -> segmentation.Cutter:
-        """What cuts, also a recording that comes in parts."""
+        """Return a new cutter, which also accepts a recording in parts."""
 
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
-        """When each segment is known to be complete.
+        """Return the time at which each segment is known to be complete.
 
         Args:
             t: (n,) times, us, ascending.
-            bounds: of the segments.
+            bounds: bounds of the segments.
 
         Returns:
-            (segments,) us, the time of the event that shows it.
+            (segments,) us, the time of the first event after which the segment's end is certain.
         """
         return t[bounds[1:] - 1]
 
 
 @dataclass(frozen=True)
 class Msd(Segmenter):
-    """A leaky neuron that all events reach ends a segment where it fires."""
+    """Motion symbol detector: a leaky neuron that receives all events ends a segment at each of its spikes."""
 
     source = "thesis section 6.2.1, lines 2321-2334"
 
@@ -109,83 +109,85 @@ class Msd(Segmenter):
     threshold: float = setting(150.0, "events", "potential that completes a segment", "thesis table 3", above=0)
 
     def cutter(self) -> segmentation.Cutter:
-        """A detector of motion symbols."""
+        """Return a motion symbol detector."""
         return segmentation.MSD(self.tau, self.threshold)
 
 
 @dataclass(frozen=True)
 class Hes(Segmenter):
-    """Segments of equal time: hard segmentation."""
+    """Segments of equal duration: hard event segmentation."""
 
     source = "thesis section 3.3, lines 875-890"
 
     window: float = setting(20.0, "ms", "length of a segment", "a fifth of a saccade of N-MNIST", above=0)
 
     def cutter(self) -> segmentation.Cutter:
-        """A clock."""
+        """Return a cutter by time."""
         return segmentation.TimeWindows(max(1, round(1000.0 * self.window)))
 
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
-        """At the first event after the window."""
+        """Return the time of the first event after each window."""
         return t[bounds[1:]]
 
 
 @dataclass(frozen=True)
 class Counts(Segmenter):
-    """Segments of equally many events: hard segmentation."""
+    """Segments with equal numbers of events: hard event segmentation."""
 
     source = "thesis section 3.3, lines 875-890"
 
-    count: int = setting(200, "events", "of a segment", "about that of MSD's on N-MNIST", at_least=1)
+    count: int = setting(200, "events", "events per segment", "about that of MSD's on N-MNIST", at_least=1)
 
     def cutter(self) -> segmentation.Cutter:
-        """A counter."""
+        """Return a cutter by number of events."""
         return segmentation.Counts(self.count)
 
 
 @dataclass(frozen=True)
 class Ses(Segmenter):
-    """Segments round the peaks of a leaky neuron's potential: soft segmentation."""
+    """Segments around the peaks of a leaky neuron's potential: soft event segmentation."""
 
     tentative = True
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis section 6.1.1, lines 2165-2176"
 
-    search: float = setting(15.0, "ms", "how far a peak is the highest on both sides", "MK-Tempotron's code", above=0)
+    search: float = setting(
+        15.0, "ms", "time on both sides of a peak without a higher one", "MK-Tempotron's code", above=0
+    )
     tau: float = setting(20.0, "ms", "decay of the potential; 4 times its rise", "MK-Tempotron's code", above=0)
     threshold: float = setting(
-        0.0, "", "a peak is above it; in potentials of single events",
+        0.0, "", "smallest potential of a peak, in units of one event's potential",
         f"0: all; EDHMAX: 200, {SPLITS}; MK-Tempotron: 603", at_least=0,
     )  # fmt: skip
 
     def cutter(self) -> segmentation.Cutter:
-        """A finder of peaks; whether one is the highest is known `search` later only."""
+        """Return a peak finder, which confirms a peak `search` after it."""
         return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
 
 
 class _End(segmentation.Cutter):
-    """Cuts behind the last event, once no more come."""
+    """Cuts once, after the last event."""
 
-    seen = 0
+    count = 0
 
     def cuts(self, t: Ints) -> Ints:
-        """None."""
-        self.seen += len(t)
+        """Return no cuts."""
+        self.count += len(t)
         return segmentation.NONE
 
     def end(self) -> Ints:
-        """All events; none of a recording without any."""
-        return np.array([self.seen] if self.seen else [], np.int64)
+        """Return the end of the recording; nothing without events."""
+        return np.array([self.count] if self.count else [], np.int64)
 
 
 @dataclass(frozen=True)
 class Whole(Segmenter):
-    """The whole recording as a segment: for still pictures, whose pixels have as many events as their grey level."""
+    """The whole recording as one segment, for still images whose pixels have as many events as their grey level."""
 
     tentative = True
     source = "Mozafari et al. 2018, Masquelier and Thorpe 2007: a picture is shown once"
 
     def cutter(self) -> segmentation.Cutter:
-        """What cuts at the end."""
+        """Return a cutter that cuts after the last event."""
         return _End()
 
 

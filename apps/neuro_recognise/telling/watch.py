@@ -252,7 +252,7 @@ def _notes(recogniser: Recogniser, said: Sequence[Decision], stop: int | None) -
 def _view(view: View, name: str) -> player.Panel:
     many = len(view.at_ms)
     words = [f"{k + 1} of {many}, from {at:.0f} ms" for k, at in enumerate(view.at_ms)]
-    notes = [" · ".join(each) for each in zip(words, view.told, strict=True)] if len(view.told) else words
+    notes = [" · ".join(each) for each in zip(words, view.captions, strict=True)] if len(view.captions) else words
     data: dict[str, Any] = {"at": view.at_ms, "notes": ["none yet", *notes]}
     if isinstance(view, Pictures):
         shades = np.clip(np.rint(255.0 * view.images / (float(view.images.max(initial=0.0)) or 1.0)), 0, 255)
