@@ -101,7 +101,7 @@ def test_a_bill_by_hand(tried):
     gpu, joules, steps = bills(tried, ["gpu"]), 72 / 26 * MACS * 0.3e-9, tried.answer.run()[1].counts.steps / 72
     assert notes(gpu) == [
         FRONT_END,
-        f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
+        f"dense layers run once per frame instead of in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
     ]
     assert notes(bills(tried, ["loihi"])) == [FRONT_END]
 

@@ -118,7 +118,7 @@ def compared(data, folder, *names, **more):
 def test_what_a_method_or_chip_refuses_is_a_row_beside_others(picky, learning, tmp_path):
     one, other = compared(learning, tmp_path / "all", "picky", "hats")
     assert re.fullmatch(r".*/Train/lying/1\.bin: found 90 ms: expected at least 100 ms", one.refused)
-    assert (one.of_seeds, other.refused, other.accuracy) == ((), "", 1.0)
+    assert (one.evaluations, other.refused, other.accuracy) == ((), "", 1.0)
     (one,) = compared(learning, tmp_path / "all", "must", backend="loihi")
     assert one.refused.startswith("backend 'loihi' cannot run this network (1 problem): ")
     assert "must.yaml:40:3: population 'excited': adaptive" in one.refused

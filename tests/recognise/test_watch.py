@@ -128,7 +128,7 @@ def test_what_other_methods_see(name, values, events, made):
     assert first.at_ms == pytest.approx((events.t[ends] - events.t[0]) / 1000)
     if name == "remus":
         spikes = views[1]
-        assert len(spikes.at_ms) == len(spikes.told) == len(spikes.offsets) - 1
+        assert len(spikes.at_ms) == len(spikes.captions) == len(spikes.offsets) - 1
         assert spikes.ids.max() < spikes.size
         assert spikes.times.max() < spikes.length_ms
 

@@ -1,4 +1,4 @@
-"""Several objects in view: scenes with true boxes, detection by any recogniser, and how good it is.
+"""Detection of several objects: scenes with true boxes, detection by any recogniser, and measures of its quality.
 
 from neuro_recognise.detection import Detector
 

@@ -1,14 +1,14 @@
 # mypy: ignore-errors
-"""Compiled loops of `neuro_recognise.methods.hots`: one layer shown one recording.
+"""Compiled loops of `neuro_recognise.methods.hots`: one layer and one recording.
 
-A map holds, for each pixel and channel, exp((T - begin) / tau) of the last event there at T; divided by
-exp((t - begin) / tau) it is the time surface at t. So one exponential an event is enough. Before its numbers leave
-double precision the map is counted from a later moment on.
+A map stores, for each pixel and channel, exp((T - begin) / tau) of the last event there at time T. Divided by
+exp((t - begin) / tau), the map is the time surface at t, so each event needs a single exponential. `begin` is moved
+forward before the values exceed double precision.
 
-A layer that learns compares the surface of an event with its centres. In a layer that does not, an event changes one
-number of the map, so the inner products of all surfaces round it with the centres change by a multiple of the centres:
-they are kept for all pixels, and an event costs as many operations as the neighbourhood has pixels, whatever the number
-of channels. All terms are positive, so the sums stay exact to a few last bits.
+A layer that learns compares each event's surface with its centres. In a layer that does not learn, an event changes one
+value of the map, so the inner products of all surrounding surfaces with the centres change by a multiple of the
+centres. These products are stored for all pixels, and the operations per event are proportional to the pixels of the
+neighbourhood, whatever the number of channels. All terms are positive, so the sums stay exact to a few last bits.
 """
 
 from math import exp, sqrt
@@ -17,21 +17,21 @@ from typing import Any, NamedTuple
 from neuro.apps import kernel, subkernel
 
 LONGEST = 30.0
-"""Time constants after which a map is counted from now on again."""
+"""Number of time constants after which `begin` is moved forward."""
 NOTHING = 1e-200
-"""What is smaller is 0: numbers below 1e-308 would be slow."""
+"""Smaller values are set to 0, because operations on denormal numbers (below 1e-308) are slow."""
 
 
 class Seen(NamedTuple):
-    """The map of a layer, and what its numbers mean.
+    """The map of a layer and its parameters.
 
     Attributes:
-        map: float64[(height + 2 margin) * (width + 2 margin) * channels], 0 at the beginning; the margin is the radius,
-            for `find` 0.
-        width: of the sensor, px.
-        radius: of a neighbourhood, px.
-        channels: int.
-        tau: us.
+    map: float64[(height + 2 margin) * (width + 2 margin) * channels], initially 0; the margin is the radius, or 0 for
+        `find`.
+    width: width of the sensor, px.
+    radius: radius of a neighbourhood, px.
+    channels: int.
+    tau: time constant, us.
     """
 
     map: Any
@@ -43,7 +43,7 @@ class Seen(NamedTuple):
 
 @subkernel
 def shrink(numbers, factor):
-    """Multiply numbers >= 0, in place."""
+    """Multiply values >= 0 in place."""
     for i in range(numbers.size):
         value = numbers[i] * factor
         numbers[i] = value if value > NOTHING else 0.0
@@ -51,16 +51,17 @@ def shrink(numbers, factor):
 
 @subkernel
 def add(row, taps, change):
-    """Add a multiple of taps to a row of the same length; by slices, which numba turns into vector instructions."""
+    """Add a multiple of taps to a row of the same length. Callers pass slices, so that numba vectorises the loop."""
     for j in range(taps.size):
         row[j] += change * taps[j]
 
 
 @subkernel
 def closest(products, first, scale, squares):
-    """The centre k with the smallest ``|C_k|^2 - 2 S C_k``, the first of equal ones: the closest to a surface S.
+    """Return the centre k closest to a surface S: the smallest ``|C_k|^2 - 2 S C_k``, the first of equal ones.
 
-    products: float64[...], of S and centre k at first + k, to be multiplied by scale; squares: float64[centres].
+    products: float64[...], inner product of S and centre k at first + k, to be multiplied by scale; squares:
+    float64[centres].
     """
     best, least = 0, squares[0] - 2.0 * scale * products[first]
     for k in range(1, squares.size):
@@ -75,9 +76,9 @@ def find(t, x, y, channel, layer, products, turned, squares, out):
     """Find the centre closest to the time surface of each event.
 
     t: int64[n], us; x, y: uint16[n], px; channel: int64[n], polarity or centre of the layer before; layer: `Seen`;
-    products: float64[(height + 2 radius) * (width + 2 radius) * centres], 0 at the beginning; turned: float64[channels,
-    rows * columns * centres], centres turned by half a turn; squares: float64[centres], the squared lengths of centres;
-    out: int64[n], the centre of each event.
+    products: float64[(height + 2 radius) * (width + 2 radius) * centres], initially 0; turned: float64[channels, rows *
+    columns * centres], centres rotated by 180 degrees; squares: float64[centres], the squared lengths of centres; out:
+    int64[n], the centre of each event.
     """
     seen, width, radius, channels, tau = layer
     n, side = squares.size, 2 * radius + 1
@@ -103,7 +104,7 @@ def find(t, x, y, channel, layer, products, turned, squares, out):
 
 @subkernel
 def counted_from(begin, now, tau, seen):
-    """From when on the map is counted: from now on, and shrunk to the present, where it has grown for too long."""
+    """Return `begin`; if it is too long ago, first shrink the map to the present and move `begin` to now."""
     if now - begin > LONGEST * tau:
         shrink(seen, exp((begin - now) / tau))
         return now
@@ -112,10 +113,10 @@ def counted_from(begin, now, tau, seen):
 
 @subkernel
 def compared(seen, corner, stride, span, side, scale, centres, products):
-    """The inner product of the time surface with each centre; gives the surface's squared length.
+    """Compute the inner products of the time surface with all centres; return the surface's squared length.
 
-    seen: float64[...], the map, flat; corner: where the neighbourhood begins; stride: from a row to the next; span:
-    numbers in a row of the neighbourhood; scale: 1 / exp((t - begin) / tau); products: float64[centres], written.
+    seen: float64[...], the map, flat; corner: index of the neighbourhood's first value; stride: distance between rows;
+    span: values in a row of the neighbourhood; scale: 1 / exp((t - begin) / tau); products: float64[centres], written.
     """
     products[:] = 0.0
     square = 0.0
@@ -131,7 +132,7 @@ def compared(seen, corner, stride, span, side, scale, centres, products):
 
 @subkernel
 def moved(seen, corner, stride, span, side, scale, centres, k, keep, alpha):
-    """Move centre k: ``C = keep C + alpha S``; gives its squared length."""
+    """Move centre k: ``C = keep C + alpha S``; return its squared length."""
     square = 0.0
     for i in range(side):
         first = corner + i * stride
@@ -146,9 +147,9 @@ def moved(seen, corner, stride, span, side, scale, centres, k, keep, alpha):
 def learn(t, x, y, channel, layer, centres, squares, products, wins, rates):
     """Move the centre closest to the time surface of each event towards it; algorithm 13 of the thesis.
 
-    As `find`, but centres: float64[rows * columns * channels, centres], changed; squares, changed; products:
-    float64[centres], scratch; wins: int64[centres], p_k, changed; rates: rate and slow of alpha = rate / (1 + p_k /
-    slow).
+    Arguments as in `find`, except centres: float64[rows * columns * channels, centres], changed; squares: changed;
+    products: float64[centres], scratch; wins: int64[centres], p_k, changed; rates: rate and slow of alpha = rate / (1 +
+    p_k / slow).
     """
     seen, width, radius, channels, tau = layer
     rate, slow = rates
@@ -172,9 +173,9 @@ def learn(t, x, y, channel, layer, centres, squares, products, wins, rates):
 
 @kernel
 def surfaces(t, x, y, channel, layer, wanted, out):
-    """The time surfaces of some events, to begin centres with.
+    """Write the time surfaces of some events, used as initial centres.
 
-    As `learn`; wanted: int64[k], ascending numbers of events; out: float64[rows * columns * channels, k].
+    Arguments as in `learn`; wanted: int64[k], ascending indices of events; out: float64[rows * columns * channels, k].
     """
     seen, width, radius, channels, tau = layer
     side = 2 * radius + 1

@@ -1,6 +1,6 @@
-"""Methods that describe a recording by a vector, or its segments, and read classes from it: HATS, TAR-HATS and BOE.
+"""Methods that describe a recording or its segments by a vector and classify it: HATS, TAR-HATS and BOE.
 
-There is no network, and nothing is learnt on the way.
+These methods have no network, and only the readout learns.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Descriptor(Method):
-    """Base of these methods.
+    """Base of the methods that describe a recording by a vector.
 
     Attributes:
-        readout: separates classes.
+    readout: classifier of the vectors.
     """
 
     needs = "recognise"
@@ -40,29 +40,29 @@ class Descriptor(Method):
 
     @abstractmethod
     def describe(self, events: Events) -> Floats:
-        """(values,) of a recording that lies inside the field."""
+        """Return the vector of a recording inside the field, (values,)."""
 
     def observe(self, events: Events) -> Evidence:
-        """The vector."""
+        """Return the vector."""
         return {"vector": self.describe(self.inside(events)).astype(np.float32)}
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Teach the readout."""
+        """Train the readout."""
         return self.readout.fit(shown.stacked("vector").astype(np.float64), shown.labels, len(shown.classes), course)
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """Ask the readout; a recording without events is silent."""
+        """Compute the readout's scores; a recording without events is silent."""
         x = shown.stacked("vector").astype(np.float64)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
 
 VIEW_US = 10_000
-"""us; from picture to picture of what is seen."""
+"""Time between images of `Hats.views`, us."""
 
 
 @dataclass(frozen=True)
 class Hats(Descriptor):
-    """Each event sees its surroundings in the last 100 ms; what events see is averaged over cells of pixels."""
+    """Histograms of averaged time surfaces (HATS): surfaces of the last 100 ms, averaged over cells."""
 
     title = "histograms of averaged time surfaces"
     source = "Sironi et al., CVPR 2018, section 4"
@@ -70,29 +70,31 @@ class Hats(Descriptor):
     measured = {"N-MNIST": "95.1 %", "POKER-DVS": "94.6 %"}
 
     cell: int = setting(0, "px", "side of a cell; 0: a fifth of the field", "best of 5, 7, 9 on N-MNIST", at_least=0)
-    radius: int = setting(3, "px", "of an event's surroundings", "the paper's for N-CARS", at_least=0)
-    tau: float = setting(100.0, "ms", "decay and length of what is remembered", "the paper's for N-CARS", above=0)
+    radius: int = setting(3, "px", "radius of a time surface", "the paper's for N-CARS", at_least=0)
+    tau: float = setting(
+        100.0, "ms", "time constant of the decay, and length of the memory", "the paper's for N-CARS", above=0
+    )
 
     readout: Readout = part(Readout, Svm(C=10.0, scale="length"))
 
     def fitting(self, size: tuple[int, int]) -> Self:
-        """Cells that follow from the field."""
+        """Fill in the cell size that follows from the field."""
         settled = super().fitting(size)
         return settled if self.cell else replace(settled, cell=max(1, round(max(settled.size) / 5)))
 
     def grown(self) -> Grows:
-        """The histograms of all cells, (rows, columns, 2, side, side), of no events yet."""
+        """Return an empty description, with histograms of all cells (rows, columns, 2, side, side)."""
         tau_us = round(1000.0 * self.tau)
         return representations.Hats(self.size, cell=self.cell, radius=self.radius, window_us=tau_us, tau_us=tau_us)
 
     def describe(self, events: Events) -> Floats:
-        """The histograms of all cells in a row."""
-        grown = self.grown()
-        grown.add(events)
-        return grown.histograms().ravel().astype(np.float64)
+        """Return the histograms of all cells as one vector."""
+        description = self.grown()
+        description.add(events)
+        return description.histograms().ravel().astype(np.float64)
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Teach the readout; ``averages`` (classes, values) of what recordings show are kept for pictures."""
+        """Train the readout, and store the ``averages`` (classes, values) of the vectors for pictures."""
         sums = np.zeros((len(shown.classes), len(shown.evidence[0]["vector"])))
         for label, one in zip(shown.labels.tolist(), shown.evidence, strict=True):
             sums[label] += one["vector"]
@@ -100,42 +102,42 @@ class Hats(Descriptor):
         return {**super().fit(shown, course), "averages": sums / np.maximum(counts, 1)}
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """The average of each class, both polarities together."""
+        """Draw the average of each class, summed over polarities."""
         from neuro_recognise.telling.pictures import images
 
-        drawn = [_sheet(one) for one in np.asarray(learnt["averages"]).reshape(-1, *self.grown().histograms().shape)]
-        about = "in each cell what its events see round them, mean of the recordings"
-        return {"averages": images(np.array(drawn), classes, "The time surfaces of the classes", about)}
+        sheets = [_sheet(one) for one in np.asarray(learnt["averages"]).reshape(-1, *self.grown().histograms().shape)]
+        about = "average time surface of the events in each cell, mean over recordings"
+        return {"averages": images(np.array(sheets), classes, "The time surfaces of the classes", about)}
 
     def observer(self) -> Observer:
-        """Sums and counts that grow."""
+        """Return an observer that updates sums and counts."""
         return Growing(self, self.grown())
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
-        """The histograms of all cells beside each other, of both polarities together, every 10 ms."""
+        """Return the histograms of all cells, summed over polarities, every 10 ms."""
         times = VIEW_US * np.arange(1, 1 + -(-int(events.t[-1] - events.t[0]) // VIEW_US))
-        grown, images, begin = self.grown(), [], 0
+        description, images, begin = self.grown(), [], 0
         for end in np.searchsorted(events.t, events.t[0] + times, "right").tolist():
-            grown.add(self.within(events[begin:end]))
+            description.add(self.within(events[begin:end]))
             begin = end
-            images.append(_sheet(grown.histograms()))
+            images.append(_sheet(description.histograms()))
         return [Pictures("What it sees", times / 1000.0, np.array(images))] if images else []
 
 
 def _sheet(histograms: Array) -> Array:
-    """Histograms (rows, columns, 2, side, side) of cells beside each other, both polarities together."""
+    """Arrange histograms (rows, columns, 2, side, side) of cells as one image, summed over polarities."""
     cells = histograms.sum(axis=2)
     rows, columns, side, _ = cells.shape
     return np.asarray(cells.transpose(0, 2, 1, 3).reshape(rows * side, columns * side))
 
 
 NEVER = -(1 << 53)
-"""us; so long ago that nothing is left of it."""
+"""Time of the last event where there was none, us; its decayed value is 0."""
 
 
 @dataclass(frozen=True)
 class TarHats(Hats):
-    """Each event sees when the last event came at each pixel round it; what events see is averaged over cells."""
+    """HATS with surfaces of the last event at each pixel, without memory of earlier events, after the filter TAR."""
 
     known_as = "tar_hats"
     title = "HATS without memory behind the filter TAR"
@@ -145,12 +147,12 @@ class TarHats(Hats):
     cleaner: Cleaner = part(Cleaner, Tar())
 
     def grown(self) -> Grows:
-        """The histograms of all cells, (rows, columns, 2, side, side), of no events yet."""
+        """Return an empty description, with histograms of all cells (rows, columns, 2, side, side)."""
         return _LastSurfaces(self)
 
 
 class _LastSurfaces:
-    """What events see of the last events round them, averaged over cells, growing event by event."""
+    """Time surfaces of the last events, averaged over cells and updated event by event."""
 
     def __init__(self, method: TarHats) -> None:
         (width, height), cell, side = method.size, method.cell, 2 * method.radius + 1
@@ -160,13 +162,13 @@ class _LastSurfaces:
         self._sums, self._counts = np.zeros((rows, columns, 2, side, side)), np.zeros((rows, columns), np.int64)
 
     def add(self, events: Events) -> None:
-        """Take in what the filter leaves of the next events."""
-        left = self._sieve(events)
+        """Add the next events after filtering."""
+        filtered = self._sieve(events)
         state = (self._last, self._sums, self._counts)
-        last_surfaces(left.t, left.x, left.y, left.p, self._cell, self._tau_us, *state)
+        last_surfaces(filtered.t, filtered.x, filtered.y, filtered.p, self._cell, self._tau_us, *state)
 
     def histograms(self) -> Floats:
-        """Means over the events of each cell."""
+        """Return means over the events of each cell."""
         return np.asarray(self._sums / np.maximum(self._counts, 1)[:, :, None, None, None])
 
 
@@ -174,10 +176,11 @@ class _LastSurfaces:
 def last_surfaces(
     t: Ints, x: Array, y: Array, p: Array, cell: int, tau_us: float, last: Ints, sums: Floats, counts: Ints
 ) -> None:
-    """Add to each cell what its events see: exp(-age / tau) of the last event of their polarity at each pixel round.
+    """Add time surfaces to cells: exp(-age / tau) of the last event of the same polarity at each pixel around an event.
 
-    t: int64[n]; x, y: uint16[n]; p: uint8[n]; last: int64[2, height + 2 radius, width + 2 radius], long ago where there
-    was none; sums: float64[rows, columns, 2, side, side]; counts: int64[rows, columns]. An event sees itself.
+    t: int64[n]; x, y: uint16[n]; p: uint8[n]; last: int64[2, height + 2 radius, width + 2 radius], long ago without an
+    event; sums: float64[rows, columns, 2, side, side]; counts: int64[rows, columns]. The surface of an event includes
+    the event itself.
     """
     side = sums.shape[3]
     radius = side // 2
@@ -193,12 +196,12 @@ def last_surfaces(
 
 @dataclass(frozen=True)
 class Boe(Method):
-    """Segments as bags of events and a linear support vector machine, whose values are summed over a recording.
+    """Segments as bags of events and a linear support vector machine, whose scores are averaged over a recording.
 
     Attributes:
-        cleaner: what is done to events first.
-        segmenter: cuts a recording.
-        readout: decides each segment.
+    cleaner: filter of events.
+    segmenter: cuts a recording into segments.
+    readout: classifier of segments.
     """
 
     title = "bags of events"
@@ -213,51 +216,59 @@ class Boe(Method):
     readout: Readout = part(Readout, Svm(C=1.0, scale="none"))
 
     def observe(self, events: Events) -> Evidence:
-        """The pixel of each event, and how many events each segment has; a recording too short for one is one."""
-        seen, bounds = self._cut(events)
-        pixels = (seen.y.astype(np.int64) * self.size[0] + seen.x)[bounds[0] : bounds[-1]]
+        """Return the pixel of each event and the number of events per segment.
+
+        A recording without a complete segment is a single segment.
+        """
+        filtered, bounds = self._cut(events)
+        pixels = (filtered.y.astype(np.int64) * self.size[0] + filtered.x)[bounds[0] : bounds[-1]]
         return {"pixels": pixels.astype(np.uint32), "lengths": np.diff(bounds)}
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Weigh pixels by how few segments they have events in, and teach the readout segment by segment."""
+        """Weight pixels by how few segments have events there, and train the readout on segments."""
         shares, recording = self._shares(shown)
         n = shares.shape[0]
         special = np.log(n / np.maximum(np.bincount(shares.indices, minlength=shares.shape[1]), 1))
-        special /= np.sqrt(shares.multiply(special).power(2).sum() / n) or 1.0  # segments of length 1: C is of these
-        taught = self.readout.fit(self._weighed(shares, special), shown.labels[recording], len(shown.classes), course)
-        return {"speciality": special, **taught}
+        special /= (
+            np.sqrt(shares.multiply(special).power(2).sum() / n) or 1.0
+        )  # mean squared length 1, which C presumes
+        trained = self.readout.fit(self._weighed(shares, special), shown.labels[recording], len(shown.classes), course)
+        return {"speciality": special, **trained}
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """The mean of what the readout says of the segments."""
+        """Average the readout's scores over the segments."""
         shares, recording = self._shares(shown)
-        of_segments = self.readout.scores(learnt, self._weighed(shares, learnt["speciality"]))
+        by_segment = self.readout.scores(learnt, self._weighed(shares, learnt["speciality"]))
         sums: Floats = np.zeros((len(shown), len(shown.classes)))
-        np.add.at(sums, recording, of_segments)
+        np.add.at(sums, recording, by_segment)
         segments = np.bincount(recording, minlength=len(shown))[:, None]
         return Answer(np.divide(sums, segments, out=np.full_like(sums, np.nan), where=segments > 0))
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
-        """The events of each segment, from its end on."""
-        (seen, bounds), (width, height) = self._cut(events), self.size
+        """Return the events of each segment, shown from its end on."""
+        (filtered, bounds), (width, height) = self._cut(events), self.size
         images = np.zeros((len(bounds) - 1, height, width), np.int64)
         for image, begin, end in zip(images, bounds[:-1], bounds[1:], strict=True):
-            np.add.at(image, (seen.y[begin:end], seen.x[begin:end]), 1)
-        at_ms = (seen.t[bounds[1:] - 1] - events.t[0]) / 1000.0
+            np.add.at(image, (filtered.y[begin:end], filtered.x[begin:end]), 1)
+        at_ms = (filtered.t[bounds[1:] - 1] - events.t[0]) / 1000.0
         return [Pictures("Segments", at_ms, images)]
 
     def _weighed(self, shares: csr_matrix, special: Any) -> Any:
-        """What the readout is given: sparse where it can be."""
+        """Return the weighted shares, as a sparse matrix if the readout supports it."""
         weighed = shares.multiply(special).tocsr()
         return weighed if self.readout.takes_sparse else weighed.toarray()
 
     def _cut(self, events: Events) -> tuple[Events, Ints]:
-        """The events that are left of a recording, and the bounds of its segments; one too short for one is one."""
-        seen = self.cleaner.clean(self.inside(events))
-        bounds = self.segmenter.bounds(seen.t)
-        return seen, np.array([0, len(seen)]) if len(bounds) == 1 and len(seen) else bounds
+        """Filter a recording, and return its events and the bounds of its segments.
+
+        A recording without a complete segment is a single segment.
+        """
+        filtered = self.cleaner.clean(self.inside(events))
+        bounds = self.segmenter.bounds(filtered.t)
+        return filtered, np.array([0, len(filtered)]) if len(bounds) == 1 and len(filtered) else bounds
 
     def _shares(self, shown: Features) -> tuple[csr_matrix, Any]:
-        """(segments, pixels) share of each segment's events; and (segments,) the recording of each."""
+        """Return the share of each segment's events per pixel, (segments, pixels), and each segment's recording."""
         from scipy.sparse import csr_matrix
 
         pixels, lengths = shown.column("pixels"), shown.column("lengths")
@@ -265,6 +276,6 @@ class Boe(Method):
         starts = np.concatenate(([0], np.cumsum(lengths.values))).astype(np.int64)
         share = np.repeat(1.0 / np.maximum(lengths.values, 1), lengths.values)
         wide = (len(lengths.values), self.size[0] * self.size[1])
-        found = csr_matrix((share, pixels.values.astype(np.int64), starts), shape=wide)
-        found.sum_duplicates()
-        return found, recording
+        shares = csr_matrix((share, pixels.values.astype(np.int64), starts), shape=wide)
+        shares.sum_duplicates()
+        return shares, recording

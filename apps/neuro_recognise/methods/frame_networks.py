@@ -1,4 +1,4 @@
-"""Methods that show frames to a network: ReMuS, Mozafari, Masquelier and Thorpe, MuST, EDHMAX with tempotrons."""
+"""Methods with networks on frames: ReMuS, Mozafari, Masquelier and Thorpe, MuST, and EDHMAX with tempotrons."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ Source: table 3, lines 2450-2463; majority is line 2431.
 """
 
 THESIS = {**ADAPTED, "theta": 30.0, "epsilon": 0.004, "ties_after": True}
-"""Table 3 and eq. 126 as printed. Epsilon on every wrong frame drives all weights to 1: decisions are at chance."""
+"""Table 3 and eq. 126 as printed. Epsilon on every wrong frame drives all weights to 1, so accuracy is at chance."""
 
 PRINTED = {**THESIS, "literal": True, "scales": "all", "ranges": "filter", "spikes": "first"}
-"""`THESIS` with the printed front end: eq. 122 as printed, r_min and r_max of each filter (line 3722), spikes of all
-scales merged (line 2387).
+"""`THESIS` with the front end as printed: eq. 122, r_min and r_max of each filter (line 3722), and merged spikes of all
+scales (line 2387).
 """
 
 EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
-"""A decision every 5 ms, from the first on: thesis section 6.2.8, lines 2549-2560."""
+"""A decision every 5 ms from the beginning: thesis section 6.2.8, lines 2549-2560."""
 
 RELEARNS = {"least": 0.1, "Ap_minus": -0.08, "Ap_plus": 0.01}
-"""Rewards that follow the share of mistakes, and punishment twice as strong. Each lesson moves the logit of a weight by
-about its rate, so that punishments have to undo all rewards before. Chosen on seeds 5 to 7 of POKER-DVS, see
-docs/reference/recognisers.md.
+"""Rewards scaled by the share of mistakes, and punishments twice as strong. Each update moves the logit of a weight by
+about its rate, so after a change of labels punishments must undo all earlier rewards. Chosen on seeds 5 to 7 of
+POKER-DVS, see docs/reference/recognisers.md.
 """
 
 
 PICTURES = {"segmenter": "whole", "sizes": [5], "sigmas": [2.0], "wavelengths": [2.5]}
-"""Still pictures and filters of one scale, as Mozafari, Masquelier and Thorpe have: thesis lines 2271-2275."""
+"""Still images and filters of one scale, as in Mozafari, Masquelier and Thorpe: thesis lines 2271-2275."""
 
 
 @dataclass(frozen=True)
 class Remus(Framewise):
-    """Pseudo-frames of a motion symbol detector, Gabor filters, log I2L, and a layer that learns by reward."""
+    """Frames of a motion symbol detector, Gabor filters, log-intensity latencies, and a layer that learns by reward."""
 
     title = "reward-modulated STDP on the first spikes of pseudo-frames"
     source = "Mosca, MSc thesis, 2020, section 6.2"
@@ -73,28 +73,28 @@ NORB = "SpykeTorch's MozafariShallow, NORB"
 
 @dataclass(frozen=True)
 class MozafariLayer(Labelled):
-    """Grids of neurons without leak that share a kernel; the first to fire names the class and is rewarded for it."""
+    """Maps of non-leaky neurons with one shared kernel each. The first to fire decides the class and is rewarded."""
 
     source = "models/neuro_models/mozafari.yaml"
     file = "mozafari"
     teaching = ("least",)
 
-    per_class: int = setting(8, "", "maps of each class", f"{SPLITS}; as ReMuS", at_least=1)
+    per_class: int = setting(8, "", "maps per class", f"{SPLITS}; as ReMuS", at_least=1)
     field: int = setting(11, "cells", "side of the receptive field", "thesis table 3", at_least=1)
     theta: float = setting(60.0, "mV", "threshold", f"{SPLITS}: no map dies, no frame is silent", above=0)
-    weight: float = setting(0.8, "", "mean of the first weights", NORB)
-    spread: float = setting(0.05, "", "deviation of the first weights", NORB, at_least=0)
+    weight: float = setting(0.8, "", "mean of the initial weights", NORB)
+    spread: float = setting(0.05, "", "deviation of the initial weights", NORB, at_least=0)
     Ar_plus: float = setting(0.05, "", "rate on reward, input before the decision", NORB)
     Ar_minus: float = setting(-0.003, "", "rate on reward, other inputs", NORB)
     Ap_plus: float = setting(0.0005, "", "rate on punishment, other inputs", NORB)
     Ap_minus: float = setting(-0.05, "", "rate on punishment, input before the decision", NORB)
-    dropout: float = setting(0.5, "", "share of the maps that are silent in a recording", NORB)
-    least: float = setting(0.2, "", "of the factors on rates, so that neither comes to rest", NORB, above=0, at_most=1)
+    dropout: float = setting(0.5, "", "share of the maps that are silenced in a recording", NORB)
+    least: float = setting(0.2, "", "smallest factor on rates, so that learning never stops", NORB, above=0, at_most=1)
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Let rates follow the shares of all frames that were decided wrongly and rightly; silence is neither.
+        """Scale the rates by the shares of frames decided wrongly and rightly; silent frames are neither.
 
-        Before the first epoch they are those of guessing.
+        Before the first epoch the shares are those of guessing.
         """
         guessed = self.per_class / sim.weights("c1_s2").shape[0]
         shares = last or Shares(right=guessed, wrong=1.0 - guessed)
@@ -107,7 +107,7 @@ Layer.known.add(MozafariLayer)
 
 @dataclass(frozen=True)
 class Mozafari(Framewise):
-    """Frames of ReMuS's front end, and a layer whose learning follows the share of mistakes."""
+    """Frames of ReMuS's front end, and a layer whose learning rates follow the share of mistakes."""
 
     title = "reward-modulated STDP whose rates follow the share of mistakes"
     source = "Mozafari et al., IEEE TNNLS 29:6178, 2018; thesis eqs 120, 121; there natural images, one scale"
@@ -122,7 +122,7 @@ PAPER = "Masquelier and Thorpe 2007"
 
 @dataclass(frozen=True)
 class MasquelierThorpeLayer(Layer):
-    """Maps of neurons without leak; each wins once a frame at most and silences the others round its winner."""
+    """Maps of non-leaky neurons. Each map wins at most once per frame and silences the others around its winner."""
 
     source = "models/neuro_models/masquelier_thorpe.yaml"
     file = "masquelier_thorpe"
@@ -130,16 +130,18 @@ class MasquelierThorpeLayer(Layer):
     batch = 400
     teaching = ("highest",)
 
-    maps: int = setting(40, "", "of neurons", f"{SPLITS}; the paper: 10 for each of two kinds of pictures", at_least=1)
+    maps: int = setting(
+        40, "", "number of maps", f"{SPLITS}; the paper: 10 for each of two kinds of pictures", at_least=1
+    )
     field: int = setting(11, "cells", "side of the receptive field", f"{SPLITS}; the paper: 16", at_least=1)
     theta: float = setting(50.0, "mV", "threshold while learning", f"{SPLITS}; 25 suits a field of 7", above=0)
-    weight: float = setting(0.8, "", "mean of the first weights", PAPER)
-    spread: float = setting(0.05, "", "deviation of the first weights", PAPER, at_least=0)
-    A_plus: float = setting(2.0**-6, "", "rate at first, input before the winner", PAPER, above=0)
-    highest: float = setting(0.25, "", "rate, which doubles every 400 frames up to this", PAPER, above=0)
+    weight: float = setting(0.8, "", "mean of the initial weights", PAPER)
+    spread: float = setting(0.05, "", "deviation of the initial weights", PAPER, at_least=0)
+    A_plus: float = setting(2.0**-6, "", "initial rate, input before the winner", PAPER, above=0)
+    highest: float = setting(0.25, "", "largest rate; the rate doubles every 400 frames", PAPER, above=0)
 
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
-        """Also the radius of silence, half a field, and the rate of other inputs, -3/4 of A_plus."""
+        """Add the radius of inhibition, half a field, and the rate of other inputs, -3/4 of A_plus."""
         return super().following(inputs, classes) | {"radius": self.field // 2, "A_minus": -0.75 * self.A_plus}
 
     def pace(self, sim: neuro.Simulation, seen: int) -> None:
@@ -148,7 +150,7 @@ class MasquelierThorpeLayer(Layer):
         sim.set("c1_s2", A_plus=rate, A_minus=-0.75 * rate)
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
-        """With a threshold that all inputs together cannot reach: the potentials are what is read."""
+        """Raise the threshold above the sum of all inputs, because potentials are read instead of spikes."""
         inputs = int(np.prod(np.shape(learnt["c1_s2"])[1:]))
         s2 = net.populations["s2"]
         assert isinstance(s2.model, neuro.iaf_psc_delta)
@@ -161,10 +163,10 @@ Layer.known.add(MasquelierThorpeLayer)
 
 @dataclass(frozen=True)
 class MasquelierThorpe(Framewise):
-    """Features that come often in frames of ReMuS's front end, and a linear support vector machine.
+    """Features that are frequent in frames of ReMuS's front end, and a linear support vector machine.
 
     Attributes:
-        readout: separates classes by the mean over a recording's frames of each map's largest potential.
+    readout: classifier of the largest potential of each map, averaged over a recording's frames.
     """
 
     known_as = "masquelier_thorpe"
@@ -179,40 +181,40 @@ class MasquelierThorpe(Framewise):
     epochs: int = setting(
         1,
         "",
-        "how often all recordings are shown",
+        "passes over all recordings",
         "rates are at their highest after 1600 frames: N-MNIST has ten times as many, POKER-DVS needs 3",
     )
     order: str = setting("frames", "", "what is shuffled in each epoch", "ours", words=ORDERS)
     vote: str = setting("features", "", "how frames decide: the readout sees their mean", "ours", words=("features",))
 
     def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
-        """Teach the readout with what the maps answer to the same recordings."""
+        """Train the readout on the maps' responses to the same recordings."""
         features, labels = [], []
         for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
-            seen = np.unique(frames.recording)
-            features.append(features_of(results, frames, len(batch))[seen])
-            labels.append(batch.labels[seen])
+            with_frames = np.unique(frames.recording)
+            features.append(features_of(results, frames, len(batch))[with_frames])
+            labels.append(batch.labels[with_frames])
         return self.readout.fit(np.concatenate(features), np.concatenate(labels), len(shown.classes), course)
 
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
     ) -> Mapping[str, Floats]:
-        """By the readout alone."""
+        """Return the scores of the readout."""
         scores = self.readout.scores(learnt, features_of(results, frames, len(shown)))
-        seen = np.isin(np.arange(len(shown)), frames.recording)
-        return {"features": np.where(seen[:, None], scores, np.nan)}
+        has_frames = np.isin(np.arange(len(shown)), frames.recording)
+        return {"features": np.where(has_frames[:, None], scores, np.nan)}
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """What each map looks for."""
+        """Draw the kernel of each map."""
         from neuro_recognise.telling.pictures import images
 
-        drawn = self.drawn(np.asarray(learnt["c1_s2"]))
-        about = "a picture a map: the bank's filters, each as strong as its weight"
-        return {"features": images(drawn, [""] * len(drawn), "What the maps look for", about)}
+        kernels = self.drawn(np.asarray(learnt["c1_s2"]))
+        about = "one image per map: the bank's filters, scaled by the weights"
+        return {"features": images(kernels, [""] * len(kernels), "Learnt kernels of the maps", about)}
 
 
 def features_of(results: neuro.TrialResults, frames: Frames, recordings: int) -> Floats:
-    """(recordings, maps) largest potential of each map, the mean over the frames of a recording."""
+    """Return the largest potential of each map, averaged over the frames of a recording, (recordings, maps)."""
     sums = np.zeros((recordings, results.potential.shape[1]))
     np.add.at(sums, frames.recording, results.potential)
     return sums / np.maximum(np.bincount(frames.recording, minlength=recordings), 1)[:, None]
@@ -220,41 +222,41 @@ def features_of(results: neuro.TrialResults, frames: Frames, recordings: int) ->
 
 OURS = "ours: the paper's numbers were not found"
 TOP = 8
-"""Neurons of each class in a picture."""
+"""Number of neurons of each class in a picture."""
 SLOW = 1000.0
-"""Frames after which what raised a threshold is down to a share of 1/e."""
+"""Time constant, in frames, with which a raised threshold decays."""
 
 
 @dataclass(frozen=True)
 class MustLayer(Layer):
-    """Neurons that see all inputs; the first to fire learns, and its threshold rises."""
+    """Neurons that receive all inputs. The first neuron to fire learns, and its threshold rises."""
 
     source = "models/neuro_models/must.yaml"
     file = "must"
     supervised = False
 
-    neurons: int = setting(400, "", "that learn", f"{OURS}; 800 are 2 to 5 points better", at_least=1)
-    theta: float = setting(25.0, "mV", "threshold at first", OURS, above=0)
-    rise: float = setting(5.0, "mV", "of the threshold of the neuron that wins", OURS, at_least=0)
+    neurons: int = setting(400, "", "number of neurons", f"{OURS}; 800 are 2 to 5 points better", at_least=1)
+    theta: float = setting(25.0, "mV", "initial threshold", OURS, above=0)
+    rise: float = setting(5.0, "mV", "increase of the winner's threshold", OURS, at_least=0)
     A_plus: float = setting(0.05, "", "rate, input before the decision", OURS)
     A_minus: float = setting(-0.01, "", "rate, other inputs", OURS)
     total: float = setting(300.0, "", "sum of the weights of a neuron", OURS, above=0)
 
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
-        """Also the decay of thresholds, and first weights whose sum is about `total`."""
+        """Add the decay of thresholds, and initial weights whose sum is about `total`."""
         return super().following(inputs, classes) | {
             "tau_theta": SLOW * inputs.window, "highest": min(1.0, 2.0 * self.total / float(np.prod(inputs.shape))),
         }  # fmt: skip
 
     def also(self, sim: neuro.Simulation) -> dict[str, Any]:
-        """The threshold of each neuron."""
+        """Return the threshold of each neuron, and the weights as a matrix."""
         pre, post, weight = sim.weights("c1_excited")
-        matrix = np.zeros((pre.max() + 1, post.max() + 1))  # of all inputs to all neurons
+        matrix = np.zeros((pre.max() + 1, post.max() + 1))  # all inputs to all neurons
         matrix[pre, post] = weight
         return {"thresholds": sim.get("excited", "theta") + self.theta, "c1_excited": matrix}
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
-        """With neurons whose thresholds stay as they are, which chips have, too."""
+        """Replace the neurons by ones with constant thresholds, which chips support."""
         model = neuro.iaf_psc_delta(
             tau_m=np.inf, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=np.asarray(learnt["thresholds"], float)
         )
@@ -267,89 +269,89 @@ Layer.known.add(MustLayer)
 
 @dataclass(frozen=True)
 class Must(Framewise):
-    """The first 150 spikes of frames of ReMuS's front end, and neurons that are named after they have learnt."""
+    """The first 150 spikes of frames of ReMuS's front end, and neurons that are assigned to classes after learning."""
 
-    title = "unsupervised STDP with homeostasis, neurons named afterwards"
+    title = "unsupervised STDP with homeostasis, neurons assigned to classes afterwards"
     source = "Liu et al., 2020, after the thesis, section 6.1.5; homeostasis of Diehl and Cook 2015"
     presets = {"poker": {"size": [34, 34]}, "thesis": {"segmenter": "ses", "vote": "rate"}}
     measured = {"N-MNIST": "80.9 %", "POKER-DVS": "92.3 %"}
 
     encoder: Encoder = part(Encoder, LogLatency(first=150))
     layer: Layer = part(Layer, MustLayer())
-    epochs: int = setting(3, "", "how often all recordings are shown", OURS, at_least=1)
+    epochs: int = setting(3, "", "passes over all recordings", OURS, at_least=1)
     order: str = setting("frames", "", "what is shuffled in each epoch", OURS, words=ORDERS)
     vote: str = setting(
-        "potentials", "", "how frames decide; rate: wins for each neuron of the class", OURS,
+        "potentials", "", "how frames decide; rate: wins per neuron of the class", OURS,
         words=("rate", "majority", "potentials"),
     )  # fmt: skip
 
     def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
-        """Name each neuron by the class of whose frames it wins the largest share; -1 where it never wins."""
+        """Assign each neuron to the class of whose frames it wins the largest share; -1 if it never wins."""
         winners, labels = [], []
         for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
             winners.append(results.winner)
             labels.append(batch.labels[frames.recording])
-        of = len(np.asarray(learnt["thresholds"]))
-        return {"labels": neuro.assign_labels(np.concatenate(winners), np.concatenate(labels), of)}
+        count = len(np.asarray(learnt["thresholds"]))
+        return {"labels": neuro.assign_labels(np.concatenate(winners), np.concatenate(labels), count)}
 
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
     ) -> Mapping[str, Floats]:
-        """By wins for each neuron of a class, by wins, and by the largest potential of a class' neurons."""
+        """Return three scores: wins per neuron of a class, wins, and the largest potential of a class's neurons."""
         labels, classes = np.asarray(learnt["labels"]), len(shown.classes)
-        named = labels >= 0
+        assigned = labels >= 0
         wins, sums = np.zeros((len(shown), classes)), np.zeros((len(shown), classes))
-        decided = np.flatnonzero((results.winner >= 0) & named[results.winner])
+        decided = np.flatnonzero((results.winner >= 0) & assigned[results.winner])
         np.add.at(wins, (frames.recording[decided], labels[results.winner[decided]]), 1.0)
-        for label in np.unique(labels[named]):
+        for label in np.unique(labels[assigned]):
             np.add.at(sums[:, label], frames.recording, results.potential[:, labels == label].max(axis=1, initial=0.0))
-        rate = wins / np.maximum(np.bincount(labels[named], minlength=classes), 1)
-        found = {"rate": np.where(wins.any(axis=1, keepdims=True), rate, np.nan)}
-        return found | {"majority": majority(wins, sums), "potentials": potentials(sums)}
+        rate = wins / np.maximum(np.bincount(labels[assigned], minlength=classes), 1)
+        rates = {"rate": np.where(wins.any(axis=1, keepdims=True), rate, np.nan)}
+        return rates | {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """What the neurons that win most look for, a row a class."""
+        """Draw the weights of the neurons with the highest thresholds, which win most, one row per class."""
         from neuro_recognise.telling.pictures import images
 
         labels, thresholds = np.asarray(learnt["labels"]), np.asarray(learnt["thresholds"])
         order = np.argsort(-thresholds, kind="stable")
-        chosen = [order[labels[order] == k][:TOP] for k in range(len(classes))]
+        rows = [order[labels[order] == k][:TOP] for k in range(len(classes))]
         weights = np.asarray(learnt["c1_excited"]).T.reshape(-1, *self.inputs.shape)
-        drawn = np.zeros((len(classes), TOP, *self.drawn(weights[:1]).shape[1:]))
-        for k, some in enumerate(chosen):
-            drawn[k, : len(some)] = self.drawn(weights[some])
-        about = f"of each class the {TOP} with the highest thresholds; the bank's filters, each as strong as its weight"
+        pictures = np.zeros((len(classes), TOP, *self.drawn(weights[:1]).shape[1:]))
+        for k, row in enumerate(rows):
+            pictures[k, : len(row)] = self.drawn(weights[row])
+        about = f"the {TOP} neurons per class with the highest thresholds; the bank's filters, scaled by the weights"
         heads = [name if k == 0 else "" for name in classes for k in range(TOP)]
-        title = "What the neurons look for"
-        return {"features": images(drawn.reshape(-1, *drawn.shape[2:]), heads, title, about, TOP)}
+        title = "Learnt weights of the neurons"
+        return {"features": images(pictures.reshape(-1, *pictures.shape[2:]), heads, title, about, TOP)}
 
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 RISE = 4.0
-"""tau_m / tau_syn, as in that code."""
+"""tau_m / tau_syn, as in `CODE`."""
 OUT_OF_REACH = 1e6
-"""mV, of potentials of about 1."""
+"""Threshold in mV that is never reached; potentials are about 1 mV."""
 FRONT_END_OF_REMUS = {"segmenter": "msd", "bank": "gabors", "pool": "max", "encoder": "log_latency", "first": 150}
 
 
 @dataclass(frozen=True)
 class TempotronLayer(Labelled):
-    """Neurons that see all inputs; after a mistake these change by what they added to the potential's largest value."""
+    """Neurons that receive all inputs. After an error, a weight changes by its input's part of the peak potential."""
 
     source = "Guetig and Sompolinsky, Nat. Neurosci. 9:420, 2006; models/neuro_models/tempotron.yaml"
     file = "tempotron"
     teaching = ("share", "step", "step_decay")
 
-    per_class: int = setting(10, "", "neurons of each class", CODE, at_least=1)
+    per_class: int = setting(10, "", "neurons per class", CODE, at_least=1)
     theta: float = setting(1.0, "mV", "threshold; the peak of a spike's potential is its weight", CODE, above=0)
     share: float = setting(0.1, "", "time constant of the membrane, as a share of the window", CODE, above=0)
-    weight: float = setting(0.0, "", "mean of the first weights", CODE)
-    spread: float = setting(0.1, "", "deviation of the first weights", CODE, at_least=0)
-    step: float = setting(0.05, "", "size of a change", CODE, above=0)
-    step_decay: float = setting(1.0, "", "factor on it from epoch to epoch", CODE, above=0, at_most=1)
+    weight: float = setting(0.0, "", "mean of the initial weights", CODE)
+    spread: float = setting(0.1, "", "deviation of the initial weights", CODE, at_least=0)
+    step: float = setting(0.05, "", "learning rate", CODE, above=0)
+    step_decay: float = setting(1.0, "", "factor on the learning rate per epoch", CODE, above=0, at_most=1)
 
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
-        """Also time constants, and the capacity by which the peak of a potential is its weight."""
+        """Add the time constants, and a capacitance for which the peak of a spike's potential is its weight."""
         tau = self.share * inputs.window / RISE
         peak = RISE ** (-1.0 / (RISE - 1.0))
         return super().following(inputs, classes) | {
@@ -357,16 +359,16 @@ class TempotronLayer(Labelled):
         }  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Let the step decay, and no neuron decide: each neuron is taught by itself."""
+        """Decay the learning rate, and raise the threshold so that no neuron fires: neurons learn independently."""
         sim.set("cells", V_th=OUT_OF_REACH)
         sim.set("c1_cells", lambda_=self.step * self.step_decay**epoch)
 
     def decided(self, results: neuro.TrialResults) -> Ints:
-        """The class of the largest potential at the end; no neuron fires."""
+        """Return the class of the largest potential, since no neuron fires."""
         return np.asarray(results.potential.argmax(axis=1) // self.per_class)
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
-        """With weights that stay: without bounds, chips could not teach them."""
+        """Make the synapses static, because chips do not support this rule."""
         net.projections["c1_cells"] = replace(net.projections["c1_cells"], synapse=neuro.static())
         return net
 
@@ -376,7 +378,7 @@ Layer.known.add(TempotronLayer)
 
 @dataclass(frozen=True)
 class EdhmaxTempotron(Framewise):
-    """Gabor filters that leak linearly, local maxima of them at peaks of the motion, and tempotrons."""
+    """Gabor filters with linear leak, their local maxima at peaks of the motion, and tempotrons."""
 
     known_as = "edhmax_tempotron"
     title = "leaking filters at peaks of the motion, and tempotrons"
@@ -394,11 +396,11 @@ class EdhmaxTempotron(Framewise):
     pool: Pool = part(Pool, LocalMaximum())
     encoder: Encoder = part(Encoder, Latency())
     layer: Layer = part(Layer, TempotronLayer())
-    epochs: int = setting(10, "", "how often all recordings are shown", CODE, at_least=1)
+    epochs: int = setting(10, "", "passes over all recordings", CODE, at_least=1)
     order: str = setting("frames", "", "what is shuffled in each epoch", CODE, words=ORDERS)
 
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
     ) -> Mapping[str, Floats]:
-        """The neurons of a class, each of which was taught by itself, speak together."""
+        """Average over the neurons of a class, because each learnt independently."""
         return votes(results, frames.recording, len(shown), len(shown.classes), together=True)

@@ -1,6 +1,6 @@
-"""Methods that cut a recording into frames, make spikes of each, and show these to a network as trials.
+"""Methods that cut a recording into frames, encode each as spikes, and present these to a network as trials.
 
-A training is epochs over all frames, kept after each, so that it can go on after a kill.
+Training runs for several epochs over all frames, with a checkpoint after each epoch.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ TABLE_3 = "thesis table 3, lines 2450-2463"
 EQ_126 = "docs/how-to/remus.md; thesis eq. 126: true"
 BEST = "benchmarks/recognisers.py"
 FOLLOWS = {"maps": "the classes and per_class", "rows": "the field and the pool", "columns": "the field and the pool"}
-"""Parameters of networks that cannot be set, and what they follow from."""
+"""Network parameters that cannot be set, and the settings that determine them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What a network is shown.
+    """The spikes that a network receives in a trial.
 
     Attributes:
-        shape: channels, rows and columns of the ids.
-        window: length of a frame's code, ms.
-        resolution: grid of its times, ms.
+    shape: channels, rows and columns of the ids.
+    window: duration of a frame's code, ms.
+    resolution: time grid of the spikes, ms.
     """
 
     shape: tuple[int, int, int]
@@ -51,11 +51,11 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """How the frames of an epoch were decided while they were learnt from; the rest were silent.
+    """Shares of an epoch's frames that were decided rightly and wrongly during learning; the rest were silent.
 
     Attributes:
-        right: share of all frames.
-        wrong: likewise.
+    right: share of right decisions among all frames.
+    wrong: share of wrong decisions among all frames.
     """
 
     right: float
@@ -64,13 +64,13 @@ class Shares:
 
 @dataclass(frozen=True)
 class Layer(Part):
-    """Base of these networks. Fields are parameters of the network's file, but for those of `teaching`.
+    """Base of the networks that learn from frames. Its fields are parameters of the network's file, except `teaching`.
 
     Class attributes:
-        file: the network, in `neuro_models`.
-        teaching: fields that are no parameters of the network.
-        supervised: whether maps have classes, which it learns by; else it learns without labels.
-        batch: frames that are shown between two calls of `pace`.
+    file: name of the network in `neuro_models`.
+    teaching: fields that are not parameters of the network.
+    supervised: whether each map (neurons that share a kernel) belongs to a class and learns from labels.
+    batch: number of frames between two calls of `pace`.
     """
 
     kind = "network"
@@ -80,20 +80,20 @@ class Layer(Part):
     batch: ClassVar[int] = 1000
 
     spikes: str = setting(
-        "once", "", "which spikes of an input teach, see neuro.Trials", "as it is with scales=strongest",
+        "once", "", "spikes of an input that learning uses, see neuro.Trials", "no effect with scales=strongest",
         words=("once", "first", "each"),
     )  # fmt: skip
 
     @classmethod
     def called(cls) -> str:
-        """The name of its file."""
+        """Return the name of the file."""
         return cls.file
 
     def network(self, inputs: Inputs, classes: int) -> neuro.Network:
-        """The network for a number of classes, before learning.
+        """Return the network for a number of classes, before learning.
 
         Raises:
-            ModelError: a value is out of the network's bounds.
+            ModelError: a value is outside of the network's bounds.
         """
         values = {name: value for name, value in self.as_words().items() if name not in ("spikes", *self.teaching)}
         net = neuro.load(network_path(self.file), params=values | self.following(inputs, classes))
@@ -102,82 +102,82 @@ class Layer(Part):
         return net
 
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
-        """Parameters that follow from the input and the classes."""
+        """Return the parameters that follow from the input and the classes."""
         channels, rows, columns = inputs.shape
         words = {"orientations": channels, "rows": rows, "columns": columns}
         return words | {"window": inputs.window, "resolution": inputs.resolution}
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """What is done before each epoch.
+        """Prepare the network for an epoch; the default does nothing.
 
         Args:
-            sim: is taught.
-            epoch: from 0.
-            last: of the epoch before; None before the first.
+            sim: simulation that learns.
+            epoch: index of the epoch, from 0.
+            last: shares of the previous epoch; None before the first.
         """
 
     def pace(self, sim: neuro.Simulation, seen: int) -> None:
-        """What is done before each batch of frames.
+        """Prepare the network for a batch of frames; the default does nothing.
 
         Args:
-            sim: is taught.
-            seen: how many frames it has been taught, in all epochs.
+            sim: simulation that learns.
+            seen: number of frames presented so far in all epochs.
         """
 
     def decided(self, results: neuro.TrialResults) -> Ints:
-        """(frames,) the class that was decided for while it was taught, -1 for none."""
+        """Return the class that won each frame during learning, (frames,), -1 for none."""
         return results.label
 
     def also(self, sim: neuro.Simulation) -> dict[str, Any]:
-        """What has been learnt beside weights, as arrays by name."""
+        """Return what was learnt in addition to weights, as arrays by name."""
         return {}
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
-        """The network that is asked, once it has its weights."""
+        """Return the network for inference; `net` has the learnt weights already."""
         return net
 
 
 @dataclass(frozen=True)
 class Labelled(Layer):
-    """Base of networks in which each class has equally many maps, one after the other."""
+    """Base of networks in which each class has equally many maps, stored one after the other."""
 
     per_class: int = setting(1, "", "maps of each class", at_least=1)
 
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
-        """Also the number of maps."""
+        """Add the number of maps."""
         return super().following(inputs, classes) | {"maps": classes * self.per_class}
 
 
 @dataclass(frozen=True)
 class RemusLayer(Labelled):
-    """Grids of neurons without leak that share a kernel; the first to fire names the class and is rewarded for it."""
+    """Maps of non-leaky neurons with one shared kernel each. The first to fire decides the class and is rewarded."""
 
     source = "thesis 6.2.4, table 3; what it leaves open stands in models/neuro_models/remus.yaml"
     file = "remus"
     teaching = ("rate_decay", "least", "margin")
 
-    per_class: int = setting(8, "", "grids of each class", f"{BEST}; {TABLE_3}: 2", at_least=1)
+    per_class: int = setting(8, "", "maps per class", f"{BEST}; {TABLE_3}: 2", at_least=1)
     field: int = setting(11, "cells", "side of the receptive field", TABLE_3, at_least=1)
     theta: float = setting(60.0, "mV", "threshold", f"{BEST}; {TABLE_3}: 30, of fewer spikes", above=0)
-    weight: float = setting(0.8, "", "mean of the first weights", "ours; open in the thesis")
-    spread: float = setting(0.05, "", "deviation of the first weights", "ours; open in the thesis", at_least=0)
+    weight: float = setting(0.8, "", "mean of the initial weights", "ours; open in the thesis")
+    spread: float = setting(0.05, "", "deviation of the initial weights", "ours; open in the thesis", at_least=0)
     Ar_plus: float = setting(0.075, "", "rate on reward, input before the decision", TABLE_3)
     Ar_minus: float = setting(-0.025, "", "rate on reward, other inputs", TABLE_3)
     Ap_plus: float = setting(0.005, "", "rate on punishment, other inputs", TABLE_3)
     Ap_minus: float = setting(-0.04, "", "rate on punishment, input before the decision", TABLE_3)
     epsilon: float = setting(
-        2e-4, "", "growth of the right class' weights after a mistake, without rescue",
+        2e-4, "", "growth of the right class's weights after a mistake, without rescue",
         f"ours; {TABLE_3}: 0.004, which drives all weights to 1",
     )  # fmt: skip
-    rescue: bool = setting(True, "", "whether a mistake rewards the best-excited grid of the right class", BEST)
+    rescue: bool = setting(True, "", "whether a mistake rewards the most excited map of the right class", BEST)
     wrong: float = setting(
         -1.0, "", "reward of a wrong decision; 1, with rescue=false and epsilon=0, learns without labels",
         "thesis 6.2.5, line 2432", at_least=-1, at_most=1,
     )  # fmt: skip
     ties_after: bool = setting(False, "", "whether on reward an input in the decision's tick counts as late", EQ_126)
-    dropout: float = setting(0.5, "", "share of the grids that are silent in a recording", f"{BEST}; {TABLE_3}: 0.25")
-    decay: float = setting(0.8, "", "factor on dropout from epoch to epoch", f"{BEST}; {TABLE_3}: 0.7")
-    rate_decay: float = setting(1.0, "", "factor on rates, epoch by epoch", "none in the thesis", above=0, at_most=1)
+    dropout: float = setting(0.5, "", "share of the maps that are silenced in a recording", f"{BEST}; {TABLE_3}: 0.25")
+    decay: float = setting(0.8, "", "factor on dropout per epoch", f"{BEST}; {TABLE_3}: 0.7")
+    rate_decay: float = setting(1.0, "", "factor on rates per epoch", "none in the thesis", above=0, at_most=1)
     least: float = setting(
         1.0, "", "least factor on rewards, which follows the share of mistakes in the epoch before; 1: no factor",
         "as eq. 120, docs/reference/recognisers.md", above=0, at_most=1,
@@ -188,7 +188,7 @@ class RemusLayer(Labelled):
     )  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Bring weights back to the margin, let the rates decay, and those of rewards follow the mistakes."""
+        """Move weights back inside the margin, decay the rates, and scale rewards by the share of mistakes."""
         if self.margin:
             sim.set_weights("c1_s2", np.clip(sim.weights("c1_s2"), self.margin, 1.0 - self.margin))
         rates = {name: getattr(self, name) for name in ("Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "epsilon")}
@@ -201,19 +201,19 @@ Layer.known = Registry("network", (RemusLayer,))
 
 
 def taught(net: neuro.Network) -> list[str]:
-    """The projections that learn from trials."""
+    """Return the names of projections that learn from trials."""
     return [name for name, projection in net.projections.items() if projection.synapse.learns == "trials"]
 
 
 def to_text(net: neuro.Network) -> str:
-    """A network without large arrays as YAML text."""
+    """Return a network without large arrays as YAML text."""
     with tempfile.TemporaryDirectory() as folder:
         net.save(Path(folder) / "network.yaml")
         return (Path(folder) / "network.yaml").read_text("utf-8")
 
 
 def from_text(text: str) -> neuro.Network:
-    """The network that a YAML text describes; its parts have no places, as there is no file to look into."""
+    """Read a network from YAML text; its parts have no origin in a file."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "network.yaml").write_text(text, "utf-8")
         net = neuro.load(Path(folder) / "network.yaml")
@@ -226,25 +226,25 @@ def from_text(text: str) -> neuro.Network:
 
 ORDERS = ("recordings", "frames")
 DRAWN = 1
-"""The scale of the filters by which weights are drawn."""
+"""Index of the filter scale that is used to draw weights."""
 AT_ONCE = 100
-"""Recordings whose frames are in memory while a network answers."""
+"""Number of recordings whose frames are in memory at once during inference."""
 
 
 @dataclass(frozen=True)
 class Framewise(Method):
-    """Base of these methods.
+    """Base of the methods that present frames to a network.
 
     Attributes:
-        segmenter: cuts a recording into frames.
-        representation: what of the events is seen at the end of each.
-        bank: filters each frame.
-        pool: passes responses on.
-        encoder: makes spikes of them.
-        layer: the network that is shown these and learns.
-        epochs: how often all recordings are shown.
-        order: what is shuffled in each epoch, whole recordings or all their frames.
-        vote: how the frames of a recording decide, see `neuro_recognise.parts.frames`.
+    segmenter: cuts a recording into frames.
+    representation: pixel values at the end of each frame.
+    bank: filters that are applied to each frame.
+    pool: selects responses.
+    encoder: encodes responses as spikes.
+    layer: network that receives the spikes and learns.
+    epochs: number of passes over all recordings.
+    order: what is shuffled in each epoch, whole recordings or all their frames.
+    vote: rule by which the frames of a recording decide, see `neuro_recognise.parts.frames`.
     """
 
     spikes = True
@@ -257,7 +257,7 @@ class Framewise(Method):
     pool: Pool = part(Pool, Max())
     encoder: Encoder = part(Encoder, LogLatency())
     layer: Layer = part(Layer, RemusLayer())
-    epochs: int = setting(8, "", "how often all recordings are shown", "learning has settled by then", at_least=1)
+    epochs: int = setting(8, "", "passes over all recordings", "learning has settled by then", at_least=1)
     order: str = setting("recordings", "", "what is shuffled in each epoch", "thesis section 6.2.5", words=ORDERS)
     vote: str = setting("potentials", "", "how frames decide", "docs/how-to/recognise.md; majority: 2431", words=VOTES)
 
@@ -271,10 +271,10 @@ class Framewise(Method):
             )
 
     def changed(self, values: Mapping[str, Any]) -> Self:
-        """Settings with some values changed; see `Settings.changed`.
+        """Return settings with some values changed; see `Settings.changed`.
 
         Raises:
-            ModelError: also where a value follows from others.
+            ModelError: see `Settings.changed`, or a value is determined by other settings.
         """
         for name in values:
             if name in FOLLOWS and not self.layer.takes(name):
@@ -282,19 +282,19 @@ class Framewise(Method):
         return super().changed(values)
 
     def fitting(self, size: tuple[int, int]) -> Self:
-        """With the sensor's size; refused where a cell is larger."""
+        """Fill in the sensor's size, and check that it holds at least one cell of the pool."""
         settled = super().fitting(size)
         if min(settled.size) < self.pool.side:
             raise ModelError(f"size = {list(settled.size)}: expected at least {self.pool.side} px each, a cell")
         return settled
 
     def fixed(self) -> Mapping[str, Any]:
-        """All but the number of epochs: more may be asked for."""
+        """Return all settings except the number of epochs, which may be increased to continue a training."""
         return {name: value for name, value in self.as_words().items() if name != "epochs"}
 
     @property
     def front_end(self) -> Inputs:
-        """The sheet of the front end's spikes."""
+        """Shape, window and grid of the front end's spikes."""
         width, height = self.size
         channels = self.encoder.channels(len(self.bank.sizes), len(self.bank.orientations))
         shape = (channels, height // self.pool.side, width // self.pool.side)
@@ -302,15 +302,15 @@ class Framewise(Method):
 
     @property
     def inputs(self) -> Inputs:
-        """The sheet of spikes that the network is shown."""
+        """Shape, window and grid of the spikes that the network receives."""
         return self.front_end
 
     def observe(self, events: Events) -> Evidence:
-        """The spikes of each frame.
+        """Compute the spikes of each frame.
 
         Returns:
-            ``codes`` and ``ids`` (spikes,); ``lengths`` (frames,) their number; ``ends`` (frames,) when a frame is
-            known to be complete, us after the first event; ``lasts`` (1,) us from the first event to the last.
+            ``codes`` and ``ids`` (spikes,); ``lengths`` (frames,) spikes per frame; ``ends`` (frames,) time at which a
+            frame is known to be complete, us after the first event; ``lasts`` (1,) us from the first event to the last.
         """
         first = int(events.t[0]) if len(events) else 0
         seen = self.inside(events)
@@ -323,22 +323,25 @@ class Framewise(Method):
         return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends, "lasts": lasts}
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
-        """The frames that were complete by then; where the last may end elsewhere later, each beginning by itself."""
+        """Return the frames that were complete at each time.
+
+        A segmenter whose last segment may still change observes each beginning separately.
+        """
         if self.segmenter.tentative:
             return super().observe_until(events, times_us)
         whole = self.observe(events)
         return [ended_by(whole, us) for us in times_us]
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Teach the network.
+        """Train the network.
 
         Returns:
-            ``network`` before learning as YAML text, weights by the name of their projection, ``history`` (epochs,) the
-            share of frames that were decided rightly in each and ``mistakes`` that of those decided wrongly, ``seed``,
+            ``network`` before learning as YAML text, weights by the name of their projection, ``history`` and
+            ``mistakes`` (epochs,) the shares of frames that were decided rightly and wrongly in each epoch, ``seed``,
             and what the encoder learnt.
 
         Raises:
-            ModelError: a value is out of the network's bounds, or there is nothing to learn from.
+            ModelError: a value is outside of the network's bounds, or there is nothing to learn from.
         """
         frames = frames_to_learn_from(shown)
         net = self.layer.network(self.inputs, len(shown.classes))
@@ -346,33 +349,33 @@ class Framewise(Method):
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
         shares: list[Shares] = []
         silent_epochs = 0
-        if found := course.resume():
-            both = zip(found["history"].tolist(), found["mistakes"].tolist(), strict=True)
-            shares = [Shares(*each) for each in both]
-            restore(sim, found["state"])
+        if state := course.resume():
+            pairs = zip(state["history"].tolist(), state["mistakes"].tolist(), strict=True)
+            shares = [Shares(*each) for each in pairs]
+            restore(sim, state["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
             shares.append(self._epoch(sim, frames, shown.labels, codes, epoch, course))
             silent_epochs = silent_epochs + 1 if shares[-1] == Shares(right=0.0, wrong=0.0) else 0
-            course.keep(**told_of(shares), state=state_of(sim))
+            course.keep(**curves_of(shares), state=state_of(sim))
         if silent_epochs:
             epochs = f"the last {silent_epochs} epochs" if silent_epochs > 1 else "the last epoch"
             message = f"{self.called()}: no neuron fired in any of the {len(frames)} frames of {epochs}"
             message += f", so nothing is decided: {self.way_out_of_silence()}"
             warnings.warn(message, neuro.ModelWarning, stacklevel=2)
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
-        learnt |= {"network": to_text(net), **told_of(shares), "seed": np.array(course.seed)}
+        learnt |= {"network": to_text(net), **curves_of(shares), "seed": np.array(course.seed)}
         learnt |= codes | self.layer.also(sim)
         return {**learnt, **self.afterwards(learnt, shown, course)}
 
     def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
-        """What is learnt once the network has, from what it answers to the same recordings; more arrays by name."""
+        """Learn from the trained network's responses to the same recordings, e.g. a readout; return arrays by name."""
         return {}
 
     def _epoch(
         self, sim: neuro.Simulation, frames: Frames, labels: Ints, codes: Learnt, epoch: int, course: Course
     ) -> Shares:
-        """Show all recordings once; return how the frames were decided, NaN where there is no right and wrong."""
+        """Present all recordings once. Return the shares of right and wrong decisions, NaN without labels."""
         done, right, wrong = 0, 0, 0
         rng = np.random.default_rng([course.seed, epoch])
         if self.order == "frames":
@@ -384,40 +387,40 @@ class Framewise(Method):
         for first in range(0, len(turn), self.layer.batch):
             batch = frames.take(turn[first : first + self.layer.batch])
             self.layer.pace(sim, epoch * len(frames) + done)
-            wanted = labels[batch.recording] if self.layer.supervised else None
+            targets = labels[batch.recording] if self.layer.supervised else None
             times = self.encoder.times(batch.codes, codes)
             results = sim.trials(
-                times, batch.ids, batch.offsets, labels=wanted, learn=True, samples=batch.recording, epoch=epoch
+                times, batch.ids, batch.offsets, labels=targets, learn=True, samples=batch.recording, epoch=epoch
             )
             sim.forget(before=sim.time)
             done += len(results)
-            if wanted is not None:
+            if targets is not None:
                 decided = self.layer.decided(results)
-                right += int(np.count_nonzero(decided == wanted))
-                wrong += int(np.count_nonzero((decided != wanted) & (decided >= 0)))
-            share = None if wanted is None else right / done
+                right += int(np.count_nonzero(decided == targets))
+                wrong += int(np.count_nonzero((decided != targets) & (decided >= 0)))
+            share = None if targets is None else right / done
             course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), share))
         if not self.layer.supervised:
             return Shares(right=float("nan"), wrong=float("nan"))
         return Shares(right=right / len(frames), wrong=wrong / len(frames))
 
     def network(self, learnt: Learnt) -> neuro.Network | None:
-        """The network with what it has learnt; None where several decide one after the other."""
+        """Return the learnt network; None if several networks decide one after the other."""
         return self.deciding(learnt)
 
     def deciding(self, learnt: Learnt) -> neuro.Network:
-        """The network that decides, with what it has learnt."""
+        """Return the network that decides, with its learnt weights."""
         net = from_text(str(learnt["network"]))
         for name in taught(net):
             net.projections[name] = replace(net.projections[name], weight=learnt[name])
         return self.layer.settled(net, learnt)
 
     def simulation(self, learnt: Learnt, backend: str = "event") -> neuro.Simulation:
-        """The learnt network, ready to be shown recordings."""
+        """Compile the learnt network."""
         return neuro.compile(self.deciding(learnt), backend=backend, seed=int(learnt["seed"]))
 
     def present(self, sim: neuro.Simulation, learnt: Learnt, shown: Features) -> tuple[neuro.TrialResults, Frames]:
-        """Show all frames of recordings without teaching: how each ended, and the frames."""
+        """Present all frames of recordings without learning; return the trials' results and the frames."""
         frames = Frames.of(shown)
         results = sim.trials(self.encoder.times(frames.codes, learnt), frames.ids, frames.offsets)
         sim.forget(before=sim.time)
@@ -426,70 +429,70 @@ class Framewise(Method):
     def presented(
         self, sim: neuro.Simulation, learnt: Learnt, shown: Features
     ) -> Iterator[tuple[Features, neuro.TrialResults, Frames]]:
-        """Show many recordings without teaching, a batch in memory after the other: each, and as `present` gives."""
+        """Present recordings in batches without learning; yield each batch with the results of `present`."""
         for batch in shown.batches(AT_ONCE):
             yield batch, *self.present(sim, learnt, batch)
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
-        """A function from the front end's spikes to those that the deciding network is shown: here the same."""
+        """Return a function from the front end's spikes to the input of the deciding network; here the identity."""
         return lambda shown: shown
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """By each vote; a recording without frames is silent."""
+        """Compute the scores of each vote; a recording without frames is silent."""
         return self.asker(learnt, backend)(shown)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """With a network that is compiled once; `Answer.run` gives it as it is after the last question."""
+        """Compile the network once for all calls. `Answer.run` returns the simulation as it is after the last call."""
         sim, entering = self.simulation(learnt, backend), self.entering(learnt, backend)
 
         def ask(shown: Features) -> Answer:
-            sim.reset()  # noise and rounding are drawn by the step
-            found: dict[str, list[Floats]] = {}
-            taken: list[neuro.TrialCounts] = []
+            sim.reset()  # random numbers of noise and rounding depend on the step
+            batches: dict[str, list[Floats]] = {}
+            counts: list[neuro.TrialCounts] = []
             for batch, results, frames in self.presented(sim, learnt, entering(shown)):
                 for name, scores in self.votes(learnt, results, frames, batch).items():
-                    found.setdefault(name, []).append(scores)
-                taken.append(results.taken)
-            votes = {name: np.concatenate(scores) for name, scores in found.items()}
-            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, taken)), duration_s=shown.duration_s())
+                    batches.setdefault(name, []).append(scores)
+                counts.append(results.taken)
+            votes = {name: np.concatenate(scores) for name, scores in batches.items()}
+            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, counts)), duration_s=shown.duration_s())
 
         return ask
 
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
     ) -> Mapping[str, Floats]:
-        """What speaks for each class, (recordings, classes), by each way of letting frames decide."""
+        """Return scores of each voting rule, (recordings, classes)."""
         return votes(results, frames.recording, len(shown), len(shown.classes))
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
-        """The events of each frame, and the spikes that the network is shown, with the winner."""
-        seen, evidence = self.inside(events), self.observe(events)
+        """Return the pixel values of each frame, and the network's input spikes with the winner."""
+        inside, evidence = self.inside(events), self.observe(events)
         at_ms = evidence["ends"] / 1000.0
         if not len(at_ms):
             return []
-        bounds = self.segmenter.bounds(seen.t)
+        bounds = self.segmenter.bounds(inside.t)
         shown = self.entering(learnt)(unlabelled([evidence], tuple(classes)))
         results, frames = self.present(self.simulation(learnt), learnt, shown)
-        named = [f" for {name}" for name in classes] if self.layer.supervised else [""] * results.potential.shape[1]
+        suffixes = [f" for {name}" for name in classes] if self.layer.supervised else [""] * results.potential.shape[1]
         labels = tuple(
-            f"neuron {neuron} wins{named[label]}" if label >= 0 else "none wins"
+            f"neuron {neuron} wins{suffixes[label]}" if label >= 0 else "none wins"
             for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
         )
         times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
         bands = self.encoder.bands(self.bank.sizes, self.bank.orientations) if self.inputs == self.front_end else ()
         return [
-            Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
+            Pictures("Frame", at_ms, self.representation.pixels(inside, bounds).pictures(self.size)),
             TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, labels, bands),
         ]
 
     def drawn(self, kernels: Floats) -> Floats:
-        """What weights (features, orientations, rows, columns) of cells look for, (features, height, width) in px."""
+        """Draw kernels (features, orientations, rows, columns) of cells as images (features, height, width) in px."""
         from neuro_recognise.telling.pictures import reconstructed
 
         return reconstructed(kernels, self.bank.filters[DRAWN % len(self.bank.sizes)], self.pool.side)
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """Where classes have maps with kernels these, and how the learning went."""
+        """Draw the kernels of the classes' maps, if there are any, and the learning curve."""
         from neuro_recognise.telling.pictures import history, prototypes
 
         drawn = {}
@@ -504,7 +507,7 @@ def frames_to_learn_from(shown: Features) -> Frames:
     """Return all frames of recordings.
 
     Raises:
-        ModelError: there are none.
+    ModelError: there are no frames.
     """
     frames = Frames.of(shown)
     if not len(frames):
@@ -512,20 +515,20 @@ def frames_to_learn_from(shown: Features) -> Frames:
     return frames
 
 
-def told_of(shares: Sequence[Shares]) -> dict[str, Array]:
-    """Shares of frames by epoch: ``history`` of right decisions, ``mistakes`` of wrong ones."""
+def curves_of(shares: Sequence[Shares]) -> dict[str, Array]:
+    """Return the learning curves: ``history``, shares of right decisions by epoch, and ``mistakes``, of wrong ones."""
     return {"history": np.array([one.right for one in shares]), "mistakes": np.array([one.wrong for one in shares])}
 
 
 def state_of(sim: neuro.Simulation) -> Array:
-    """The file that `Simulation.save` writes, as bytes."""
+    """Return the file that `Simulation.save` writes, as bytes."""
     with tempfile.TemporaryDirectory() as folder:
         sim.save(Path(folder) / "state.h5")
         return np.fromfile(Path(folder) / "state.h5", np.uint8)
 
 
 def restore(sim: neuro.Simulation, state: Array) -> None:
-    """Go on from what `state_of` gave."""
+    """Restore a state from `state_of`."""
     with tempfile.TemporaryDirectory() as folder:
         state.tofile(Path(folder) / "state.h5")
         sim.restore(Path(folder) / "state.h5")

@@ -1,6 +1,6 @@
-"""Networks of `neuro_models` that learn by gradients; the output neuron that fires most decides.
+"""Networks of `neuro_models` that learn by surrogate gradients. The output neuron with the most spikes decides.
 
-Learning needs torch, by `neuro_train`; what was learnt runs on every backend without it.
+Learning needs torch, through `neuro_train`; the learnt network runs on every backend without it.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from neuro_train.data import BatchData as Taught
 from neuro_train.plan import TrainingPlan
 
 INPUT, OUTPUT = "pixels", "out"
-ON_FOLDS = "folds of N-MNIST's training recordings, docs/how-to/train.md, which its accuracy is of, too"
+ON_FOLDS = "folds of N-MNIST's training recordings, the same as for its accuracy, docs/how-to/train.md"
 GUESS = "prototype, one fold of N-MNIST's training recordings"
-CHOSEN = "two folds of N-MNIST's training recordings, of another seed than its accuracy is of; docs/how-to/train.md"
+CHOSEN = "two folds of N-MNIST's training recordings, another seed than for its accuracy; docs/how-to/train.md"
 TRAINER = "neuro train, docs/how-to/train.md"
 POKER = {"size": [34, 34], "step": 1.0, "duration": 20.0, "epochs": 120, "warp": 0.0, "mirror": 0.5}
-"""Chosen by folds of POKER-DVS that others than its accuracy is of (seeds 10 to 12), but of the same recordings."""
+"""Tuned on folds of POKER-DVS with other seeds (10 to 12) than those of its accuracy, but on the same recordings."""
 SEEN = ("size", "step", "duration", "scale")
-"""Settings that what a recording shows depends on."""
+"""Settings that evidence depends on."""
 
 
 @dataclass(frozen=True)
 class Gradients(Method):
-    """Base of these methods: a network with the populations ``pixels`` and ``out``, and how it learns.
+    """Base of these methods: a network with the populations ``pixels`` and ``out``, and its training.
 
     Class attributes:
-        file: the network, in `neuro_models`; it has the parameters height, width, classes and resolution.
-        learns: what of which projection learns; the weights of all if there is none.
-        of_network: settings that are parameters of the network.
+    file: name of the network in `neuro_models`; its parameters include height, width, classes and resolution.
+    learns: trainable parameters of each projection; all weights if empty.
+    of_network: settings that are parameters of the network.
     """
 
     spikes = True
@@ -54,20 +54,22 @@ class Gradients(Method):
     learns: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     of_network: ClassVar[tuple[str, ...]] = ("hidden",)
 
-    step: float = setting(5.0, "ms", "of the network; events of a pixel in one are one spike", ON_FOLDS, above=0)
-    duration: float = setting(105.0, "ms", "of a recording", "N-MNIST's first saccade", above=0)
-    scale: int = setting(1, "px", "in a row and in a column that are one neuron", TRAINER, at_least=1)
-    epochs: int = setting(60, "", "how often all recordings are shown", ON_FOLDS, at_least=1)
-    batch: int = setting(20, "", "recordings between two steps of learning", TRAINER, at_least=1)
-    rate: float = setting(0.01, "", "the largest learning rate", ON_FOLDS, above=0)
-    weight_decay: float = setting(0.1, "", "of weights in each step, times the rate", ON_FOLDS, at_least=0)
-    temperature: float = setting(3.0, "", "spikes that make a class e times likelier", TRAINER, above=0)
-    slope: float = setting(1.0, "", "of the surrogate, per V_th - V_reset", TRAINER, above=0)
-    shift: int = setting(2, "px", "recordings are moved while learning, at most", ON_FOLDS, at_least=0)
-    warp: float = setting(0.15, "", "they are turned (rad), made larger and sheared, at most", ON_FOLDS, at_least=0)
-    mirror: float = setting(0.0, "", "share of them that are mirrored, left to right", TRAINER, at_least=0, below=1)
-    bits: int = setting(8, "", "of weights on Loihi's grid while learning; 0: as they are", ON_FOLDS, at_least=0)
-    neurons_per_core: int = setting(8, "", "on a chip; 0: as many as it allows", ON_FOLDS, at_least=0)
+    step: float = setting(
+        5.0, "ms", "time step of the network; events of a pixel in a step are one spike", ON_FOLDS, above=0
+    )
+    duration: float = setting(105.0, "ms", "duration that is used of a recording", "N-MNIST's first saccade", above=0)
+    scale: int = setting(1, "px", "side of the square of pixels that share a neuron", TRAINER, at_least=1)
+    epochs: int = setting(60, "", "passes over all recordings", ON_FOLDS, at_least=1)
+    batch: int = setting(20, "", "batch size in recordings", TRAINER, at_least=1)
+    rate: float = setting(0.01, "", "largest learning rate", ON_FOLDS, above=0)
+    weight_decay: float = setting(0.1, "", "weight decay per update, times the rate", ON_FOLDS, at_least=0)
+    temperature: float = setting(3.0, "", "number of spikes that makes a class e times likelier", TRAINER, above=0)
+    slope: float = setting(1.0, "", "slope of the surrogate gradient, per V_th - V_reset", TRAINER, above=0)
+    shift: int = setting(2, "px", "augmentation: largest shift of a recording", ON_FOLDS, at_least=0)
+    warp: float = setting(0.15, "", "augmentation: largest rotation (rad), scaling and shear", ON_FOLDS, at_least=0)
+    mirror: float = setting(0.0, "", "augmentation: share of mirrored recordings", TRAINER, at_least=0, below=1)
+    bits: int = setting(8, "", "bits of weights on Loihi's grid during training; 0: float", ON_FOLDS, at_least=0)
+    neurons_per_core: int = setting(8, "", "neurons per core of a chip; 0: the chip's limit", ON_FOLDS, at_least=0)
 
     @property
     def pixels(self) -> tuple[int, int, int]:
@@ -76,21 +78,21 @@ class Gradients(Method):
         return (2, -(-height // self.scale), -(-width // self.scale))
 
     def observing(self) -> Mapping[str, Any]:
-        """The field, the steps, and how many pixels are one."""
+        """Return the field, the time step, the duration and the scale."""
         return {name: value for name, value in self.as_words().items() if name in SEEN}
 
     def observe(self, events: Events) -> Evidence:
-        """The spikes of the pixels: ``step`` and ``neuron``, (spikes,)."""
+        """Return the spikes of the pixels: ``step`` and ``neuron``, (spikes,)."""
         words: Any = {"shape": self.pixels, "step": self.step, "duration": self.duration, "scale": self.scale}
         train = Spikes.of_recordings([self.inside(events)], INPUT, **words).trains[INPUT]
         return {"step": train.step.astype(np.uint16), "neuron": train.neuron.astype(np.uint32)}
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Teach the network on one thread of torch, so that the same training gives the same bits.
+        """Train the network on a single thread of torch, so that equal trainings give equal bits.
 
         Returns:
             ``network`` as YAML text, ``weight.NAME`` and ``delay.NAME`` by projection, ``history`` (epochs,) the share
-            of recordings that were decided rightly in each.
+            of recordings that were decided rightly in each epoch.
 
         Raises:
             ModelError: torch is not installed.
@@ -114,22 +116,22 @@ class Gradients(Method):
             **{word: getattr(self, word) for word in words},
         )
 
-        def report(epoch: int, noted: Mapping[str, float]) -> None:
-            course.report(Progress("learning", epoch, self.epochs, noted.get("right")))
+        def report(epoch: int, values: Mapping[str, float]) -> None:
+            course.report(Progress("learning", epoch, self.epochs, values.get("right")))
 
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            trained = learn(before, self._taught(shown), plan, course.checkpoint, report)
+            trained = learn(before, self._batch_data(shown), plan, course.checkpoint, report)
         finally:
             torch.set_num_threads(threads)
         return self.learnt_of(trained.net) | {"history": trained.curves["right"]}
 
     def before(self, classes: int) -> neuro.Network:
-        """The network before it learns.
+        """Return the network before training.
 
         Args:
-            classes: neurons of the output.
+            classes: number of output neurons.
         """
         _, height, width = self.pixels
         words = {name: getattr(self, name) for name in self.of_network}
@@ -137,7 +139,7 @@ class Gradients(Method):
         return neuro.load(path(self.file), params=words)
 
     def learnt_of(self, net: neuro.Network) -> dict[str, Array | str]:
-        """What `fit` gives of a network that has learnt."""
+        """Split a trained network into text and arrays, as returned by `fit`."""
         learnt: dict[str, Array | str] = {}
         plain = copy(net)
         plain.projections = dict(net.projections)
@@ -151,7 +153,7 @@ class Gradients(Method):
         return {"network": to_text(plain), **learnt}
 
     def network(self, learnt: Learnt) -> neuro.Network:
-        """The network with what it has learnt."""
+        """Return the network with its learnt values."""
         net = from_text(str(learnt["network"]))
         for key, values in learnt.items():
             word, dot, name = key.partition(".")
@@ -161,11 +163,11 @@ class Gradients(Method):
         return net
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """The output neuron that fires most, of several the first to fire; a recording without a spike is silent."""
+        """Score classes by the output neurons' spikes; the earlier first spike breaks ties. No spike means silent."""
         return self.asker(learnt, backend)(shown)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """With a network that is compiled once and begins anew with each recording."""
+        """Compile the network once for all recordings; it is reset before each."""
         sim = neuro.compile(self.network(learnt), backend=backend)
         h, end = self.step, round(self.duration / self.step) * self.step
 
@@ -181,8 +183,8 @@ class Gradients(Method):
 
         return ask
 
-    def _taught(self, shown: Features) -> Taught:
-        """Recordings as the trainer has them."""
+    def _batch_data(self, shown: Features) -> Taught:
+        """Convert evidence to the trainer's data."""
         step, neuron = shown.column("step"), shown.column("neuron")
         recording = np.repeat(np.arange(len(shown)), np.diff(step.offsets))
         spikes = {INPUT: (recording, step.values.astype(np.int64), neuron.values.astype(np.int64))}
@@ -192,7 +194,7 @@ class Gradients(Method):
 
 @dataclass(frozen=True)
 class Dense(Gradients):
-    """A hidden layer that sees all pixels."""
+    """A hidden layer that receives all pixels."""
 
     title = "a dense network of spikes, by surrogate gradients"
     source = "Shrestha and Orchard, NeurIPS 2018; Wu et al., Front. Neurosci. 12:331, 2018 (the form)"
@@ -205,7 +207,7 @@ class Dense(Gradients):
 
 @dataclass(frozen=True)
 class Conv(Gradients):
-    """Kernels see the pixels at each place, and a neuron a class sees what they found."""
+    """A convolution of the pixels, and output neurons that receive all its maps."""
 
     title = "a convolution of spikes, by surrogate gradients"
     source = "Shrestha and Orchard, NeurIPS 2018; Lee et al., Front. Neurosci. 10:508, 2016 (the form)"
@@ -213,19 +215,19 @@ class Conv(Gradients):
     measured = {"N-MNIST": "95.4 %"}
     of_network = ("maps", "kernel", "stride")
 
-    maps: int = setting(8, "", "kernels", GUESS, at_least=1)
+    maps: int = setting(8, "", "number of maps, each with a kernel", GUESS, at_least=1)
     kernel: int = setting(5, "px", "side of a kernel", GUESS, at_least=1)
-    stride: int = setting(2, "px", "from place to place", GUESS, at_least=1)
-    duration: float = setting(100.0, "ms", "of a recording", CHOSEN, above=0)
-    epochs: int = setting(45, "", "how often all recordings are shown", CHOSEN, at_least=1)
-    weight_decay: float = setting(0.01, "", "of weights in each step, times the rate", CHOSEN, at_least=0)
-    temperature: float = setting(1.5, "", "spikes that make a class e times likelier", CHOSEN, above=0)
-    neurons_per_core: int = setting(16, "", "on a chip; 0: as many as it allows", CHOSEN, at_least=0)
+    stride: int = setting(2, "px", "distance between neighbouring neurons of a map", GUESS, at_least=1)
+    duration: float = setting(100.0, "ms", "duration that is used of a recording", CHOSEN, above=0)
+    epochs: int = setting(45, "", "passes over all recordings", CHOSEN, at_least=1)
+    weight_decay: float = setting(0.01, "", "weight decay per update, times the rate", CHOSEN, at_least=0)
+    temperature: float = setting(1.5, "", "number of spikes that makes a class e times likelier", CHOSEN, above=0)
+    neurons_per_core: int = setting(16, "", "neurons per core of a chip; 0: the chip's limit", CHOSEN, at_least=0)
 
 
 @dataclass(frozen=True)
 class Recurrent(Gradients):
-    """A hidden layer that sees all pixels and itself."""
+    """A hidden layer that receives all pixels and its own spikes."""
 
     title = "a recurrent network of spikes, by surrogate gradients"
     source = "Bellec et al., NeurIPS 2018; Cramer et al., IEEE TNNLS 33:2744, 2022 (the form)"
@@ -237,7 +239,7 @@ class Recurrent(Gradients):
 
 @dataclass(frozen=True)
 class LearntDelays(Gradients):
-    """A hidden layer that sees all pixels, whose spikes take times to the output that learn as weights do."""
+    """A hidden layer that receives all pixels; the delays to the output layer learn as well as the weights."""
 
     known_as = "learnt_delays"
     title = "weights and delays of spikes, by surrogate gradients"
@@ -250,7 +252,7 @@ class LearntDelays(Gradients):
 
 
 def _scores(times: Floats, ids: Iterable[int], classes: int, end: float) -> Floats:
-    """Spikes of each class, and less than one for the earliest; NaN of all where there is none."""
+    """Return the spike count of each class plus less than 0.5 for an early first spike; NaN without any spike."""
     counts, first = np.zeros(classes), np.full(classes, end)
     np.add.at(counts, np.asarray(ids), 1.0)
     np.minimum.at(first, np.asarray(ids), times)

@@ -1,10 +1,10 @@
-"""HOTS: a hierarchy of time surfaces whose prototypes are learnt online, layer upon layer, and their histograms.
+"""HOTS: a hierarchy of time surfaces whose prototypes are learnt online, layer by layer, and their histograms.
 
-An event i sees in the neighbourhood of radius R round it, for each channel p and place u, how long ago the last event
-there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none. It is given to the
-closest of N prototypes, ``k_i``, and goes on to the next layer as an event of channel ``k_i``. Layer l + 1 has
-``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer,
-and `neuro_recognise.parts.readouts` has the paper's distances between histograms.
+The time surface of event i contains, for each channel p and each pixel u within radius R, the decayed time since the
+last event there: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 without such an event. The closest of N prototypes,
+``k_i``, becomes the channel of the event in the next layer. Layer l + 1 has ``R K_R``, ``tau K_tau`` and ``N K_N``
+(eq. 119 of the thesis). A histogram counts the prototypes of the last layer, and `neuro_recognise.parts.readouts` has
+the paper's distances between histograms.
 
 Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
 2017; thesis lines 2211-2280 with algorithm 13.
@@ -45,62 +45,62 @@ class Hierarchy(Part):
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; N 4, 8, 16, R 2, 4, 8, tau 10, 100, 1000 ms; thesis 2280"
 
     layers: int = setting(3, "", "number of layers", CODE, at_least=1)
-    radius: int = setting(2, "px", "of the first layer's surroundings", CODE, at_least=1)
+    radius: int = setting(2, "px", "radius of the first layer's time surfaces", CODE, at_least=1)
     tau: float = setting(10.0, "ms", "time constant of the first layer", CODE, above=0)
-    centres: int = setting(4, "", "prototypes of the first layer", CODE, at_least=1)
-    radius_factor: int = setting(2, "", "radius from layer to layer", CODE, at_least=1)
-    tau_factor: float = setting(10.0, "", "time constant from layer to layer", CODE, above=0)
-    centres_factor: int = setting(2, "", "prototypes from layer to layer", CODE, at_least=1)
+    centres: int = setting(4, "", "number of prototypes of the first layer", CODE, at_least=1)
+    radius_factor: int = setting(2, "", "factor on the radius per layer", CODE, at_least=1)
+    tau_factor: float = setting(10.0, "", "factor on the time constant per layer", CODE, above=0)
+    centres_factor: int = setting(2, "", "factor on the number of prototypes per layer", CODE, at_least=1)
     polarity: bool = setting(True, "", "whether ON and OFF are distinguished", CODE)
     first: str = setting(
-        "first", "", "prototypes begin as the first surfaces, or as ones drawn from up to 100 recordings", RATE,
+        "first", "", "initial prototypes: the first surfaces, or ones drawn from up to 100 recordings", RATE,
         words=("first", "drawn"),
     )  # fmt: skip
-    rate: float = setting(0.01, "", "of learning before a prototype has won", RATE, above=0, below=1)
-    slow: float = setting(20000.0, "", "wins after which the rate is a half", RATE, above=0)
+    rate: float = setting(0.01, "", "initial learning rate of a prototype", RATE, above=0, below=1)
+    slow: float = setting(20000.0, "", "number of wins that halve the rate", RATE, above=0)
 
     def radius_of(self, layer: int) -> int:
-        """Radius of a layer, px; layers count from 0."""
+        """Return the radius of a layer, px; layers count from 0."""
         return int(self.radius * self.radius_factor**layer)
 
     def tau_of(self, layer: int) -> float:
-        """Time constant of a layer, us."""
+        """Return the time constant of a layer, us."""
         return 1000.0 * self.tau * self.tau_factor**layer
 
     def centres_of(self, layer: int) -> int:
-        """Number of prototypes of a layer."""
+        """Return the number of prototypes of a layer."""
         return int(self.centres * self.centres_factor**layer)
 
     def channels_of(self, layer: int) -> int:
-        """Channels of the events that a layer sees."""
+        """Return the number of channels of a layer's input events."""
         return self.centres_of(layer - 1) if layer else 2 if self.polarity else 1
 
 
 Hierarchy.known = Registry("hierarchy", (Hierarchy,))
 
 WHOLE = Quantity(kind="integer", at_least=0)
-"""What a seed or a side may be."""
+"""Allowed values of a seed or a side."""
 SAMPLED = 100
-"""Recordings from which prototypes are drawn to begin with."""
+"""Number of recordings from which initial prototypes are drawn."""
 
 
 class Layers:
-    """The layers with what they have learnt.
+    """The layers with their prototypes.
 
-    Layers are learnt one after the other, each from all recordings in an order that the seed decides, while those
-    below it stay as they are. The same recordings, settings and seed give the same prototypes to the last bit, also
-    where the training went on from a `state`.
+    Layers learn one after the other, each from all recordings in an order that the seed determines, while lower layers
+    stay constant. The same recordings, settings and seed give the same prototypes to the last bit, also when the
+    training resumes from a `state`.
 
     Args:
-        settings: of the hierarchy.
-        sensor_size: width and height of the field, px; events of recordings lie in it.
-        seed: of the order of recordings and of the first prototypes, >= 0.
+    settings: settings of the hierarchy.
+    sensor_size: width and height of the field, px; all events must be inside.
+    seed: seed of the order of recordings and of the initial prototypes, >= 0.
 
     Attributes:
-        centres: of each layer that was begun, (rows, columns, channels, prototypes) of the neighbourhood.
-        wins: of each layer that was begun, (prototypes,) int64, p_k.
-        learnt: layers that are learnt.
-        seen: recordings from which the layer that is being learnt has learnt.
+    centres: prototypes of each layer that has started, (rows, columns, channels, prototypes).
+    wins: of each layer that has started, (prototypes,) int64, p_k, the number of wins plus 1.
+    learnt: number of layers that are complete.
+    seen: number of recordings that the current layer has learnt from.
     """
 
     def __init__(self, settings: Hierarchy, sensor_size: tuple[int, int], *, seed: int = 0) -> None:
@@ -113,15 +113,15 @@ class Layers:
         self.seen = 0
 
     def learn(self, recordings: Sequence[Events], report: Report | None = None) -> None:
-        """Learn what is not learnt yet.
+        """Run the rest of the training.
 
         Args:
-            recordings: the same ones in every call; a sequence that loads each when it is asked for will do.
-            report: called after each recording with the layers, whose `state` may be kept, the steps done and all
-                steps: layers times recordings.
+            recordings: the same ones in every call; the sequence may load each on access.
+            report: called after each recording with the layers, whose `state` may be stored, the finished steps and the
+        number of steps, layers times recordings.
 
         Raises:
-            ModelError: there are too few events for the prototypes to begin with, or an event is off the field.
+            ModelError: there are fewer events than initial prototypes, or an event is outside of the field.
         """
         n = len(recordings)
         while self.learnt < self.settings.layers:
@@ -137,19 +137,18 @@ class Layers:
             self.learnt, self.seen = layer + 1, 0
 
     def features(self, events: Events, *, cell: int = 0, layer: int | None = None) -> Ints:
-        """How often each prototype was the closest.
+        """Count how often each prototype was the closest.
 
         Args:
             events: a recording.
-            cell: side of the squares of the field that are counted each by itself, px; 0: the whole field, as in the
-                paper.
-            layer: whose prototypes, from 0; None: the last one's.
+            cell: side of the square cells that are counted separately, px; 0: one cell, as in the paper.
+            layer: index of the layer; None: the last one.
 
         Returns:
-            (rows, columns, prototypes), of the whole field (1, 1, prototypes).
+            (rows, columns, prototypes); (1, 1, prototypes) for a single cell.
 
         Raises:
-            ModelError: the layers are not learnt, an event is off the field, or `cell` is no whole number >= 0.
+            ModelError: the layers are not learnt, an event is outside of the field, or `cell` is no integer >= 0.
         """
         from neuro_recognise.methods._hots_kernels import count
 
@@ -161,39 +160,39 @@ class Layers:
         return out.reshape(rows, columns, -1)
 
     def assigned(self, events: Events, layer: int) -> Ints:
-        """The closest prototype for each event, (events,) int64.
+        """Return the closest prototype of each event, (events,) int64.
 
         Args:
             events: a recording.
-            layer: whose prototypes, from 0.
+            layer: index of the layer.
 
         Raises:
-            ModelError: the layer is not learnt, or an event is off the field.
+            ModelError: the layer is not learnt, or an event is outside of the field.
         """
         if not 0 <= layer < self.learnt:
             raise ModelError(f"layer {layer}: {self.learnt} of {self.settings.layers} layers are learnt")
         return self._channels(events, layer + 1)
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """What was learnt so far as arrays by name, for a file; settings and field are not among them."""
-        kept: dict[str, npt.NDArray[Any]] = {"place": np.array([self.learnt, self.seen, self.seed], np.int64)}
+        """Return the state of the training as arrays by name, without settings and field."""
+        arrays: dict[str, npt.NDArray[Any]] = {"place": np.array([self.learnt, self.seen, self.seed], np.int64)}
         for k, (centres, wins) in enumerate(zip(self.centres, self.wins, strict=True)):
-            kept |= {f"centres_{k}": centres.copy(), f"wins_{k}": wins.copy()}
-        return kept
+            arrays |= {f"centres_{k}": centres.copy(), f"wins_{k}": wins.copy()}
+        return arrays
 
     @classmethod
     def from_state(
         cls, settings: Hierarchy, sensor_size: tuple[int, int], state: Mapping[str, npt.NDArray[Any]]
     ) -> Layers:
-        """The layers of a state; `learn` goes on with it to the same bits.
+        """Restore layers from a state; `learn` continues to the same bits.
 
         Args:
-            settings: with which the state was learnt.
-            sensor_size: likewise.
-            state: as `state` gave it.
+            settings: settings with which the state was learnt.
+            sensor_size: size of the field with which the state was learnt.
+            state: result of `state`.
 
         Raises:
-            ModelError: the state is of other settings.
+            ModelError: the state has other settings.
         """
         learnt, seen, seed = (int(number) for number in state["place"])
         layers = cls(settings, sensor_size, seed=seed)
@@ -210,8 +209,8 @@ class Layers:
         side = 2 * self.settings.radius_of(layer) + 1
         return side, side, self.settings.channels_of(layer), self.settings.centres_of(layer)
 
-    def _seen(self, layer: int, margin: int) -> Seen:
-        """An empty map of the last events of a layer with a margin."""
+    def _empty_map(self, layer: int, margin: int) -> Seen:
+        """Return an empty map of a layer's last events with a margin, px."""
         from neuro_recognise.methods._hots_kernels import Seen
 
         (width, height), s = self.sensor_size, self.settings
@@ -219,11 +218,11 @@ class Layers:
         return Seen(np.zeros(room * channels), width, s.radius_of(layer), channels, s.tau_of(layer))
 
     def _begin(self, recordings: Sequence[Events], order: Sequence[int]) -> None:
-        """Give the next layer its first prototypes: surfaces of events."""
+        """Initialise the prototypes of the next layer with time surfaces of events."""
         layer, n = len(self.centres), self.settings.centres_of(len(self.centres))
-        looked = order[:SAMPLED] if self.settings.first == "drawn" else order
+        sources = order[:SAMPLED] if self.settings.first == "drawn" else order
         lengths: list[int] = []
-        for k in looked:
+        for k in sources:
             lengths.append(len(recordings[k]))
             if self.settings.first == "first" and sum(lengths) >= n:
                 break
@@ -233,37 +232,37 @@ class Layers:
         if self.settings.first == "drawn":
             rng = np.random.default_rng([self.seed, layer, 1])
             chosen = np.sort(rng.choice(sum(lengths), n, replace=False))
-        found, before = [], 0
-        for k, length in zip(looked, lengths, strict=False):
-            mine = chosen[(chosen >= before) & (chosen < before + length)] - before
-            if mine.size:
-                found.append(self._surfaces(recordings[k], layer, mine))
+        surfaces, before = [], 0
+        for k, length in zip(sources, lengths, strict=False):
+            own = chosen[(chosen >= before) & (chosen < before + length)] - before
+            if own.size:
+                surfaces.append(self._surfaces(recordings[k], layer, own))
             before += length
-        self.centres.append(np.concatenate(found, axis=1).reshape(self._shape(layer)))
+        self.centres.append(np.concatenate(surfaces, axis=1).reshape(self._shape(layer)))
         self.wins.append(np.ones(n, np.int64))
 
-    def _surfaces(self, events: Events, layer: int, wanted: Ints) -> Floats:
-        """(numbers of a surface, wanted events) of a layer."""
+    def _surfaces(self, events: Events, layer: int, indices: Ints) -> Floats:
+        """Return time surfaces of some events in a layer, (values, events)."""
         from neuro_recognise.methods._hots_kernels import surfaces
 
-        out = np.empty((int(np.prod(self._shape(layer)[:3])), len(wanted)))
-        seen = self._seen(layer, self.settings.radius_of(layer))
-        surfaces(events.t, events.x, events.y, self._channels(events, layer), seen, wanted, out)
+        out = np.empty((int(np.prod(self._shape(layer)[:3])), len(indices)))
+        seen = self._empty_map(layer, self.settings.radius_of(layer))
+        surfaces(events.t, events.x, events.y, self._channels(events, layer), seen, indices, out)
         return out
 
     def _teach(self, events: Events) -> None:
-        """Let the layer that is being learnt learn from a recording."""
+        """Learn the current layer from a recording."""
         from neuro_recognise.methods._hots_kernels import learn
 
         s, layer = self.settings, self.learnt
         centres = self.centres[layer].reshape(-1, s.centres_of(layer))
         learn(
-            events.t, events.x, events.y, self._channels(events, layer), self._seen(layer, s.radius_of(layer)),
+            events.t, events.x, events.y, self._channels(events, layer), self._empty_map(layer, s.radius_of(layer)),
             centres, (centres**2).sum(axis=0), np.empty(s.centres_of(layer)), self.wins[layer], (s.rate, s.slow),
         )  # fmt: skip
 
     def _channels(self, events: Events, layers: int) -> Ints:
-        """The channel of each event behind some layers that do not learn."""
+        """Return the channel of each event after the first `layers` layers."""
         from neuro_recognise.methods._hots_kernels import find
 
         width, height = self.sensor_size
@@ -276,18 +275,18 @@ class Layers:
             products = np.zeros((height + border) * (width + border) * s.centres_of(layer))
             turned = np.ascontiguousarray(centres[::-1, ::-1].transpose(2, 0, 1, 3)).reshape(s.channels_of(layer), -1)
             squares = (centres**2).sum(axis=(0, 1, 2))
-            find(events.t, events.x, events.y, channel, self._seen(layer, 0), products, turned, squares, out)
+            find(events.t, events.x, events.y, channel, self._empty_map(layer, 0), products, turned, squares, out)
             channel = out
         return channel
 
 
 EVERY = 50
-"""Recordings between two states that are kept."""
+"""Number of recordings between two checkpoints."""
 
 
 @dataclass(frozen=True)
 class Hots(Method):
-    """Events are given to the prototype that their surroundings resemble; how often each was is a recording's sign."""
+    """Histograms of prototypes: each event is assigned to the prototype that is closest to its time surface."""
 
     title = "hierarchy of time surfaces"
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; thesis lines 2211-2280"
@@ -300,20 +299,22 @@ class Hots(Method):
     measured = {"N-MNIST": "72.6 %", "POKER-DVS": "97.3 %"}
 
     hierarchy: Hierarchy = part(Hierarchy, Hierarchy())
-    learn_from: int = setting(0, "", "recordings for prototypes, drawn; 0: all", "the paper's are few", at_least=0)
-    cell: int = setting(0, "px", "side of squares that are counted apart; 0: the whole field", "the paper", at_least=0)
+    learn_from: int = setting(
+        0, "", "number of recordings for prototypes, drawn; 0: all", "the paper's are few", at_least=0
+    )
+    cell: int = setting(0, "px", "side of cells with separate histograms; 0: the whole field", "the paper", at_least=0)
     readout: Readout = part(Readout, Svm())
 
     def observe(self, events: Events) -> Evidence:
-        """The events inside the field."""
-        seen = self.inside(events)
-        return {"t": seen.t - (seen.t[0] if len(seen) else 0), "x": seen.x, "y": seen.y, "p": seen.p}
+        """Return the events inside the field."""
+        inside = self.inside(events)
+        return {"t": inside.t - (inside.t[0] if len(inside) else 0), "x": inside.x, "y": inside.y, "p": inside.p}
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Learn prototypes layer by layer, then teach the readout."""
+        """Learn prototypes layer by layer, then train the readout."""
         layers = Layers(self.hierarchy, self.size, seed=course.seed)
-        if kept := course.resume():
-            layers = Layers.from_state(self.hierarchy, self.size, kept["layers"])
+        if state := course.resume():
+            layers = Layers.from_state(self.hierarchy, self.size, state["layers"])
         chosen = np.arange(len(shown))
         if 0 < self.learn_from < len(shown):
             chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])
@@ -328,35 +329,35 @@ class Hots(Method):
         return {**layers.state(), **self.readout.fit(x, shown.labels, len(shown.classes), course)}
 
     def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """Ask the readout; a recording without events is silent."""
-        kept = {name: part for name, part in learnt.items() if not isinstance(part, str)}
-        x = self._histograms(Layers.from_state(self.hierarchy, self.size, kept), shown)
+        """Compute the readout's scores; a recording without events is silent."""
+        arrays = {name: part for name, part in learnt.items() if not isinstance(part, str)}
+        x = self._histograms(Layers.from_state(self.hierarchy, self.size, arrays), shown)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """The prototypes of each layer: what they see of the first one's polarities, and of all channels of others."""
+        """Draw the prototypes of each layer: both polarities of the first, the maximum over the channels of others."""
         from neuro_recognise.telling.pictures import images
 
-        drawn = {}
+        figures = {}
         for layer in range(self.hierarchy.layers):
             centres = np.asarray(learnt[f"centres_{layer}"]).transpose(3, 2, 0, 1)
             if layer == 0 and self.hierarchy.polarity:
-                seen, about = centres[:, 1] - centres[:, 0], "blue ON, orange OFF"
+                shades, about = centres[:, 1] - centres[:, 0], "blue ON, orange OFF"
             else:
-                seen, about = centres.max(axis=1), "in any channel"
+                shades, about = centres.max(axis=1), "in any channel"
             title = f"The time surfaces of layer {layer + 1}"
-            about = f"a picture a prototype; the darker, the later there was an event: {about}"
-            drawn[f"layer-{layer + 1}"] = images(seen, [""] * len(seen), title, about)
-        return drawn
+            about = f"one image per prototype; darker pixels had a later event: {about}"
+            figures[f"layer-{layer + 1}"] = images(shades, [""] * len(shades), title, about)
+        return figures
 
     def _histograms(self, layers: Layers, shown: Features) -> Floats:
-        """(recordings, cells and prototypes) shares of a recording's events."""
+        """Return each recording's histogram divided by its number of events, (recordings, cells times prototypes)."""
         counts = [layers.features(events, cell=self.cell).ravel() for events in self._events(shown)]
-        found = np.stack(counts).astype(np.float64)
-        return np.asarray(found / np.maximum(found.sum(axis=1, keepdims=True), 1.0))
+        histograms = np.stack(counts).astype(np.float64)
+        return np.asarray(histograms / np.maximum(histograms.sum(axis=1, keepdims=True), 1.0))
 
     def _events(self, shown: Features) -> Lazy[Events]:
-        """Evidence as events again, one recording at a time."""
+        """Convert evidence to events, one recording at a time."""
 
         def item(k: int) -> Events:
             one = shown.evidence[k]

@@ -1,4 +1,4 @@
-"""Two layers of small fields: features that are learnt without labels, and a layer above that learns by reward."""
+"""Two layers with small receptive fields: features learnt without labels, and a layer above that learns by reward."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from neuro_recognise.parts.frames import Encoder, LogLatency
 from neuro_recognise.shown import Array, Features
 
 FRONT_END = ("segmenter", "representation", "bank", "pool", "encoder")
-CHOSEN = "chosen on 160 of the 800 digits that fold 1 of 5, seed 0, learns from"
+CHOSEN = "chosen on 160 of the 800 training digits of fold 1 of 5, seed 0"
 
 
 @dataclass(frozen=True)
 class Layered(Framewise):
-    """Features of frames of ReMuS's front end, learnt by STDP and pooled, and a layer above that learns by reward.
+    """Features of frames learnt by STDP and pooled, and a layer above that learns by reward, on ReMuS's front end.
 
-    The layers learn one after the other. While the features learn, `local_winners` keeps them different. Afterwards
-    the first feature of each place spikes; in a cell of the pool, the first spike of each feature passes. The pooled
+    The layers learn one after the other. While the features learn, `local_winners` makes them differ. Afterwards only
+    the first feature at each place spikes, and each cell of the pool passes the first spike of each feature. The pooled
     spikes are the trials of the layer above.
 
     Attributes:
-        features: the layer below, which learns without labels.
-        examples: recordings that the features learn from, at most.
-        cell: rows and columns of places that are pooled.
+    features: the lower layer, which learns without labels.
+    examples: largest number of recordings that the features learn from.
+    cell: side of a cell of the pool, in places.
     """
 
     title = "STDP below, reward-modulated STDP above"
@@ -42,10 +42,10 @@ class Layered(Framewise):
 
     encoder: Encoder = part(Encoder, LogLatency(window=16.0))
     features: Layer = part(Layer, MasquelierThorpeLayer(maps=100, field=5, theta=10.0))
-    examples: int = setting(160, "", "recordings that the features learn from, at most", CHOSEN, at_least=1)
+    examples: int = setting(160, "", "largest number of recordings for the features", CHOSEN, at_least=1)
     cell: int = setting(2, "places", "side of a cell of the pool", CHOSEN, at_least=1)
     layer: Layer = part(Layer, RemusLayer(field=7, theta=40.0, weight=0.5, Ar_minus=-0.003, Ap_plus=0.0))
-    epochs: int = setting(6, "", "how often the layer above is shown all recordings", CHOSEN, at_least=1)
+    epochs: int = setting(6, "", "passes of the layer above over all recordings", CHOSEN, at_least=1)
     order: str = setting("frames", "", "what is shuffled in each epoch", CHOSEN, words=ORDERS)
 
     def __post_init__(self) -> None:
@@ -55,7 +55,7 @@ class Layered(Framewise):
                 raise ModelError(f"{self.place()}: {name} = {chosen.called()}: expected {expected.called()}")
 
     def fitting(self, size: tuple[int, int]) -> Self:
-        """Settings with the sensor's size; refused where the features' field is larger than the sheet."""
+        """Fill in the sensor's size, and check that the features' receptive field fits into the front end."""
         settled = super().fitting(size)
         if min(settled.places) < 1:
             most, field = min(settled.front_end.shape[1:]), self.features.as_words()["field"]
@@ -71,15 +71,15 @@ class Layered(Framewise):
 
     @property
     def inputs(self) -> Inputs:
-        """The sheet of pooled features, which the layer above is shown."""
+        """Shape, window and grid of the pooled features, the input of the layer above."""
         maps, rows, columns = self.places
         return replace(self.front_end, shape=(maps, -(-rows // self.cell), -(-columns // self.cell)))
 
     def fit(self, shown: Features, course: Course) -> Learnt:
-        """Teach the features, then the layer above.
+        """Train the features, then the layer above.
 
         Returns:
-            As of `Framewise.fit`; ``features`` are the weights of the layer below and ``below`` its network as text.
+            See `Framewise.fit`; also ``features``, the weights of the lower layer, and ``below``, its network as text.
         """
         front = {name: getattr(self, name) for name in ("size", *FRONT_END)}
         below = Framewise(**front, layer=self.features, epochs=1, order="frames")
@@ -88,13 +88,13 @@ class Layered(Framewise):
         def tell(progress: Progress) -> None:
             course.report(replace(progress, what="learning the features"))
 
-        # No checkpoint: after a kill the pass over few recordings is repeated, to the same bits.
+        # No checkpoint: the short pass is repeated after an interruption, and gives the same bits.
         learning = below.fit(shown.take(chosen), replace(course, checkpoint=None, report=tell))
         words: Learnt = {"features": learning["c1_s2"], "below": learning["network"], "seed": learning["seed"]}
         return {**super().fit(self.entering(words, course.backend)(shown), course), **words}
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
-        """A function from the spikes of the front end to the spikes of the pooled features."""
+        """Return a function from the front end's spikes to the spikes of the pooled features."""
         net = from_text(str(learnt["below"]))
         net.projections["c1_s2"] = replace(net.projections["c1_s2"], weight=np.asarray(learnt["features"]))
         net.groups["choice"] = replace(net.groups["choice"], choice=neuro.local_winners(of="s2", radius=0))
@@ -115,27 +115,27 @@ class Layered(Framewise):
         return enter
 
     def _pooled(self, results: neuro.TrialResults) -> tuple[Array, Array, Array]:
-        """The frame, tick and id of the first spike of each feature in each cell, frame after frame by ticks."""
+        """Return frame, tick and id of the first spike of each feature in each cell, ordered by frame and tick."""
         frame = np.repeat(np.arange(len(results)), np.diff(results.wins.offsets))
         feature, row, column = np.unravel_index(results.wins.neurons, self.places)
         ids = np.ravel_multi_index((feature, row // self.cell, column // self.cell), self.inputs.shape)
-        # Wins are in the order of their ticks, so the first of equal ids of a frame is the earliest.
+        # Wins are ordered by tick, so the first of equal ids in a frame is the earliest.
         first = np.sort(np.unique(frame * np.prod(self.inputs.shape) + ids, return_index=True)[1])
         return frame[first], results.wins.steps[first], ids[first]
 
     def network(self, learnt: Learnt) -> None:
-        """None: trials begin anew only the output's states, so each layer runs in trials of its own."""
+        """Return None: each layer runs trials of its own, because a trial resets only the states of the output."""
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """Without a run for bills, which would be of the layer above alone."""
+        """Leave out the run for bills, which would include the layer above only."""
         ask = super().asker(learnt, backend)
         return lambda shown: replace(ask(shown), run=None)
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """A picture of each feature, and how the learning of the layer above went."""
+        """Draw each feature, and the learning curve of the layer above."""
         from neuro_recognise.telling.pictures import history, images
 
         pictures = self.drawn(np.asarray(learnt["features"]))
-        about = "a picture a feature: the bank's filters, each as strong as its weight"
-        features = images(pictures, [""] * len(pictures), "What the features look for", about)
+        about = "one image per feature: the bank's filters, scaled by the weights"
+        features = images(pictures, [""] * len(pictures), "Learnt features", about)
         return {"features": features, "learning": history(np.asarray(learnt["history"]), len(classes))}

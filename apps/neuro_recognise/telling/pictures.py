@@ -1,4 +1,4 @@
-"""Pictures of what was learnt and of how it decides."""
+"""Pictures of learnt weights and of decisions."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from neuro_recognise.shown import Floats
 
 
 def reconstructed(kernels: Floats, filters: Floats, side: int) -> Floats:
-    """The sum of all filters times their weights, as far as it is positive, smoothed by half a cell.
+    """Draw kernels as the sum of all filters times their weights, rectified and smoothed by half a cell.
 
     Args:
-        kernels: (features, orientations, rows, columns) weights of cells; negative ones are left out.
-        filters: (orientations, height, width) of the cells' filters, odd sides.
-        side: px, of a cell; its filter stands in its middle.
+    kernels: (features, orientations, rows, columns) weights of cells; negative weights are ignored.
+    filters: (orientations, height, width) filters of the cells, odd sides.
+    side: side of a cell, px; its filter is centred in the cell.
 
     Returns:
-        (features, rows * side, columns * side).
+    (features, rows * side, columns * side).
 
     Source: Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007, figure 3.
     """
     n, orientations, rows, columns = kernels.shape
-    placed = np.zeros((n, orientations, rows * side, columns * side))
-    placed[:, :, side // 2 :: side, side // 2 :: side] = np.maximum(kernels, 0.0)
-    drawn = sum(convolve(placed[:, k], filters[k][None], mode="same") for k in range(orientations))
-    smooth: Floats = gaussian_filter(np.maximum(np.asarray(drawn), 0.0), (0.0, side / 2, side / 2), mode="constant")
+    impulses = np.zeros((n, orientations, rows * side, columns * side))
+    impulses[:, :, side // 2 :: side, side // 2 :: side] = np.maximum(kernels, 0.0)
+    sums = sum(convolve(impulses[:, k], filters[k][None], mode="same") for k in range(orientations))
+    smooth: Floats = gaussian_filter(np.maximum(np.asarray(sums), 0.0), (0.0, side / 2, side / 2), mode="constant")
     return smooth
 
 
@@ -55,7 +55,7 @@ TILE_IN, HEAD_IN, HEADED_IN, LEAST_IN = 1.3, 0.95, 0.25, 4.4
 
 
 def confusion(evaluation: Evaluation, by: str = "") -> Figure:
-    """Recordings by class and decision; shades are shares of a class, and each cell shows its number."""
+    """Draw the confusion matrix: shades are shares of a class, and each cell shows its number of recordings."""
     table = evaluation.confusion
     silence = bool(table[:, -1].any())
     table = table if silence else table[:, :-1]
@@ -87,7 +87,7 @@ def confusion(evaluation: Evaluation, by: str = "") -> Figure:
 
 
 class Rated(Protocol):
-    """What an accuracy is: an `Evaluation`, or less."""
+    """An accuracy over a number of recordings, e.g. an `Evaluation`."""
 
     @property
     def accuracy(self) -> float:
@@ -95,16 +95,16 @@ class Rated(Protocol):
 
     @property
     def n(self) -> int:
-        """Of so many."""
+        """Number of recordings."""
 
 
-def accuracies(found: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
-    """Accuracy of each method, a dot a seed, over the 95 % interval of the mean; the best at the top.
+def accuracies(results: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
+    """Plot the accuracy of each method, one dot per seed, over the 95 % interval of the mean; the best at the top.
 
     Args:
-        found: names with an accuracy for each seed.
+    results: names with an accuracy for each seed.
     """
-    ordered = sorted(found, key=lambda pair: np.mean([one.accuracy for one in pair[1]]))
+    ordered = sorted(results, key=lambda pair: np.mean([one.accuracy for one in pair[1]]))
     figure = Figure(figsize=(7.6, 0.9 + 0.36 * len(ordered)), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
     for row, (_, each) in enumerate(ordered):
@@ -128,22 +128,22 @@ def accuracies(found: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
 
 
 def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[float]) -> Figure:
-    """The learnt grids, one column a class: at each place of the kernel a bar for each orientation.
+    """Draw the learnt kernels, one column per class: each cell has a bar for each orientation.
 
-    A bar runs as its Gabor filter prefers it, and its opacity is the weight; colours tell orientations apart.
+    A bar has the direction that its Gabor filter prefers, its opacity is the weight, and its colour is the orientation.
 
     Args:
-        kernels: (maps, orientations, rows, columns) weights; each class has equally many maps, one after the other.
-        classes: names.
-        orientations: degrees.
+    kernels: (maps, orientations, rows, columns) weights; each class has equally many maps, one after the other.
+    classes: names of the classes.
+    orientations: degrees.
 
     Source: thesis figures 50-52.
     """
     per_class = len(kernels) // len(classes)
     across = min(len(classes), MOST_COLUMNS)
-    about = f"{per_class} a class; the opacity of a bar is the weight of its orientation at its place"
+    about = f"{per_class} per class; the opacity of a bar is the weight of its orientation at its place"
     down = -(-len(classes) // across) * per_class
-    figure, tiles = _tiled(across, down, "What the grids have learnt", about)
+    figure, tiles = _tiled(across, down, "Learnt kernels", about)
     _key(figure, orientations)
     for k, kernel in enumerate(kernels):
         label, version = divmod(k, per_class)
@@ -155,14 +155,14 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
 
 
 def images(drawn: Floats, heads: Sequence[str], title: str, about: str, across: int = MOST_COLUMNS) -> Figure:
-    """Pictures beside each other, the darker the larger; each up to its own largest value, negative ones orange.
+    """Draw images side by side, darker for larger values, negative values in orange; each image has its own scale.
 
     Args:
-        drawn: (pictures, rows, columns).
-        heads: what stands over each; "" for nothing.
-        title: of all.
-        about: under it, what is seen.
-        across: pictures in a row.
+    drawn: (images, rows, columns).
+    heads: heading of each image; "" for none.
+    title: title of the figure.
+    about: line below the title.
+    across: number of images in a row.
     """
     across = min(len(drawn), across)
     figure, tiles = _tiled(across, -(-len(drawn) // across), title, about, HEADED_IN if any(heads) else 0.0)
@@ -176,7 +176,7 @@ def images(drawn: Floats, heads: Sequence[str], title: str, about: str, across: 
 
 
 def _tiled(across: int, down: int, title: str, about: str, between: float = 0.0) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure with a title, and its square axes (down, across), `between` inches apart one above the other."""
+    """Create a figure with a title and square axes (down, across), with `between` inches of vertical space."""
     high = TILE_IN + between
     figure = Figure(figsize=(max(0.1 + TILE_IN * across, LEAST_IN), HEAD_IN + high * down), dpi=120, facecolor=PAPER)
     width, height = figure.get_size_inches()
@@ -193,7 +193,7 @@ def _tiled(across: int, down: int, title: str, about: str, between: float = 0.0)
 
 
 def _key(figure: Figure, orientations: Sequence[float]) -> None:
-    """Which colour is which orientation, as bars in the upper right corner."""
+    """Draw the colour key of the orientations, as bars in the upper right corner."""
     width, height = figure.get_size_inches()
     high, each = 0.2, 0.62
     axis = figure.add_axes((1 - (0.1 + each * len(orientations)) / width, 1 - 0.34 / height,
@@ -208,22 +208,22 @@ def _key(figure: Figure, orientations: Sequence[float]) -> None:
 
 
 def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:
-    """One kernel, (orientations, rows, columns), as oriented bars; angle 0 is vertical, y points down."""
+    """Draw one kernel, (orientations, rows, columns), as oriented bars; angle 0 is vertical, y points down."""
     rows, columns = kernel.shape[1:]
     y, x = (c.ravel() for c in np.mgrid[:rows, :columns])
     for weight, angle, colour in zip(kernel, np.deg2rad(orientations), cycle(BARS), strict=False):
         reach = 0.48 * np.array([-np.sin(angle), np.cos(angle)])
         middle = np.stack([x, y], axis=1)
-        seen = weight.ravel() >= FAINTEST
-        ends = np.stack([middle - reach, middle + reach], axis=1)[seen]
-        shades = [(*to_rgb(colour), opacity) for opacity in np.clip(weight.ravel()[seen], 0.0, 1.0)]
+        visible = weight.ravel() >= FAINTEST
+        ends = np.stack([middle - reach, middle + reach], axis=1)[visible]
+        shades = [(*to_rgb(colour), opacity) for opacity in np.clip(weight.ravel()[visible], 0.0, 1.0)]
         axis.add_collection(LineCollection(list(ends), colors=shades, linewidths=1.5, capstyle="round"))
     axis.set(xlim=(-0.9, columns - 0.1), ylim=(rows - 0.1, -0.9), aspect="equal")
     axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, color=TILE, zorder=-1))
 
 
 def history(shares: Floats, classes: int) -> Figure:
-    """Share of frames decided rightly while learning, epoch by epoch."""
+    """Plot the share of frames that were decided rightly during learning, by epoch."""
     epochs = np.arange(1, len(shares) + 1)
     figure = Figure(figsize=(5.6, 3.3), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
@@ -246,12 +246,12 @@ LINES = ("#0072B2", "#56B4E9", "#8a94a3", "#D55E00", "#009E73", "#7B4FA3", "#172
 
 
 def relearnt(accuracies: Mapping[str, Floats], before: int, classes: int) -> Figure:
-    """Accuracy by epoch of each method, whose labels are permuted after some epochs: mean and range of the seeds.
+    """Plot accuracy by epoch of methods whose labels are permuted after some epochs: mean and range over seeds.
 
     Args:
-        accuracies: (seeds, epochs) by the name of the method.
-        before: epochs until the permutation.
-        classes: number of classes.
+    accuracies: (seeds, epochs) by method name.
+    before: number of epochs before the permutation.
+    classes: number of classes.
     """
     figure = Figure(figsize=(7.6, 3.9), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
@@ -274,19 +274,19 @@ def relearnt(accuracies: Mapping[str, Floats], before: int, classes: int) -> Fig
 
 
 MOST_FRAMES = 9
-"""Frames of a picture; of more an even choice is drawn."""
+"""Largest number of frames in a picture; more are subsampled evenly."""
 GREYS = ("#dde3ea", "#b6c2cf", "#8fa0b3", "#66788e")
-"""Of pixels with 1, 2, 3 or more events."""
+"""Colours of pixels with 1, 2, 3 and more events."""
 
 
 def boxes_on_frames(events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> Figure:
-    """Some frames with their boxes, in the order of time.
+    """Draw some frames with their boxes, in the order of time.
 
     Args:
-        events: of the recording.
-        boxes: that were found.
-        classes: names.
-        title: of the picture.
+    events: events of the recording.
+    boxes: detected boxes.
+    classes: names of the classes.
+    title: title of the picture.
     """
     spans = boxes.spans()
     spans = spans[np.unique(np.linspace(0, len(spans) - 1, min(MOST_FRAMES, len(spans))).round().astype(int))]
@@ -299,7 +299,7 @@ def boxes_on_frames(events: Events, boxes: Boxes, classes: Sequence[str], title:
     )  # fmt: skip
     figure.suptitle(literal(title), x=0.01, ha="left", fontsize=11, color=INK)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    shades = np.array([to_rgb(colour) for colour in (PAPER, *GREYS)])  # the more events, the darker
+    shades = np.array([to_rgb(colour) for colour in (PAPER, *GREYS)])  # darker for more events
     for axis in axes[len(spans) :]:
         axis.set_visible(False)
     for axis, (start, stop) in zip(axes, spans.tolist(), strict=False):

@@ -1,4 +1,4 @@
-"""What the commands print and write of a recogniser tried on recordings: a bar, tables, JSON and pictures."""
+"""Output of the commands that test a recogniser: a progress bar, tables, JSON and pictures."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 
 
 OWN = "own"
-"""The vote of a method that has only one."""
+"""Name of the vote of a method with a single one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """What came of showing recordings.
+    """Results of a test.
 
     Attributes:
-        own: by the scores of the recogniser.
-        votes: by other ways of reading the same evidence, by name.
-        answer: scores, and what it took to find them.
+    own: evaluation by the scores of the recogniser.
+    votes: evaluations by other decision rules on the same evidence, by name.
+    answer: scores, and the run of the network that computed them.
     """
 
     own: Evaluation
@@ -44,16 +44,16 @@ class Tried:
 
 
 def try_out(recogniser: Recogniser, data: Recordings, backend: str = "event") -> Tried:
-    """Let a recogniser decide on recordings.
+    """Test a recogniser on recordings.
 
     Args:
-        recogniser: what was learnt.
-        data: recordings of its classes.
-        backend: runs networks.
+    recogniser: trained recogniser.
+    data: recordings of its classes.
+    backend: backend that runs networks.
 
     Raises:
-        EventFileError: a recording is damaged.
-        ModelError: one does not fit the method, or the backend cannot run it.
+    EventFileError: a recording is damaged.
+    ModelError: a recording does not fit the method, or the backend cannot run the method.
     """
     recogniser.method.check_backend(backend)
     shown = recogniser.shown(data)
@@ -63,21 +63,21 @@ def try_out(recogniser: Recogniser, data: Recordings, backend: str = "event") ->
 
 
 MOMENTS = 20
-"""Times at which a recording is asked about where no moments were learnt, evenly spread over it."""
+"""Number of evenly spaced times at which a recording is scored, if `learn_early` has not set the moments."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predicted:
-    """What is said of a recording.
+    """The decision on a recording.
 
     Attributes:
-        path: the file.
-        label: index of the class, -1 for none.
-        scores: (classes,) what speaks for each.
-        decided_ms: from the first event on. With an allowed error: when it was met, else the end. Without: the first
-            moment from which on the decision was always the one on the whole recording. None without a decision.
-        length_ms: of the recording.
-        settled: whether an allowed error was met.
+    path: the file.
+    label: index of the class, -1 for none.
+    scores: (classes,) score of each class.
+    decided_ms: time of the decision since the first event, ms. With an allowed error: when the error was met, else
+        the end. Without: the earliest moment from which on the decision did not change. None without a decision.
+    length_ms: duration of the recording, ms.
+    settled: whether an allowed error was met.
     """
 
     path: str
@@ -95,36 +95,36 @@ def predict_files(
     allow: float | None = None,
     assurance: float = ASSURANCE,
 ) -> tuple[list[Predicted], list[ModelError]]:
-    """Decide on files, each a recording.
+    """Predict the class of the recording in each file.
 
     Args:
-        recogniser: what was learnt.
-        files: recordings.
-        backend: runs networks.
-        allow: share of wrong decisions: each recording is decided on as soon as this is met, and what comes later is
-            not looked at. None decides on the whole.
-        assurance: of an allowed error, see `Recogniser.session`.
+    recogniser: trained recogniser.
+    files: recordings.
+    backend: backend that runs networks.
+    allow: largest share of wrong decisions. Each recording is decided as soon as this error is met; later events are
+        not used. None decides on whole recordings.
+    assurance: assurance of the allowed error, see `Recogniser.session`.
 
     Returns:
-        What is said of the recordings, and what is wrong with those that are damaged or do not fit.
+    The decisions, and the errors of files that are damaged or do not fit.
 
     Raises:
-        ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
+    ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
     """
-    recogniser.answer([], backend)  # what is wrong with all is reported before any is read
+    recogniser.answer([], backend)  # errors that concern all files are raised before any is read
     recogniser.session(allow=allow, assurance=assurance)
-    found, wrong = list[Predicted](), list[ModelError]()
+    predictions, errors = list[Predicted](), list[ModelError]()
     for file in files:
         try:
             events = load(file)
-            found.append(
+            predictions.append(
                 _decided_whole(recogniser, str(file), events, backend)
                 if allow is None
                 else _decided_early(recogniser, str(file), events, backend, allow, assurance)
             )
         except ModelError as error:
-            wrong.append(error.at(None, str(file)))
-    return found, wrong
+            errors.append(error.at(None, str(file)))
+    return predictions, errors
 
 
 def _decided_whole(recogniser: Recogniser, file: str, events: Events, backend: str) -> Predicted:
@@ -165,7 +165,7 @@ def _length(events: Events) -> float:
 
 
 class LearningBar:
-    """What is being done and how far it is, and a line that stays for each thing that is done and was decided on."""
+    """A progress bar, and a line that stays for each finished activity with a share of right decisions."""
 
     def __enter__(self) -> LearningBar:
         self._line = Line().__enter__()
@@ -176,7 +176,7 @@ class LearningBar:
         self._line.stop()
 
     def show(self, progress: Progress) -> None:
-        """Show how far a training is."""
+        """Show the progress of a training."""
         text = progress.what
         if progress.right is not None:
             text += f": {progress.right:.1%} right"
@@ -191,7 +191,7 @@ class LearningBar:
 
 FORMAT = "neuro recognise figures 1"
 ALLOWED = (0.01, 0.02, 0.05, 0.075, 0.1, 0.15, 0.2)
-"""Shares of wrong decisions that are shown."""
+"""Allowed shares of wrong decisions in the table of `show_early`."""
 
 
 def show_methods() -> None:
@@ -202,17 +202,17 @@ def show_methods() -> None:
         measured = "\n".join(f"{what} {share}" for what, share in method.measured.items())
         rows.append((name, f"{method.title}\n{method.source}", runs, method.needs or "-", measured or "-"))
     out = console()
-    out.print(table(("method", "what, and where from", "runs", "extra", "measured"), rows))
+    out.print(table(("method", "description and source", "runs", "extra", "measured"), rows))
     for extra, trains in (("recognise", "support vector machines"), ("torch", "networks that learn by gradients")):
         if any(method.needs == extra for method in METHODS.values()):
-            print(f"the extra {extra}, by which {trains} are trained: {install(extra)}")
+            print(f"the extra {extra} trains {trains}: {install(extra)}")
 
 
 def show_settings(name: str) -> None:
     """Print all settings of a method.
 
     Raises:
-        ModelError: there is no such method.
+    ModelError: there is no such method.
     """
     method = method_of(name)
     rows = [(r.name, _shown(r.value), r.unit, r.doc, r.source or "-") for r in method.rows()]
@@ -224,32 +224,34 @@ def show_settings(name: str) -> None:
 
 
 def learnt(recogniser: Recogniser) -> str:
-    """One line about a training."""
+    """Return a line with the method, the number of classes and of training recordings."""
     message = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
     return f"{message}, learnt from {recogniser.training['recordings']} recordings"
 
 
 def describe(recogniser: Recogniser) -> None:
-    """Print what a recogniser was trained with."""
+    """Print the conditions and settings of a training."""
     rows = [("classes", ", ".join(recogniser.classes)), *recogniser.training.items()]
     rows += [(row.name, _shown(row.value)) for row in recogniser.method.rows()]
     out = console()
     out.print(learnt(recogniser))
-    out.print(table(("what", "value"), rows))
+    out.print(table(("setting", "value"), rows))
 
 
 def figures(recogniser: Recogniser, tried: Tried) -> str:
-    """All figures as JSON; those at the top are of the recogniser's own scores."""
+    """Return all figures as JSON; those at the top level belong to the recogniser's own scores."""
     words = {"format": FORMAT, "method": recogniser.method.called(), **tried.own.as_words()}
     words |= {"classes": list(recogniser.classes)}
-    return json.dumps(words | {"votes": {name: found.as_words() for name, found in tried.votes.items()}}, indent=1)
+    return json.dumps(
+        words | {"votes": {name: evaluation.as_words() for name, evaluation in tried.votes.items()}}, indent=1
+    )
 
 
 def show(recogniser: Recogniser, tried: Tried) -> None:
-    """Print the accuracy by each vote, and the confusion of the recogniser's own."""
+    """Print the accuracy of each vote, and the confusion matrix of the recogniser's own decisions."""
     name = recogniser.method.called()
     out = console()
-    rows = [_row(name, tried.own), *(_row(f"  by {vote}", found) for vote, found in tried.votes.items())]
+    rows = [_row(name, tried.own), *(_row(f"  by {vote}", evaluation) for vote, evaluation in tried.votes.items())]
     out.print(table(("method", ">accuracy", ">95 % interval", ">right", ">of"), rows))
     own = tried.own
     columns = ("shown", *(f">{one}" for one in (*own.classes, "silent")))
@@ -264,15 +266,15 @@ def show(recogniser: Recogniser, tried: Tried) -> None:
 def show_predicted(
     recogniser: Recogniser, predicted: list[Predicted], as_json: bool, allow: float | None = None
 ) -> None:
-    """Print what is said of files, as a table or as JSON; with an allowed error what that assumes, beside a table."""
+    """Print decisions as a table or as JSON. A table with an allowed error includes the assumption of its bound."""
     if as_json:
         words = []
         for one in predicted:
             silent = one.label == SILENT
             scores = dict(zip(recogniser.classes, one.scores.tolist(), strict=True))
-            told: dict[str, Any] = {"recording": one.path, "class": None if silent else recogniser.classes[one.label]}
-            told |= {"decided_ms": one.decided_ms, "length_ms": one.length_ms, "settled": one.settled}
-            words.append(told | {"scores": None if silent else scores})
+            entry: dict[str, Any] = {"recording": one.path, "class": None if silent else recogniser.classes[one.label]}
+            entry |= {"decided_ms": one.decided_ms, "length_ms": one.length_ms, "settled": one.settled}
+            words.append(entry | {"scores": None if silent else scores})
         print(json.dumps(words, indent=1))
         return
     rows = []
@@ -289,65 +291,67 @@ def show_predicted(
 
 
 def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
-    """Print how held-out recordings were decided moment by moment, and what an allowed error costs in time.
+    """Print the accuracy at each moment on held-out recordings, and the decision times for several allowed errors.
 
     Args:
-        recogniser: if it has not learnt to decide early, nothing is printed.
-        assurance: of the allowed errors.
+    recogniser: trained recogniser; without `early`, nothing is printed.
+    assurance: assurance of the allowed errors.
     """
     if recogniser.early is None:
         return
-    held = recogniser.early.held
-    chosen = np.unique(np.geomspace(1, len(held.times_us), min(10, len(held.times_us))).round().astype(int)) - 1
-    rows = [(f"{held.times_us[k] / 1000:g} ms", f"{held.right[:, k].mean():.1%}") for k in chosen]
+    held_out = recogniser.early.held
+    moments = (
+        np.unique(np.geomspace(1, len(held_out.times_us), min(10, len(held_out.times_us))).round().astype(int)) - 1
+    )
+    rows = [(f"{held_out.times_us[k] / 1000:g} ms", f"{held_out.right[:, k].mean():.1%}") for k in moments]
     out = console()
-    out.print(f"{len(held.right)} recordings, each held out once")
+    out.print(f"{len(held_out.right)} recordings, each held out once")
     out.print(table((">after", ">right"), rows))
-    least = least_allowed(held, assurance)
+    least = least_allowed(held_out, assurance)
     out.print(f"with an assurance of {assurance:g} they support an allowed error of {least:.1%} or more")
     if supported := [allowed for allowed in ALLOWED if allowed >= least]:
         heads = (">--allow", ">decided after", ">wrong", ">95 % interval", ">of the worst class", ">95 % interval")
         rules = []
         for allowed in supported:
-            found, of_class = outcome(held, allowed, assurance), ("-", "-")
-            shares = f"{found.error:.1%}", "{:.1%} to {:.1%}".format(*found.interval)
-            if found.worst is not None:
-                name = recogniser.classes[found.worst]
-                of_class = f"{name}: {found.worst_error:.1%}", "{:.1%} to {:.1%}".format(*found.worst_interval)
-            rules.append((f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", *shares, *of_class))
-        out.print("rules of nine tenths of them, tried on the last, in the mean")
+            result, of_class = outcome(held_out, allowed, assurance), ("-", "-")
+            shares = f"{result.error:.1%}", "{:.1%} to {:.1%}".format(*result.interval)
+            if result.worst is not None:
+                name = recogniser.classes[result.worst]
+                of_class = f"{name}: {result.worst_error:.1%}", "{:.1%} to {:.1%}".format(*result.worst_interval)
+            rules.append((f"{allowed:.1%}", f"{result.mean_ms:.0f} ms", *shares, *of_class))
+        out.print("cross-validated: rules from nine tenths of them, tested on the last tenth")
         out.print(table(heads, rules))
-    out.print(f"{ASSUMES}; of another mix as many may be wrong as of the worst class")
+    out.print(f"{ASSUMES}; with another mix the error may rise to that of the worst class")
 
 
 def write_confusion(tried: Tried, folder: Path) -> None:
-    """Draw the confusion of the recogniser's own decisions."""
+    """Draw the confusion matrix of the recogniser's own decisions."""
     from neuro_recognise.telling.pictures import confusion
 
     _save(confusion(tried.own), folder / "confusion.png")
 
 
 def write_pictures(recogniser: Recogniser, folder: Path) -> None:
-    """Draw what was learnt; of methods without anything to see a line says so."""
+    """Draw what was learnt; if the method has no pictures, print a line instead."""
     drawn = recogniser.method.pictures(recogniser.learnt, recogniser.classes)
     for name, figure in drawn.items():
         _save(figure, folder / f"{name}.png")
     if not drawn:
-        print(f"of what method '{recogniser.method.called()}' has learnt there are no pictures")
+        print(f"method '{recogniser.method.called()}' has no pictures of what it has learnt")
 
 
 NEAR = 0.03
-"""Accuracy below that before the permutation at which labels count as relearnt."""
+"""Labels count as relearnt once accuracy is within this distance of that before the permutation."""
 
 
 def show_relearnt(accuracies: Mapping[str, Floats], before: int, classes: int, file: Path) -> None:
-    """Print how far each method relearnt permuted labels, and draw accuracy by epoch.
+    """Print how well each method relearnt permuted labels, and plot accuracy by epoch.
 
     Args:
-        accuracies: (seeds, epochs) by the name of the method.
-        before: epochs until the permutation.
-        classes: number of classes.
-        file: of the picture.
+    accuracies: (seeds, epochs) by method name.
+    before: number of epochs before the permutation.
+    classes: number of classes.
+    file: file of the plot.
     """
     from neuro_recognise.telling.pictures import relearnt
 
@@ -374,9 +378,9 @@ def _save(figure: Figure, file: Path) -> None:
     print(file)
 
 
-def _row(name: str, found: Evaluation) -> tuple[object, ...]:
-    low, high = found.interval
-    return name, f"{found.accuracy:.1%}", f"{low:.1%} - {high:.1%}", found.correct, found.n
+def _row(name: str, evaluation: Evaluation) -> tuple[object, ...]:
+    low, high = evaluation.interval
+    return name, f"{evaluation.accuracy:.1%}", f"{low:.1%} - {high:.1%}", evaluation.correct, evaluation.n
 
 
 def _shown(value: object) -> str:

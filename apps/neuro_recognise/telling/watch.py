@@ -1,4 +1,4 @@
-"""A recording and what a recogniser makes of it as one page for a browser: events, views, scores, the decision."""
+"""An HTML page that plays a recording with the output of a recogniser: events, views, scores and the decision."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.report import MOMENTS
 
 MOST = 1_000_000
-"""Events, and spikes of a view, of a page; of more an even choice is shown."""
+"""Largest number of events on a page, and of spikes in a view; more are subsampled evenly."""
 LONGEST_MS = 4000.0
-"""Of a recording; what comes later is not shown, since time is counted in ms from the first event."""
+"""Longest duration that is shown, counted from the first event, ms."""
 FINER = 3
-"""Moments of a page for each of `MOMENTS`, where no moments were learnt."""
+"""Factor on `MOMENTS` for a page, if `learn_early` has not set the moments."""
 
 TALL = 340
-"""Height of the drawings beside each other, px."""
+"""Height of the panels in the upper row, px."""
 HELP = "move by a moment, with <kbd>shift</kbd> by ten"
 
 PAGE = sealed("a page of 'neuro recognise'", '<meta name="generator" content="neuro recognise">', "<!-- digest {} -->")
@@ -42,44 +42,44 @@ def watch(
     """Write the page of a recording.
 
     Args:
-        recogniser: what was learnt.
-        recording: a file of any readable format.
-        out: the page.
-        allow: share of wrong decisions for which the page says when it could be stopped.
-        backend: runs networks.
-        assurance: of an allowed error, see `Recogniser.session`.
+    recogniser: trained recogniser.
+    recording: a file of any readable format.
+    out: the page.
+    allow: largest share of wrong decisions; the page marks the time at which it is met.
+    backend: backend that runs networks.
+    assurance: assurance of the allowed error, see `Recogniser.session`.
 
     Returns:
-        What came of it, in a few words.
+    A summary of the decision in a few words.
 
     Raises:
-        ModelError: the page is not called .html or cannot be written, the allowed error cannot be met, or the
-            recording is empty or does not fit.
-        EventFileError: the recording is damaged.
+    ModelError: the page's name does not end in .html, the page cannot be written, the allowed error cannot be met,
+        or the recording is empty or does not fit.
+    EventFileError: the recording is damaged.
     """
 
     def make() -> tuple[str, str]:
         events = watchable(recording)
         seen = events[: int(np.searchsorted(events.t, int(events.t[0]) + round(1000 * LONGEST_MS), "right"))]
-        said = decisions(recogniser, seen, allow, backend, assurance)
+        decided = decisions(recogniser, seen, allow, backend, assurance)
         views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
-        text = page(recogniser, recording.name, seen, said, views, allow)
-        return text, told(recogniser, said, allow)
+        text = page(recogniser, recording.name, seen, decided, views, allow)
+        return text, summary(recogniser, decided, allow)
 
     return write(out, make)
 
 
 def write(out: Path, make: Callable[[], tuple[str, str]]) -> str:
-    """Write a page, whose name must end in .html; return what came of it in a few words."""
+    """Write a page, whose name must end in .html, and return its summary."""
     return player.write(out, PAGE, "what is watched is", make)
 
 
 def watchable(recording: Path) -> Events:
-    """The events of a file.
+    """Load the events of a file.
 
     Raises:
-        ModelError: there are none.
-        EventFileError: it is damaged.
+    ModelError: the recording has no events.
+    EventFileError: the file is damaged.
     """
     events = load(recording)
     if not len(events):
@@ -90,7 +90,7 @@ def watchable(recording: Path) -> Events:
 def decisions(
     recogniser: Recogniser, events: Events, allow: float | None, backend: str, assurance: float = ASSURANCE
 ) -> list[Decision]:
-    """What is decided of a recording while it goes on: at the moments that were learnt, else at 60."""
+    """Return the decisions over the course of a recording, at the moments of `learn_early` or at 60 even ones."""
     length_ms = max(1.0, (int(events.t[-1]) - int(events.t[0])) / 1000.0)
     every_ms = recogniser.early.held.times_us[0] / 1000.0 if recogniser.early else length_ms / (FINER * MOMENTS)
     window_ms = length_ms + every_ms
@@ -100,19 +100,21 @@ def decisions(
     return session.feed(events) + session.end()
 
 
-def told(recogniser: Recogniser, said: Sequence[Decision], allow: float | None) -> str:
-    """What is decided, and when."""
-    stop = next((one for one in said if one.settled), None)
-    one = stop or said[-1]
+def summary(recogniser: Recogniser, decisions: Sequence[Decision], allow: float | None) -> str:
+    """Return the decision and its time in a few words."""
+    stop = next((one for one in decisions if one.settled), None)
+    one = stop or decisions[-1]
     name = "silent" if one.label == SILENT else recogniser.classes[one.label]
     if stop is not None:
-        return f"{name}, settled after {stop.after_ms:.0f} of {said[-1].after_ms:.0f} ms for an error of {allow:.1%}"
+        return (
+            f"{name}, settled after {stop.after_ms:.0f} of {decisions[-1].after_ms:.0f} ms for an error of {allow:.1%}"
+        )
     if one.label == SILENT:
         return f"{name}, after all {one.after_ms:.0f} ms"
     # The moments of `neuro recognise predict`, so that both report the same time.
-    asked = said if recogniser.early else said[FINER - 1 :: FINER]
+    comparable = decisions if recogniser.early else decisions[FINER - 1 :: FINER]
     since = one
-    for decision in reversed(asked):
+    for decision in reversed(comparable):
         if decision.label != one.label:
             break
         since = decision
@@ -123,49 +125,52 @@ def page(
     recogniser: Recogniser,
     title: str,
     events: Events,
-    said: Sequence[Decision],
+    decisions: Sequence[Decision],
     views: Sequence[View] = (),
     allow: float | None = None,
 ) -> str:
-    """The page as text.
+    """Return the page as text.
 
     Args:
-        recogniser: what decided.
-        title: what to call the recording.
-        events: at least one.
-        said: the decisions, at least one.
-        views: what the method makes of the recording.
-        allow: the allowed error, None where none was asked.
+    recogniser: recogniser that decided.
+    title: name of the recording.
+    events: at least one.
+    decisions: at least one.
+    views: intermediate results of the method.
+    allow: the allowed error; None without one.
     """
-    at, stop = np.array([one.after_ms for one in said]), next((k for k, one in enumerate(said) if one.settled), None)
-    scores = np.stack([one.scores for one in said]).astype(np.float64)
+    at, stop = (
+        np.array([one.after_ms for one in decisions]),
+        next((k for k, one in enumerate(decisions) if one.settled), None),
+    )
+    scores = np.stack([one.scores for one in decisions]).astype(np.float64)
     scores[~np.isfinite(scores)] = np.nan
-    there = np.isfinite(scores).sum(axis=1, keepdims=True)
+    finite = np.isfinite(scores).sum(axis=1, keepdims=True)
     scores -= np.nansum(scores, axis=1, keepdims=True) / np.maximum(
-        there, 1
-    )  # sums of votes grow for all classes alike
-    low, high = (float(np.nanmin(scores)), float(np.nanmax(scores))) if there.any() else (0.0, 1.0)
+        finite, 1
+    )  # the mean is subtracted because votes grow for all classes over time
+    low, high = (float(np.nanmin(scores)), float(np.nanmax(scores))) if finite.any() else (0.0, 1.0)
     end = max(1.0, length_ms(events), float(at[-1]))
-    seen, about = shown(events, end, 10, 20.0)
-    lit = np.array([one.label for one in said])[:, None] == np.arange(len(recogniser.classes))
+    track, about = shown(events, end, 10, 20.0)
+    lit = np.array([one.label for one in decisions])[:, None] == np.arange(len(recogniser.classes))
     bars = {
         "labels": [name[:12] for name in recogniser.classes], "values": scores.ravel(), "lit": lit.ravel(),
-        "low": [min(0.0, low)], "high": [high], "notes": _notes(recogniser, said, stop),
+        "low": [min(0.0, low)], "high": [high], "notes": _notes(recogniser, decisions, stop),
     }  # fmt: skip
     top = [
         player.Panel(
-            "Events", [player.Track("events", "events", "events of the sensor", seen, TALL)], span_note(seen["span"])
+            "Events", [player.Track("events", "events", "events of the sensor", track, TALL)], span_note(track["span"])
         ),
         *(_view(view, f"view{k}") for k, view in enumerate(views)),
         player.Panel(
             "Scores now, less their mean", [player.Track("bars", "bars", "scores of the classes now", bars, TALL)]
         ),
     ]
-    decided = said[-1 if stop is None else stop].label
-    order = [k for k in range(len(recogniser.classes)) if k != decided] + ([decided] if decided >= 0 else [])
+    winner = decisions[-1 if stop is None else stop].label
+    order = [k for k in range(len(recogniser.classes)) if k != winner] + ([winner] if winner >= 0 else [])
     lines = [
-        {"x": at, "y": scores[:, k], "name": recogniser.classes[k], "colour": "accent" if k == decided else "grey",
-         "width": 2.6 if k == decided else 1.2}
+        {"x": at, "y": scores[:, k], "name": recogniser.classes[k], "colour": "accent" if k == winner else "grey",
+         "width": 2.6 if k == winner else 1.2}
         for k in order
     ]  # fmt: skip
     curve: dict[str, Any] = {
@@ -174,12 +179,17 @@ def page(
     }  # fmt: skip
     note = "of all classes along time, less their mean; the line in colour is the class that is decided"
     if stop is not None:
-        curve["stop"] = {"at": at[stop], "text": f"settled: {recogniser.classes[decided]}"}
+        curve["stop"] = {"at": at[stop], "text": f"settled: {recogniser.classes[winner]}"}
         note += ", dashed where it is settled"
     below = player.Panel(
         "Scores", [player.Track("curve", "curve", "scores along time", curve, 210)], note, controls=True
     )
-    words = [told(recogniser, said, allow), recogniser.method.title, *about, *([] if allow is None else [ASSUMES])]
+    words = [
+        summary(recogniser, decisions, allow),
+        recogniser.method.title,
+        *about,
+        *([] if allow is None else [ASSUMES]),
+    ]
     columns = f"repeat({len(top)}, minmax(0, 1fr))"
     title = f"{title} by {recogniser.method.called()}"
     return played(title, words, end, at, top, below, columns, help_=f"{HELP}; click the scores to go there")
@@ -197,7 +207,7 @@ def played(
     script: str = "",
     help_: str = HELP,
 ) -> str:
-    """The text of a page whose time is in ms; see `neuro.apps.player.page`."""
+    """Return the text of a page whose time is in ms; see `neuro.apps.player.page`."""
     speeds = [(f"1/{part}×" if part > 1 else "1×", 1 / part) for part in (1000, 300, 100, 30, 10, 3, 1)]
     speed = player.closest(speeds, end / 8000)  # the whole in about eight seconds
     timeline = player.Timeline(end, end / 3, 1.0, speeds, speed, 10, help_, moments=moments, digits=1, unit=" ms")
@@ -205,13 +215,13 @@ def played(
 
 
 def shown(events: Events, end: float, parts: float, most: float) -> tuple[dict[str, Any], list[str]]:
-    """The events of a page as a track, and a few words on them; of many an even choice.
+    """Return the events as a track of a page, evenly subsampled if there are many, and a few words about them.
 
     Args:
-        events: all.
-        end: of the page, ms.
-        parts: the last events are shown, of this part of the whole.
-        most: of the last ms at most.
+    events: all events.
+    end: duration of the page, ms.
+    parts: a moment shows the latest events, up to the page's duration divided by this number.
+    most: longest time that a moment shows, ms.
     """
     every = player.evenly(len(events), MOST)
     width, height = events.sensor_size
@@ -227,22 +237,22 @@ def shown(events: Events, end: float, parts: float, most: float) -> tuple[dict[s
 
 
 def length_ms(events: Events) -> float:
-    """Return the time from the first to the last event; 0 without events."""
+    """Return the time from the first to the last event, ms; 0 without events."""
     return (int(events.t[-1]) - int(events.t[0])) / 1000.0 if len(events) else 0.0
 
 
 def span_note(span: float) -> html.Html:
-    """The key of a picture of events."""
+    """Return the colour key of a panel of events."""
     return html.Html(
         '<i style="background:var(--on)"></i>brighter <i style="background:var(--off);margin-left:4px"></i>darker, '
         f"of the last <output>{span:.{0 if span >= 10 else 1}f} ms</output>"
     )
 
 
-def _notes(recogniser: Recogniser, said: Sequence[Decision], stop: int | None) -> list[str]:
-    """What is decided before the first moment, and at each."""
+def _notes(recogniser: Recogniser, decisions: Sequence[Decision], stop: int | None) -> list[str]:
+    """Return the text before the first moment, and at each."""
     notes = ["nothing decided yet"]
-    for k, one in enumerate(said):
+    for k, one in enumerate(decisions):
         sure = f", {100 * one.confidence:.0f} % sure" if np.isfinite(one.confidence) else ""
         settled = ", settled" if stop is not None and k >= stop else ""
         notes.append("silent" if one.label < 0 else f"says {recogniser.classes[one.label]}{sure}{settled}")
@@ -250,8 +260,8 @@ def _notes(recogniser: Recogniser, said: Sequence[Decision], stop: int | None) -
 
 
 def _view(view: View, name: str) -> player.Panel:
-    many = len(view.at_ms)
-    words = [f"{k + 1} of {many}, from {at:.0f} ms" for k, at in enumerate(view.at_ms)]
+    count = len(view.at_ms)
+    words = [f"{k + 1} of {count}, from {at:.0f} ms" for k, at in enumerate(view.at_ms)]
     notes = [" · ".join(each) for each in zip(words, view.captions, strict=True)] if len(view.captions) else words
     data: dict[str, Any] = {"at": view.at_ms, "notes": ["none yet", *notes]}
     if isinstance(view, Pictures):
