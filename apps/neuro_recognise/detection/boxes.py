@@ -1,11 +1,12 @@
-"""Boxes of objects over time: a table, its CSV file, and how good boxes are: average precision, identities that change.
+"""Boxes of objects over time: a table, its CSV file, and measures of detection: average precision, identity switches.
 
 ```
 start_us,stop_us,identity,class,score,left,top,right,bottom
 0,100000,0,7,1,12.0,30.5,31.0,52.0
 ```
 
-A box spans the columns from `left` up to but not with `right`, and rows likewise, so one pixel is a box of 1 by 1 px.
+A box includes the columns from `left` up to but not including `right`, and rows in the same way, so one pixel is a box
+of 1 by 1 px.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from neuro.apps import Kind, write_text
 from neuro_recognise.shown import Array, Floats, Ints
 
 COLUMNS = ("start_us", "stop_us", "identity", "class", "score", "left", "top", "right", "bottom")
-"""Of the file."""
+"""Columns of the file."""
 
 JUST = 0.1
-"""Share of the shorter of two spans; what shares less time is of another span."""
+"""Smallest overlap of two spans, as a share of the shorter; spans that overlap less count as separate."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Of identities, in turn: Okabe and Ito's, which colour-blind readers tell apart."""
+"""Colours of identities, in turn: Okabe and Ito's palette for colour-blind readers."""
 UNKNOWN = -1
-"""The label of a box for whose object nothing speaks for any class."""
+"""The label of a box without evidence for any class."""
 
 
 def _ours(path: Path) -> bool:
@@ -45,15 +46,15 @@ TABLE = Kind("a table of boxes", _ours)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes:
-    """Boxes, one a row; an object has one in each span of time in which it is there.
+    """Boxes, one per row; an object has one box in each span of time in which it is visible.
 
     Attributes:
-        start: (n,) the span's first us.
-        stop: (n,) the us after its last.
-        identity: (n,) number of the object or the track, the same at all times.
-        label: (n,) index of its class, -1 where unknown.
-        score: (n,) how sure that is, the larger, the more; 1 for true boxes.
-        box: (n, 4) left, top, right and bottom, px.
+    start: (n,) first us of the span.
+    stop: (n,) us after the last of the span.
+    identity: (n,) index of the object or the track, constant over time.
+    label: (n,) index of the class, -1 where unknown.
+    score: (n,) confidence of the label, larger is surer; 1 for true boxes.
+    box: (n, 4) left, top, right and bottom, px.
     """
 
     start: Ints
@@ -65,7 +66,7 @@ class Boxes:
 
     @classmethod
     def of(cls, rows: Iterable[tuple[int, int, int, int, float, Sequence[float]]]) -> Boxes:
-        """From rows: start, stop, identity, label, score, box."""
+        """Create boxes from rows: start, stop, identity, label, score, box."""
         columns: Any = list(zip(*rows, strict=True)) or [()] * 6
         start, stop, identity, label = (np.array(column, np.int64) for column in columns[:4])
         score, box = (np.array(column, float) for column in columns[4:])
@@ -76,32 +77,35 @@ class Boxes:
         return len(self.start)
 
     def __getitem__(self, index: slice | Array) -> Boxes:
-        """Some of the rows."""
+        """Return some of the rows."""
         return Boxes(*(getattr(self, one.name)[index] for one in fields(self)))
 
     def spans(self) -> Ints:
-        """(spans, 2) start and stop of all spans, in the order of time."""
+        """Return start and stop of all spans in the order of time, (spans, 2)."""
         return np.unique(np.stack([self.start, self.stop], axis=1), axis=0)
 
     def within(self, start: int, stop: int) -> Boxes:
-        """One box for each identity that is there between two times, us: the mean of its boxes, by shared time.
+        """Return one box for each identity between two times, us: the mean of its boxes, weighted by shared time.
 
-        Label and score are those of the box that shares the most time. A box whose span only just reaches over an end
-        does not count.
+        Label and score are those of the box that shares the most time. A box whose span overlaps the interval only
+        slightly (`JUST`) is ignored.
         """
         shared = np.minimum(self.stop, stop) - np.maximum(self.start, start)
-        there = shared > JUST * np.minimum(self.stop - self.start, stop - start)
+        visible = shared > JUST * np.minimum(self.stop - self.start, stop - start)
         rows = []
-        for who in np.unique(self.identity[there]):
-            of = np.flatnonzero((self.identity == who) & there)
-            most = of[shared[of].argmax()]
-            box = np.average(self.box[of], axis=0, weights=shared[of])
-            rows.append((start, stop, int(who), int(self.label[most]), float(self.score[most]), box.tolist()))
+        for identity in np.unique(self.identity[visible]):
+            rows_of_identity = np.flatnonzero((self.identity == identity) & visible)
+            most = rows_of_identity[shared[rows_of_identity].argmax()]
+            box = np.average(self.box[rows_of_identity], axis=0, weights=shared[rows_of_identity])
+            rows.append((start, stop, int(identity), int(self.label[most]), float(self.score[most]), box.tolist()))
         return Boxes.of(rows)
 
 
 def iou(a: Floats, b: Floats) -> Floats:
-    """(n, m) shared area of boxes (n, 4) and (m, 4) over the area of both; 0 where both are empty."""
+    """Return intersection over union of boxes (n, 4) and (m, 4), (n, m); 0 where both are empty.
+
+    E.g. boxes (0, 0, 2, 2) and (1, 0, 3, 2) share 2 of 6 px, so their IoU is 1/3.
+    """
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=2)
     areas = [np.prod(np.maximum(box[:, 2:] - box[:, :2], 0.0), axis=1) for box in (a, b)]
@@ -110,26 +114,26 @@ def iou(a: Floats, b: Floats) -> Floats:
 
 
 def suppressed(box: Floats, score: Floats, most: float) -> Ints:
-    """Non-maximum suppression: indices of the boxes that stay, the best first.
+    """Non-maximum suppression: return the indices of the boxes that remain, best first.
 
     Args:
-        box: (n, 4).
-        score: (n,) of two boxes that are too much the same, the one with the larger stays.
-        most: IoU that two boxes may have.
+    box: (n, 4).
+    score: (n,) of two boxes that overlap too much, the one with the larger score remains.
+    most: largest IoU that two boxes may have.
     """
-    left = np.argsort(-score, kind="stable")
-    kept: list[int] = []
-    while left.size:
-        kept.append(int(left[0]))
-        left = left[1:][iou(box[left[:1]], box[left[1:]])[0] <= most]
-    return np.array(kept, np.int64)
+    candidates = np.argsort(-score, kind="stable")
+    remaining: list[int] = []
+    while candidates.size:
+        remaining.append(int(candidates[0]))
+        candidates = candidates[1:][iou(box[candidates[:1]], box[candidates[1:]])[0] <= most]
+    return np.array(remaining, np.int64)
 
 
 def write_boxes(path: Path, boxes: Boxes, classes: Sequence[str]) -> None:
-    """Write a table, in place of another; an unknown class is empty.
+    """Write a table, and replace an existing one; an unknown class is an empty field.
 
     Raises:
-        Unwritable: something else has this name, or the file cannot be written.
+    Unwritable: the name belongs to another kind of file, or the file cannot be written.
     """
     out = io.StringIO()
     table = csv.writer(out, lineterminator="\n")
@@ -145,11 +149,11 @@ def read_boxes(path: Path, classes: Sequence[str]) -> Boxes:
     """Read a table.
 
     Args:
-        path: the file.
-        classes: names, by which labels are counted.
+    path: the file.
+    classes: names of the classes; labels are indices into them.
 
     Raises:
-        ModelError: there is no such table, a class is unknown, or a number is none; the message has the line.
+    ModelError: there is no such table, a class is unknown, or a field is no number; the message names the line.
     """
     try:
         lines = list(csv.reader(path.read_text().splitlines()))
@@ -176,9 +180,9 @@ def _row(
 
 
 Pair = tuple[Boxes, Boxes]
-"""True boxes and those that were found, of one picture: a span of time of a scene."""
+"""True and detected boxes of one picture, i.e. one span of time of a scene."""
 AT_LEAST = 0.5
-"""IoU from which on a box is right; Everingham et al., IJCV 88:303, 2010, section 4.2."""
+"""Smallest IoU of a correct box; Everingham et al., IJCV 88:303, 2010, section 4.2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,10 +190,10 @@ class Precision:
     """Average precision of boxes.
 
     Attributes:
-        of_class: by class; NaN where no true box is of it.
-        mean: over the classes that have true boxes, mAP.
-        box: of all boxes, whatever their class.
-        pictures: of how many.
+    of_class: average precision of each class; NaN without true boxes.
+    mean: mean over the classes with true boxes (mAP).
+    box: average precision of all boxes, ignoring classes.
+    pictures: number of pictures.
     """
 
     of_class: tuple[float, ...]
@@ -199,28 +203,30 @@ class Precision:
 
 
 def precision(pairs: Sequence[Pair], classes: int, at_least: float = AT_LEAST) -> Precision:
-    """Compare what was found with what is there.
+    """Compute the average precision of detected boxes.
 
     Args:
-        pairs: for each picture.
-        classes: their number.
-        at_least: IoU from which on a box is right.
+    pairs: true and detected boxes of each picture.
+    classes: number of classes.
+    at_least: smallest IoU of a correct box.
     """
     by_label = ([(a[a.label == label], b[b.label == label]) for a, b in pairs] for label in range(classes))
-    of_class = tuple(_of(each, at_least) for each in by_label)
-    known = [one for one in of_class if not np.isnan(one)]
-    return Precision(of_class, float(np.mean(known)) if known else float("nan"), _of(pairs, at_least), len(pairs))
+    of_class = tuple(_precision_of(each, at_least) for each in by_label)
+    finite = [one for one in of_class if not np.isnan(one)]
+    return Precision(
+        of_class, float(np.mean(finite)) if finite else float("nan"), _precision_of(pairs, at_least), len(pairs)
+    )
 
 
 def average_precision(right: npt.NDArray[np.bool_], true: int) -> float:
-    """Area under precision over recall, where precision is the best one at this recall or a larger.
+    """Return the area under the interpolated precision-recall curve: the best precision at each recall or a larger.
 
     Args:
-        right: (n,) whether each box is right, the surest first.
-        true: number of true boxes; NaN of none.
+    right: (n,) whether each box is correct, in descending order of score.
+    true: number of true boxes; without any, the result is NaN.
 
     Source: Everingham et al., The PASCAL Visual Object Classes Challenge 2012 development kit, section 3.4.1 (all
-        points, where the challenge took eleven before 2010).
+    points; the challenge used eleven before 2010).
     """
     if not true:
         return float("nan")
@@ -229,11 +235,12 @@ def average_precision(right: npt.NDArray[np.bool_], true: int) -> float:
     return float(best[right].sum() / true)
 
 
-def _of(pairs: Iterable[Pair], at_least: float) -> float:
+def _precision_of(pairs: Iterable[Pair], at_least: float) -> float:
     scores, right, true = [np.zeros(0)], [np.zeros(0, bool)], 0
     for there, found in pairs:
         shared, taken, hits = iou(found.box, there.box), np.zeros(len(there), bool), np.zeros(len(found), bool)
-        # the surest first, each takes the true box that it shares most with; who finds it taken is wrong
+        # In descending order of score, each box is matched to the true box with the largest IoU.
+        # A true box can be matched only once.
         for k in np.argsort(-found.score, kind="stable") if len(there) else ():
             best = int(shared[k].argmax())
             if shared[k, best] >= at_least and not taken[best]:
@@ -247,13 +254,13 @@ def _of(pairs: Iterable[Pair], at_least: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Switches:
-    """How identities hold.
+    """Stability of identities.
 
     Attributes:
-        switches: how often an object was found under another identity than before.
-        objects: that were found at all.
-        missed: true boxes to which no box fits.
-        boxes: true ones.
+    switches: how often an object was detected under another identity than before.
+    objects: number of objects that were detected at least once.
+    missed: number of true boxes without a matching box.
+    boxes: number of true boxes.
     """
 
     switches: int
@@ -263,14 +270,14 @@ class Switches:
 
 
 def identity_switches(pairs: Sequence[Pair], at_least: float = AT_LEAST) -> Switches:
-    """Follow the true objects of one scene.
+    """Match the true objects of one scene over time, and count changes of identity.
 
     Args:
-        pairs: its pictures in the order of time.
-        at_least: IoU from which on a box fits.
+    pairs: pictures of the scene in the order of time.
+    at_least: smallest IoU of a matching box.
 
-    Source: Bernardin and Stiefelhagen, EURASIP J. Image Video Processing 2008:246309, section 2.1: who was matched
-        before and still fits stays matched; the others are matched so that the most area is shared.
+    Source: Bernardin and Stiefelhagen, EURASIP J. Image Video Processing 2008:246309, section 2.1: a match is kept
+    while it is valid; the others are matched so that the total IoU is largest.
     """
     before: dict[int, int] = {}
     switches = missed = boxes = 0
@@ -284,12 +291,12 @@ def identity_switches(pairs: Sequence[Pair], at_least: float = AT_LEAST) -> Swit
 
 
 def _matched(there: Boxes, found: Boxes, before: dict[int, int], at_least: float) -> dict[int, int]:
-    """The identity under which each object is found in a picture."""
+    """Return the detected identity of each true object in a picture."""
     from scipy.optimize import linear_sum_assignment
 
     shared = iou(there.box, found.box)
     same = np.array([[before.get(int(who)) == by for by in found.identity] for who in there.identity], bool)
-    worth = np.where(shared >= at_least, shared + 2.0 * same.reshape(shared.shape), 0.0)
-    rows, columns = linear_sum_assignment(worth, maximize=True)
-    fits = worth[rows, columns] > 0
-    return dict(zip(there.identity[rows[fits]].tolist(), found.identity[columns[fits]].tolist(), strict=True))
+    weight = np.where(shared >= at_least, shared + 2.0 * same.reshape(shared.shape), 0.0)
+    rows, columns = linear_sum_assignment(weight, maximize=True)
+    is_match = weight[rows, columns] > 0
+    return dict(zip(there.identity[rows[is_match]].tolist(), found.identity[columns[is_match]].tolist(), strict=True))

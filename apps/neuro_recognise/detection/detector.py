@@ -1,11 +1,12 @@
-"""Find several objects in view: where each is, what it is, and which it was before.
+"""Detection of several objects: positions, classes and identities over time.
 
 proposals: events -> segments -> regions -> tracks -> pieces of a track's own events -> recogniser -> boxes
 dense:     events -> segments -> sliding network -> regions with classes -> tracks -> boxes
 
-A recogniser learns what a detector shows it from crops out of scenes. A crop lacks the noise round an object, has some
-of the background and of its neighbours, and moves otherwise than a recording of one object in the middle of the field:
-HATS finds half as many objects by their class when it learnt from whole recordings (docs/how-to/detect-objects.md).
+A recogniser should learn from crops of scenes, because a detector presents crops. A crop lacks the noise around an
+object, contains parts of the background and of neighbours, and moves differently from a recording of one object in the
+centre of the field. HATS detects half as many objects with the right class if it learnt from whole recordings
+(docs/how-to/detect-objects.md).
 """
 
 from __future__ import annotations
@@ -42,14 +43,14 @@ from neuro_recognise.shown import Floats, Ints
 
 @dataclass(frozen=True)
 class Tracking(Part):
-    """Each region goes to the track whose middle it is nearest to, so that all together move least."""
+    """Assignment of regions to tracks that minimises the sum of distances between centres."""
 
     kind = "tracking"
     source = "Kuhn, Naval Research Logistics 2:83, 1955; linear_sum_assignment of scipy"
 
-    reach: float = setting(10.0, "px", "that an object's middle may have moved since it was seen", CHOSEN, above=0)
-    patience: float = setting(250.0, "ms", "for which an object may be out of sight", CHOSEN, at_least=0)
-    gain: float = setting(0.3, "", "share of a new velocity in the one that is expected", CHOSEN, at_least=0, at_most=1)
+    reach: float = setting(10.0, "px", "largest distance of a centre from its expected position", CHOSEN, above=0)
+    patience: float = setting(250.0, "ms", "longest time without a detection of an object", CHOSEN, at_least=0)
+    gain: float = setting(0.3, "", "weight of a new velocity in the running average", CHOSEN, at_least=0, at_most=1)
 
 
 Tracking.known = Registry("tracking", (Tracking,))
@@ -57,13 +58,13 @@ Tracking.known = Registry("tracking", (Tracking,))
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """An object that is followed.
+    """An object that is tracked.
 
     Attributes:
-        number: its identity.
-        middle: (2,) of its box, where it was last seen, px.
-        seen: when that was, us.
-        velocity: (2,) px/us.
+    number: identity of the object.
+    middle: (2,) centre of its last box, px.
+    seen: time of the last box, us.
+    velocity: (2,) px/us.
     """
 
     number: int
@@ -72,21 +73,21 @@ class Track:
     velocity: Floats = field(default_factory=lambda: np.zeros(2))
 
     def expected(self, t: int) -> Floats:
-        """(2,) the middle of its box at a time."""
+        """Return the expected centre of its box at a time, (2,) px."""
         return self.middle + self.velocity * (t - self.seen)
 
     def move(self, middle: Floats, t: int, gain: float) -> None:
-        """It was seen."""
+        """Update position and velocity with a new detection."""
         if t > self.seen:
             self.velocity = (1.0 - gain) * self.velocity + gain * (middle - self.middle) / (t - self.seen)
         self.middle, self.seen = middle, t
 
 
 class Tracks:
-    """All that are followed.
+    """All tracked objects.
 
     Attributes:
-        live: those that may still be seen again.
+    live: tracks that may be continued.
     """
 
     def __init__(self, tracking: Tracking) -> None:
@@ -95,11 +96,11 @@ class Tracks:
         self.live: list[Track] = []
 
     def follow(self, regions: Sequence[Region], t: int) -> list[Track]:
-        """The track of each region; what fits to none begins a new one.
+        """Return the track of each region; a region without a matching track starts a new one.
 
         Args:
-            regions: of a segment.
-            t: its middle, us.
+            regions: regions of a segment.
+            t: centre of the segment in time, us.
         """
         from scipy.optimize import linear_sum_assignment
 
@@ -107,54 +108,62 @@ class Tracks:
         self.live = [track for track in self.live if t - track.seen <= 1000.0 * tracking.patience]
         middles = np.array([(region.box[:2] + region.box[2:]) / 2.0 for region in regions]).reshape(-1, 2)
         expected = np.array([track.expected(t) for track in self.live]).reshape(-1, 2)
-        far = np.sqrt(((middles[:, None] - expected) ** 2).sum(axis=2))
-        # what is out of reach costs the same however far: it shall not move those that are near
-        pairs = zip(*linear_sum_assignment(np.minimum(far, tracking.reach)), strict=True)
-        of = {int(i): self.live[j] for i, j in pairs if far[i, j] < tracking.reach}
-        found = []
+        distance = np.sqrt(((middles[:, None] - expected) ** 2).sum(axis=2))
+        # Distances beyond the reach cost equally much, so that far regions do not affect the assignment of near ones.
+        pairs = zip(*linear_sum_assignment(np.minimum(distance, tracking.reach)), strict=True)
+        by_region = {int(i): self.live[j] for i, j in pairs if distance[i, j] < tracking.reach}
+        tracks = []
         for i, middle in enumerate(middles):
-            if i not in of:
-                of[i] = Track(self._following, middle, t)
+            if i not in by_region:
+                by_region[i] = Track(self._following, middle, t)
                 self._following += 1
-                self.live.append(of[i])
-            of[i].move(middle, t, tracking.gain)
-            found.append(of[i])
-        return found
+                self.live.append(by_region[i])
+            by_region[i].move(middle, t, tracking.gain)
+            tracks.append(by_region[i])
+        return tracks
 
 
 Finder = Callable[[Events, Floats], list[Region]]
-"""The objects of a segment: of its events, and the counts of these and of those before that shall count."""
+"""Function from a segment's events, and event counts that may include earlier events, to its regions."""
 
 
 @dataclass(frozen=True)
 class Detecting(Settings):
-    """How objects are found.
+    """Settings of a detector.
 
     Attributes:
-        segmenter: cuts the events; objects are looked for in each segment.
-        proposals: finds places of objects.
-        dense: finds places and classes at once, where that way is taken.
-        tracking: finds which object is which from segment to segment.
+    segmenter: cuts the events into segments; objects are detected in each.
+    proposals: proposes regions of objects.
+    dense: detects regions and classes together; used by the way `dense`.
+    tracking: assigns identities from segment to segment.
     """
 
     segmenter: Segmenter = part(Segmenter, Hes(window=100.0))
-    leak: float = setting(0.0, "ms", "decay of counts from segment to segment; 0: none are left", CHOSEN, at_least=0)
+    leak: float = setting(
+        0.0, "ms", "time constant of the counts' decay; 0: no memory of earlier segments", CHOSEN, at_least=0
+    )
     proposals: Proposals = part(Proposals, Proposals())
     dense: Dense = part(Dense, Dense())
     overlap: float = setting(0.5, "", "largest IoU of two boxes of a segment", "usual", at_least=0, at_most=1)
     tracking: Tracking = part(Tracking, Tracking())
-    memory: float = setting(300.0, "ms", "of events that are recognised together", "a recording of N-MNIST", above=0)
+    memory: float = setting(
+        300.0,
+        "ms",
+        "longest duration of a piece, whose events are classified together",
+        "a recording of N-MNIST",
+        above=0,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """An object in a segment.
+    """A detection of an object in one segment.
 
     Attributes:
-        start: of the segment, us.
-        stop: the us after its last event.
-        number: identity of the object.
-        region: where it is.
+    start: start of the segment, us.
+    stop: us after its last event.
+    number: identity of the object.
+    region: region of the object.
     """
 
     start: int
@@ -165,96 +174,96 @@ class Seen:
 
 @dataclass(slots=True, eq=False)
 class Piece:
-    """What is seen of an object for a while.
+    """Successive detections of one object, whose events are classified together.
 
     Attributes:
-        seen: in the order of time.
+    seen: detections in the order of time.
     """
 
     seen: list[Seen] = field(default_factory=list)
 
     @property
     def regions(self) -> list[Region]:
-        """Where it is."""
+        """The region of each detection."""
         return [one.region for one in self.seen]
 
     def takes(self, one: Seen, memory: float) -> bool:
-        """Whether it is still short enough with a segment more.
+        """Return whether the piece stays within `memory` after adding a detection.
 
         Args:
-            one: the segment.
+            one: the detection.
             memory: longest time, ms.
         """
         return not self.seen or one.stop - self.seen[0].start <= 1000.0 * memory
 
 
 def pieces(events: Events, settings: Detecting, finder: Finder | None = None) -> list[Piece]:
-    """The objects of a whole recording, in pieces of at most `memory`; found by proposals if no other way is given."""
+    """Detect objects in a whole recording, in pieces of at most `memory`; without a finder, use proposals."""
     view, latest = WindowView(settings, events.sensor_size, finder), dict[int, Piece]()
-    found: list[Piece] = []
+    result: list[Piece] = []
     for segment in (*view.segments(events), *view.rest()):
         for one in view.look(segment):
             if one.number not in latest or not latest[one.number].takes(one, settings.memory):
                 latest[one.number] = Piece()
-                found.append(latest[one.number])
+                result.append(latest[one.number])
             latest[one.number].seen.append(one)
-    return found
+    return result
 
 
 class WindowView:
-    """What is on its way while events come: a segment, counts, and tracks.
+    """State of a detection while events arrive: the current segment, counts, and tracks.
 
     Args:
-        settings: how objects are found.
-        sensor: width and height, px.
-        finder: finds the objects of a segment; None for proposals.
+    settings: settings of the detector.
+    sensor: width and height, px.
+    finder: function that detects the objects of a segment; None for proposals.
     """
 
     def __init__(self, settings: Detecting, sensor: tuple[int, int], finder: Finder | None = None) -> None:
         self._settings, self._sensor = settings, sensor
         self._find = finder or settings.proposals.regions
-        self._cutter, self._held, self._cut = settings.segmenter.cutter(), list[Events](), 0
+        self._cutter, self._pending, self._cut = settings.segmenter.cutter(), list[Events](), 0
         self._counts, self._counted = np.zeros(sensor[::-1]), 0
         self._tracks = Tracks(settings.tracking)
 
     @property
     def live(self) -> set[int]:
-        """Identities of the objects that may still be seen again."""
+        """Identities of the objects whose tracks may be continued."""
         return {track.number for track in self._tracks.live}
 
     def segments(self, events: Events) -> Iterator[Events]:
-        """Those that the next events complete.
+        """Yield the segments that the next events complete.
 
         Raises:
-            ModelError: they are of another sensor.
+            ModelError: the events have another sensor.
         """
         if events.sensor_size != self._sensor:
             (width, height), (w, h) = self._sensor, events.sensor_size
             raise ModelError(f"events of a sensor of {w}x{h} px after those of {width}x{height} px")
-        self._held.append(events)
+        self._pending.append(events)
         yield from self._until(self._cutter.cuts(events.t))
 
     def rest(self) -> Iterator[Events]:
-        """Those that are complete when no more events come, and what is left over."""
+        """End the stream: yield the segments that are complete then, and the remaining events."""
         yield from self._until(self._cutter.end())
-        if self._held and len(left := joined_parts(self._held)):
-            yield left
+        if self._pending and len(remaining := joined_parts(self._pending)):
+            yield remaining
 
     def _until(self, cuts: Ints) -> Iterator[Events]:
         if not len(cuts):
             return
-        whole, ends = joined_parts(self._held), (cuts - self._cut).tolist()
-        self._cut, self._held = int(cuts[-1]), [whole[ends[-1] :]]
+        whole, ends = joined_parts(self._pending), (cuts - self._cut).tolist()
+        self._cut, self._pending = int(cuts[-1]), [whole[ends[-1] :]]
         for start, stop in zip([0, *ends[:-1]], ends, strict=True):
             yield whole[start:stop]
 
     def look(self, segment: Events) -> list[Seen]:
-        """The objects in a segment."""
+        """Detect the objects in a segment."""
         if not len(segment):
             return []
         settings, start, stop = self._settings, int(segment.t[0]), int(segment.t[-1]) + 1
-        left = np.exp((self._counted - stop) / (1000.0 * settings.leak)) if settings.leak else 0.0
-        self._counts = left * self._counts + representations.event_frame(segment, polarity="ignored")
+        decay = np.exp((self._counted - stop) / (1000.0 * settings.leak)) if settings.leak else 0.0
+        self._counts = decay * self._counts + representations.event_frame(segment, polarity="ignored")
         self._counted = stop
         regions = self._find(segment, self._counts)
         box = np.array([region.box for region in regions]).reshape(-1, 4)
@@ -265,43 +274,43 @@ class WindowView:
 
 
 def crop(regions: Sequence[Region], size: tuple[int, int], scale: float = 1.0) -> Events:
-    """The events of an object in some segments, without those of others and moved into a field.
+    """Return the events of an object in some segments, without events of other objects, moved into a field.
 
-    In each segment the mean of its events comes to the middle of the field, which takes the motion from segment to
-    segment out. So what is seen differs a little from a recording of an object that stays: a recogniser should learn
-    from crops, too (`write_crops`).
+    In each segment, the mean position of the events is moved to the centre of the field, which removes the motion
+    between segments. A crop therefore differs from a recording of a static object, and a recogniser should learn from
+    crops as well (`write_crops`).
 
     Args:
-        regions: of the object, in the order of time.
-        size: width and height of the field, px; what lies outside is left out.
-        scale: how many px of the sensor become one; of larger objects one event in scale^2 stays.
+    regions: regions of the object, in the order of time.
+    size: width and height of the field, px; events outside are dropped.
+    scale: number of sensor pixels per field pixel; for a scale above 1, one of scale^2 events remains.
     """
     middles = np.repeat([region.centre for region in regions], [len(region.events) for region in regions], axis=0)
     parts = [region.events for region in regions]
     t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
-    axes = zip((x, y), middles.T, size, strict=True)  # places are counted from the middle of the field
+    axes = zip((x, y), middles.T, size, strict=True)  # positions are relative to the centre of the field
     x, y = (np.rint((at - middle) / scale + (side - 1) / 2.0).astype(np.int64) for at, middle, side in axes)
-    there = np.flatnonzero((x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1]))
+    inside = np.flatnonzero((x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1]))
     if scale > 1.0:
-        there = there[np.floor(np.arange(0.0, len(there), scale**2)).astype(np.int64)]
-    return Events(t[there], x[there], y[there], p[there], size)
+        inside = inside[np.floor(np.arange(0.0, len(inside), scale**2)).astype(np.int64)]
+    return Events(t[inside], x[inside], y[inside], p[inside], size)
 
 
 WAYS = ("proposals", "dense")
-"""Of finding objects: places first and then what is there, or both at once by a network over the whole sensor."""
+"""Ways of detection: regions first, which are then classified, or both together by a network over the whole sensor."""
 
 
 class Detector:
-    """Finds objects that a recogniser knows.
+    """Detects objects of a recogniser's classes.
 
     Args:
-        recogniser: names an object; its field may be of another size than the sensor.
-        settings: how objects are found.
-        backend: runs networks.
-        way: see `WAYS`; `dense` takes a recogniser of the method `remus`.
+    recogniser: classifies objects; its field may differ in size from the sensor.
+    settings: settings of the detection.
+    backend: backend that runs networks.
+    way: see `WAYS`; `dense` needs a recogniser of the method `remus`.
 
     Raises:
-        ModelError: there is no such way.
+    ModelError: there is no such way.
     """
 
     def __init__(
@@ -315,52 +324,56 @@ class Detector:
         self._known: dict[int, _Known] = {}
 
     def detect(self, events: Events) -> Boxes:
-        """All boxes of a recording; what an object is follows from all that was seen of it.
+        """Return all boxes of a recording; the class of an object follows from all its detections.
 
         Args:
             events: the recording, of any sensor.
 
         Returns:
-            A box for each object and each segment in which it is seen, in the order of time.
+            A box for each object in each segment with a detection, in the order of time.
         """
-        found = pieces(events, self.settings, self._finder(events.sensor_size))
-        known: dict[int, _Known] = {}
-        for piece, scores in zip(found, self._scores(found), strict=True):
-            known.setdefault(piece.seen[0].number, _Known()).judge(piece, scores)
-        seen = sorted((one for piece in found for one in piece.seen), key=lambda one: (one.start, one.number))
-        return Boxes.of(_row(one, known[one.number].total) for one in seen)
+        all_pieces = pieces(events, self.settings, self._finder(events.sensor_size))
+        objects: dict[int, _Known] = {}
+        for piece, scores in zip(all_pieces, self._scores(all_pieces), strict=True):
+            objects.setdefault(piece.seen[0].number, _Known()).judge(piece, scores)
+        detections = sorted(
+            (one for piece in all_pieces for one in piece.seen), key=lambda one: (one.start, one.number)
+        )
+        return Boxes.of(_row(one, objects[one.number].total) for one in detections)
 
     def feed(self, events: Events) -> Boxes:
-        """See the next events of a stream.
+        """Process the next events of a stream.
 
         Args:
-            events: after those seen so far, of the same sensor.
+            events: events after the previous ones, of the same sensor.
 
         Returns:
-            A box for each object in each segment that became complete; what an object is follows from what was seen of
-            it so far.
+            A box for each object in each segment that became complete; the class of an object follows from its
+            detections so far.
 
         Raises:
-            ModelError: the sensor is another than before.
+            ModelError: the sensor differs from the previous one.
         """
         if self._view is None:
             self._view = WindowView(self.settings, events.sensor_size, self._finder(events.sensor_size))
-        return self._fed(self._view, self._view.segments(events))
+        return self._boxes_of(self._view, self._view.segments(events))
 
     def finish(self) -> Boxes:
-        """The boxes of what is left when a stream ends; the next events begin another one."""
+        """End the stream, and return the remaining boxes; the next events begin another stream."""
         if self._view is None:
             return Boxes.of([])
-        found = self._fed(self._view, self._view.rest())
+        boxes = self._boxes_of(self._view, self._view.rest())
         self._view, self._known = None, {}
-        return found
+        return boxes
 
-    def _fed(self, view: WindowView, segments: Iterable[Events]) -> Boxes:
+    def _boxes_of(self, view: WindowView, segments: Iterable[Events]) -> Boxes:
         rows = []
         for segment in segments:
-            seen = sorted(view.look(segment), key=lambda one: one.number)
-            held = [self._known.setdefault(one.number, _Known()).add(one, self.settings.memory) for one in seen]
-            for one, piece, scores in zip(seen, held, self._scores(held), strict=True):
+            detections = sorted(view.look(segment), key=lambda one: one.number)
+            current = [
+                self._known.setdefault(one.number, _Known()).add(one, self.settings.memory) for one in detections
+            ]
+            for one, piece, scores in zip(detections, current, self._scores(current), strict=True):
                 self._known[one.number].judge(piece, scores)
                 rows.append(_row(one, self._known[one.number].total))
             live = view.live
@@ -368,7 +381,7 @@ class Detector:
         return Boxes.of(rows)
 
     def _finder(self, sensor: tuple[int, int]) -> Finder | None:
-        """What finds the objects of a segment, None for proposals; a network is compiled once for each sensor."""
+        """Return the function that detects objects in a segment, compiled once per sensor; None for proposals."""
         if self.way == "proposals":
             return None
         if sensor not in self._sliding:
@@ -376,68 +389,70 @@ class Detector:
             self._sliding[sensor] = Sliding(self.recogniser, settings.dense, settings.proposals, sensor, self.backend)
         return self._sliding[sensor].regions
 
-    def _scores(self, found: Sequence[Piece]) -> Floats:
-        """(pieces, classes) what speaks for each class."""
-        if not found:
+    def _scores(self, pieces: Sequence[Piece]) -> Floats:
+        """Return the score of each class for each piece, (pieces, classes)."""
+        if not pieces:
             return np.zeros((0, len(self.recogniser.classes)))
         if self.way == "dense":
-            scored = [[region.scores for region in piece.regions if region.scores is not None] for piece in found]
-            return np.array([np.sum(scores, axis=0) for scores in scored])
+            by_piece = [[region.scores for region in piece.regions if region.scores is not None] for piece in pieces]
+            return np.array([np.sum(scores, axis=0) for scores in by_piece])
         size, proposals = self.recogniser.method.size, self.settings.proposals
-        shown = [crop(piece.regions, size, proposals.scale_of(piece.regions)) for piece in found]
-        return self.recogniser.scores(shown, self.backend)
+        crops = [crop(piece.regions, size, proposals.scale_of(piece.regions)) for piece in pieces]
+        return self.recogniser.scores(crops, self.backend)
 
 
 @dataclass(slots=True, eq=False)
 class _Known:
-    """What is known of an object: the scores of its pieces; of the latest those of what was seen of it so far."""
+    """Scores of an object's pieces; those of its latest piece are updated with each detection."""
 
     latest: Piece = field(default_factory=Piece)
     scores: dict[int, Floats] = field(default_factory=dict)
 
     def add(self, one: Seen, memory: float) -> Piece:
-        """It was seen; gives the piece that this belongs to."""
+        """Add a detection, and return its piece."""
         if not self.latest.takes(one, memory):
             self.latest = Piece()
         self.latest.seen.append(one)
         return self.latest
 
     def judge(self, piece: Piece, scores: Floats) -> None:
-        """What speaks for each class in a piece, in place of what did before."""
+        """Store the scores of a piece, and replace earlier ones."""
         self.scores[piece.seen[0].start] = scores
 
     @property
     def total(self) -> Floats:
-        """(classes,) the sum over all pieces; where nothing speaks for any class NaN."""
-        heard = [scores for scores in self.scores.values() if not np.isnan(scores).all()]
-        return np.sum(heard, axis=0) if heard else next(iter(self.scores.values()))
+        """(classes,) sum over all pieces with evidence; NaN without any."""
+        finite = [scores for scores in self.scores.values() if not np.isnan(scores).all()]
+        return np.sum(finite, axis=0) if finite else next(iter(self.scores.values()))
 
 
 def _row(one: Seen, scores: Floats) -> tuple[int, int, int, int, float, Sequence[float]]:
-    """A row of boxes; its score is how far the best class is before the next, 0 where none is known."""
+    """Return a row of boxes; its score is the best class's lead over the second, 0 without evidence."""
     label = UNKNOWN if np.isnan(scores).all() else int(np.nanargmax(scores))
-    known = np.sort(scores[~np.isnan(scores)])
-    sureness = float(known[-1] - known[-2]) if len(known) > 1 else 0.0
-    return one.start, one.stop, one.number, label, sureness, one.region.box.tolist()
+    ordered = np.sort(scores[~np.isnan(scores)])
+    lead = float(ordered[-1] - ordered[-2]) if len(ordered) > 1 else 0.0
+    return one.start, one.stop, one.number, label, lead, one.region.box.tolist()
 
 
 def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[tuple[int, Events]]:
-    """The objects that a detector finds in a scene: class and crop; what fits to no true box is left out.
+    """Yield class and crop of each object that a detector finds in a scene, if it matches a true box.
 
     Args:
-        scene: with its true boxes.
-        settings: how objects are found.
-        size: width and height of the crops, px.
+    scene: a scene with true boxes.
+    settings: settings of the detection.
+    size: width and height of the crops, px.
     """
     for piece in pieces(scene.events, settings):
-        fits: list[int] = []
+        labels: list[int] = []
         for one in piece.seen:
-            now = scene.boxes.within(one.start, one.stop)
-            shared = iou(one.region.box[None], now.box)[0]
-            fits += [int(now.label[shared.argmax()])] if len(now) and shared.max() >= AT_LEAST else []
-        if fits:  # of the class that most of its boxes fit to
+            true_boxes = scene.boxes.within(one.start, one.stop)
+            overlaps = iou(one.region.box[None], true_boxes.box)[0]
+            labels += (
+                [int(true_boxes.label[overlaps.argmax()])] if len(true_boxes) and overlaps.max() >= AT_LEAST else []
+            )
+        if labels:  # the class is that of most matching true boxes
             scale = settings.proposals.scale_of(piece.regions)
-            yield int(np.bincount(fits).argmax()), crop(piece.regions, size, scale)
+            yield int(np.bincount(labels).argmax()), crop(piece.regions, size, scale)
 
 
 def write_crops(
@@ -448,20 +463,20 @@ def write_crops(
     before: str = "",
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Write crops of all scenes, in folders named as their classes; the same call writes the same files.
+    """Write crops of all scenes, in one folder per class; equal calls write equal files.
 
     Args:
-        folder: made if it is not there.
-        scenes: with true boxes.
-        settings: how objects are found.
-        before: stands before the names of files, so that several data sets of scenes fit into one folder.
-        report: called with how many scenes are done, and of how many.
+    folder: created if missing.
+    scenes: scenes with true boxes.
+    settings: settings of the detection.
+    before: prefix of file names, so that crops of several data sets fit into one folder.
+    report: function that is called with the number of finished and of all scenes.
 
     Returns:
-        How many there are.
+    The number of crops.
 
     Raises:
-        EventFileError: a crop cannot be written.
+    EventFileError: a crop cannot be written.
     """
     for name in scenes.classes:
         make_folder(folder / name)
@@ -477,15 +492,14 @@ def write_crops(
 
 @dataclass(frozen=True, slots=True)
 class DetectionTrial:
-    """What came of scenes.
+    """Measures of detection on scenes.
 
     Attributes:
-        scenes: how many.
-        precision: of all boxes; a slice of a scene is a picture.
-        switches: of all scenes.
-        ms: processor time of a scene, the median; the first one, on which kernels may be compiled, does not count if
-            there are others.
-        pictures: true boxes and those that were found, of each slice of a scene.
+    scenes: number of scenes.
+    precision: average precision of all boxes; each slice of a scene is a picture.
+    switches: stability of identities over all scenes.
+    ms: median processor time per scene, ms, without the first scene, during which kernels may compile.
+    pictures: true and detected boxes of each slice of a scene.
     """
 
     scenes: int
@@ -495,7 +509,7 @@ class DetectionTrial:
     pictures: tuple[tuple[Boxes, Boxes], ...] = ()
 
     def as_words(self, classes: tuple[str, ...]) -> dict[str, Any]:
-        """The figures as plain data, for JSON."""
+        """Return the measures as plain data, for JSON."""
         of_class = zip(classes, self.precision.of_class, strict=True)
         return {
             "scenes": self.scenes,
@@ -510,30 +524,30 @@ class DetectionTrial:
 def try_out(
     detector: Detector, scenes: Iterable[Scene], report: Callable[[int], None] = lambda done: None
 ) -> DetectionTrial:
-    """Let a detector find the objects of scenes.
+    """Run a detector on scenes, and measure its quality.
 
     Args:
-        detector: its recogniser knows the classes of the scenes, in their order.
-        scenes: with true boxes.
-        report: called with how many are done.
+    detector: its recogniser has the classes of the scenes, in their order.
+    scenes: scenes with true boxes.
+    report: function that is called with the number of finished scenes.
     """
     pairs, switches, ms = list[tuple[Boxes, Boxes]](), list[Switches](), list[float]()
     for done, scene in enumerate(scenes, 1):
         began = time.process_time()
-        found = detector.detect(scene.events)
+        boxes = detector.detect(scene.events)
         ms.append(1000.0 * (time.process_time() - began))
-        pictures = in_pictures(scene, found)
+        pictures = in_pictures(scene, boxes)
         pairs += pictures
         switches.append(identity_switches(pictures))
         report(done)
     names = ("switches", "objects", "missed", "boxes")
-    held = Switches(*(sum(getattr(one, name) for one in switches) for name in names))
+    totals = Switches(*(sum(getattr(one, name) for one in switches) for name in names))
     average = precision(pairs, len(detector.recogniser.classes))
     typical = float(np.median(ms[1:] or ms)) if ms else float("nan")
-    return DetectionTrial(len(ms), average, held, typical, tuple(pairs))
+    return DetectionTrial(len(ms), average, totals, typical, tuple(pairs))
 
 
 def in_pictures(scene: Scene, found: Boxes) -> list[tuple[Boxes, Boxes]]:
-    """True boxes and those that were found, for each slice of a scene."""
-    there = scene.boxes
-    return [(there[there.start == start], found.within(start, stop)) for start, stop in scene.slices]
+    """Return true and detected boxes for each slice of a scene."""
+    true_boxes = scene.boxes
+    return [(true_boxes[true_boxes.start == start], found.within(start, stop)) for start, stop in scene.slices]

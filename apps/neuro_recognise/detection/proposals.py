@@ -1,13 +1,14 @@
-"""Where objects may be in a segment of events, by two ways: places first, or a network slid over the whole sensor.
+"""Regions of objects in a segment of events, by proposals, or by a network that slides over the whole sensor.
 
-Proposals: events are counted, the counts smoothed, what stands out of the background is cut and joined. Objects that
-touch make one component, and one object may make several. What decides is how large objects are: a grouping costs the
-less, the nearer the larger side of each of its boxes is to that of an object, and a cut costs what it cuts through.
-Both steps are greedy: the best cut while one pays, then the best join while one pays.
+Proposals: event counts are smoothed, and connected components of the foreground are cut and joined. Objects that touch
+form one component, and one object may form several. The decision is based on the size of objects: the cost of a
+grouping is smaller if the larger side of each of its boxes is closer to that of an object, and the cost of a cut grows
+with the events that it passes through. Both steps are greedy: the best cut is made as long as cuts reduce the cost,
+then the best join.
 
-Dense: the learnt layer slid over the whole sensor as one network, in which several neurons win. Each winner stands for
-a class and a place, and keeps others around it from winning. The winners of a segment's frames that stand for the same
-place are one object, and its box spans the events there.
+Dense: the learnt layer slides over the whole sensor as one network with several winners. Each winner represents a class
+and a position, and inhibits others around it. Winners of a segment's frames at the same position are one object, and
+its box contains the events there.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Array, Floats, Ints
 
 ANGLES = np.pi * np.arange(8) / 8
-"""Directions across which cuts are tried."""
+"""Directions perpendicular to which cuts are tried, rad."""
 CHOSEN = "chosen on scenes of one fold of N-MNIST"
 FIELD = 1.5
-"""Sides of an object in a field: N-MNIST's digits have 23 of 34 px."""
+"""Side of a field relative to that of its object: N-MNIST's digits have 23 of 34 px."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """A place where an object may be, in a segment of events.
+    """A region of a segment that may contain an object.
 
     Attributes:
-        events: those in it.
-        box: (4,) of these, px.
-        centre: (2,) their mean, px.
-        scores: (classes,) what speaks for each class, where the way of finding it gives that; else None.
+    events: events of the region.
+    box: (4,) box of these events, px.
+    centre: (2,) mean position of the events, px.
+    scores: (classes,) score of each class, if the detection gives scores, else None.
     """
 
     events: Events
@@ -51,60 +52,60 @@ class Region:
 
 @dataclass(frozen=True)
 class Proposals(Part):
-    """Components of smoothed counts, cut and joined to boxes of the size of objects."""
+    """Connected components of smoothed counts, cut and joined to boxes of the size of objects."""
 
     kind = "proposals"
     source = "components of smoothed counts; cutting and joining by size is our own"
 
     side: float = setting(23.0, "px", "larger side of an object's box", "N-MNIST's, of training: 21 to 25", above=0)
     scales: tuple[float, ...] = setting((1.0,), "", "sizes of objects, in units of side", "thesis line 2543", above=0)
-    spread: float = setting(3.0, "px", "by which sides differ, of an object of scale 1", "N-MNIST's, twice", above=0)
-    radius: int = setting(1, "px", "of the square that is averaged: the low pass", CHOSEN, at_least=0)
-    contrast: float = setting(5.0, "", "by how many deviations a pixel stands out of the background", CHOSEN, above=0)
-    least: float = setting(0.3, "events", "in the mean of a pixel that stands out", CHOSEN, above=0)
+    spread: float = setting(3.0, "px", "variation of the side, of an object of scale 1", "N-MNIST's, twice", above=0)
+    radius: int = setting(1, "px", "radius of the square of the moving average", CHOSEN, at_least=0)
+    contrast: float = setting(5.0, "", "threshold of the foreground in deviations of the background", CHOSEN, above=0)
+    least: float = setting(0.3, "events", "smallest mean of a foreground pixel", CHOSEN, above=0)
     cut: float = setting(80.0, "", "cost of a cut through all events of a component", CHOSEN, above=0)
     more: float = setting(3.0, "", "cost of another object", CHOSEN, at_least=0)
-    speck: int = setting(15, "events", "above the background that a component must have", CHOSEN, at_least=0)
-    join: float = setting(0.5, "1/px", "cost of joining what is so far apart", CHOSEN, at_least=0)
-    fewest: int = setting(60, "events", "of an object in a segment", CHOSEN, at_least=1)
-    smallest: float = setting(0.6, "", "larger side of an object, in units of the side", CHOSEN, at_least=0)
-    percentile: float = setting(1.0, "%", "of events that a box leaves out at each side", CHOSEN, at_least=0, below=50)
+    speck: int = setting(15, "events", "fewest events of a component above the background", CHOSEN, at_least=0)
+    join: float = setting(0.5, "1/px", "cost of a join per distance of the boxes", CHOSEN, at_least=0)
+    fewest: int = setting(60, "events", "fewest events of an object in a segment", CHOSEN, at_least=1)
+    smallest: float = setting(0.6, "", "least larger side of an object, in units of side", CHOSEN, at_least=0)
+    percentile: float = setting(1.0, "%", "share of events outside of a box at each side", CHOSEN, at_least=0, below=50)
 
     def regions(self, events: Events, counts: Floats) -> list[Region]:
-        """The places where objects may be, without an order.
+        """Return the regions that may contain objects, in any order.
 
         Args:
-            events: of a segment.
-            counts: (height, width) of events, in the segment and as much before as shall count.
+            events: events of a segment.
+            counts: (height, width) event counts of the segment, which may include earlier events.
         """
         parts = [part for component in self._components(counts) for part in self._cut(component)]
         places = np.zeros(counts.shape, np.int64)
         for number, part in enumerate(self._joined(parts), 1):
             places[part.y, part.x] = number
-        of = places[events.y, events.x]
-        found = (self.region(events[of == number]) for number in range(1, int(places.max()) + 1))
-        return [region for region in found if region is not None]
+        part_of_event = places[events.y, events.x]
+        regions = (self.region(events[part_of_event == number]) for number in range(1, int(places.max()) + 1))
+        return [region for region in regions if region is not None]
 
     @property
     def field(self) -> tuple[int, int]:
-        """Width and height in which an object of scale 1 has room for what it does in a piece, px."""
+        """Width and height of a field for a piece of an object of scale 1, with a margin, px."""
         side = round(FIELD * self.side)
         return side, side
 
     def scale_of(self, regions: Sequence[Region]) -> float:
-        """The scale that an object is nearest to.
+        """Return the scale that is closest to an object's size.
 
         Args:
-            regions: of the object, in some segments.
+            regions: regions of the object in some segments.
         """
         larger = float(np.median([max(region.box[2:] - region.box[:2]) for region in regions]))
         return min(self.scales, key=lambda scale: abs(np.log(larger / (self.side * scale))))
 
     def foreground(self, counts: Floats) -> tuple[Array, float]:
-        """Which pixels stand out of the background, (height, width), and the mean of this.
+        """Return which pixels are foreground, (height, width), and the mean of the background.
 
-        Most pixels show the background, so the median of the smoothed counts is its mean; as counts of single
-        events its variance is the same, over the pixels that are averaged.
+        Most pixels show background, so the median of the smoothed counts estimates its mean. Counts of independent
+        events have a variance equal to their mean, divided by the number of averaged pixels.
         """
         from scipy.ndimage import uniform_filter
 
@@ -114,7 +115,7 @@ class Proposals(Part):
         return smooth > max(self.least, background + above), background
 
     def _components(self, counts: Floats) -> Iterator[Blob]:
-        """What stands out of the background and hangs together."""
+        """Yield the connected components of the foreground."""
         from scipy import ndimage
 
         stands, background = self.foreground(counts)
@@ -127,21 +128,21 @@ class Proposals(Part):
                 yield part
 
     def _cost(self, larger: Ints | float) -> Array:
-        """Of boxes with these larger sides."""
+        """Return the cost of boxes with these larger sides."""
         scales = np.array(self.scales)
-        off = (np.asarray(larger)[..., None] - self.side * scales) / (self.spread * scales)
-        return np.asarray((off**2).min(axis=-1))
+        deviation = (np.asarray(larger)[..., None] - self.side * scales) / (self.spread * scales)
+        return np.asarray((deviation**2).min(axis=-1))
 
     def _cut(self, part: Blob) -> list[Blob]:
-        """A part, in as many pieces as cost the least."""
-        whole = float(self._cost(part.larger))
+        """Cut a part recursively as long as a cut reduces the cost."""
+        cost_before = float(self._cost(part.larger))
         best, gain = None, 0.0
-        for angle in ANGLES if whole > 1.0 and part.larger > self.side * min(self.scales) else ():
+        for angle in ANGLES if cost_before > 1.0 and part.larger > self.side * min(self.scales) else ():
             cut = part.cuts(angle)
             cost = self._cost(cut.larger_before) + self._cost(cut.larger_after) + self.cut * cut.share + self.more
             k = int(cost.argmin())
-            if whole - float(cost[k]) > gain:
-                best, gain = (cut, k), whole - float(cost[k])
+            if cost_before - float(cost[k]) > gain:
+                best, gain = (cut, k), cost_before - float(cost[k])
         if best is None:
             return [part]
         cut, k = best
@@ -149,11 +150,11 @@ class Proposals(Part):
         return [*self._cut(first), *self._cut(second)]
 
     def _joined(self, parts: list[Blob]) -> list[Blob]:
-        """The parts, joined to as few as cost the least."""
+        """Join the parts as long as a join reduces the cost."""
         parts = list(parts)
         while True:
             pairs = [(i, j) for i in range(len(parts)) for j in range(i)]
-            gains = []  # by how much it costs less to have two parts as one
+            gains = []  # reduction of the cost by joining two parts
             for a, b in ((parts[i], parts[j]) for i, j in pairs):
                 sides = np.maximum(a.box[2:], b.box[2:]) - np.minimum(a.box[:2], b.box[:2])
                 less = self._cost(a.larger) + self._cost(b.larger) + self.more - self._cost(float(sides.max()))
@@ -165,7 +166,7 @@ class Proposals(Part):
             del parts[i]
 
     def region(self, events: Events) -> Region | None:
-        """The place of an object that makes these events, None where they are too few or their box is too small."""
+        """Return the region of these events, None if they are too few or their box is too small."""
         if len(events) < self.fewest:
             return None
         ends = self.percentile, 100.0 - self.percentile
@@ -180,19 +181,19 @@ Proposals.known = Registry("proposals", (Proposals,))
 
 
 FAR = 1 << 32
-"""A place outside of any sensor, px; a whole number as places are, since `ufunc.at` is slow between types."""
+"""A position outside of any sensor, px; an integer like all positions, because `ufunc.at` is slow for mixed types."""
 
 
 class Blob:
-    """Pixels that belong together.
+    """Pixels of one component.
 
     Args:
-        x, y: (pixels,) columns and rows.
-        weight: (pixels,) events above the background.
+    x, y: (pixels,) columns and rows.
+    weight: (pixels,) events above the background.
 
     Attributes:
-        box: (4,) left, top, right and bottom.
-        larger: side of the box, px.
+    box: (4,) left, top, right and bottom.
+    larger: larger side of the box, px.
     """
 
     def __init__(self, x: Ints, y: Ints, weight: Floats) -> None:
@@ -201,30 +202,30 @@ class Blob:
         self.larger = float(max(self.box[2] - self.box[0], self.box[3] - self.box[1]))
 
     def with_(self, other: Blob) -> Blob:
-        """Both as one."""
+        """Return the union with another blob."""
         x, y = np.concatenate((self.x, other.x)), np.concatenate((self.y, other.y))
         return Blob(x, y, np.concatenate((self.weight, other.weight)))
 
     def gap(self, other: Blob) -> float:
-        """How far the boxes are apart, px; negative where they overlap."""
+        """Return the distance of the boxes, px; negative if they overlap."""
         return float(np.maximum(self.box[:2] - other.box[2:], other.box[:2] - self.box[2:]).max())
 
     def cuts(self, angle: float) -> Cuts:
-        """All straight cuts across a direction."""
+        """Return all straight cuts perpendicular to a direction."""
         along = self.x * np.cos(angle) + self.y * np.sin(angle)
         return Cuts(self, np.floor(along - along.min()).astype(np.int64))
 
 
 class Cuts:
-    """The cuts of a blob into its first columns of pixels, across any direction, and the others.
+    """All cuts of a blob perpendicular to a direction. Cut k separates columns 0 ... k of pixels from the others.
 
     Args:
-        blob: is cut.
-        column: (pixels,) of each pixel, from 0.
+    blob: blob to cut.
+    column: (pixels,) index of each pixel along the direction, from 0.
 
     Attributes:
-        larger_before, larger_after: (cuts,) larger sides of the boxes of both pieces, px.
-        share: (cuts,) the blob's events at the cut, in the columns on both sides, over all of them.
+    larger_before, larger_after: (cuts,) larger sides of the boxes of both pieces, px.
+    share: (cuts,) events in the columns on both sides of the cut, as a share of the blob's.
     """
 
     def __init__(self, blob: Blob, column: Ints) -> None:
@@ -241,7 +242,7 @@ class Cuts:
         self.share = (events[:-1] + events[1:]) / total
 
     def at(self, k: int) -> tuple[Blob, Blob]:
-        """Both pieces of a cut."""
+        """Return both pieces of a cut."""
         before = self._column <= k
         blob = self._blob
         first, second = (Blob(blob.x[of], blob.y[of], blob.weight[of]) for of in (before, ~before))
@@ -249,38 +250,38 @@ class Cuts:
 
 
 def _larger(low: Ints, high: Ints) -> Ints:
-    """Larger side of the box of the first columns, for each number of columns."""
+    """Return the larger side of the box of the first 1, 2, ... columns."""
     sides = np.maximum.accumulate(high, axis=1) - np.minimum.accumulate(low, axis=1) + 1
     return np.asarray(sides.max(axis=0))
 
 
 LATE = 0.5
-"""What a winner at the last tick weighs; one at the first weighs 1."""
+"""Weight of a winner at the last tick; at the first tick the weight is 1."""
 
 
 @dataclass(frozen=True)
 class Dense(Part):
-    """Winners of a network that is slid over the whole sensor."""
+    """Winners of a network that slides over the whole sensor."""
 
     kind = "dense"
     source = "thesis section 6.2.7"
 
-    blocking: int = setting(9, "cells", "rows and columns around a winner in which no other wins", CHOSEN, at_least=0)
-    frames: int = setting(3, "", "of equally many events, into which a segment is cut", CHOSEN, at_least=1)
+    blocking: int = setting(9, "cells", "radius of inhibition around a winner", CHOSEN, at_least=0)
+    frames: int = setting(3, "", "number of frames with equally many events per segment", CHOSEN, at_least=1)
     theta: float = setting(35.0, "mV", "threshold of a neuron", f"thesis section 6.2.7; {CHOSEN}", above=0)
     until: float = setting(
-        0.5625, "", "share of the code's window that is shown: strong responses", CHOSEN, above=0, at_most=1
+        0.5625, "", "share of the code's window that is used: strong responses", CHOSEN, above=0, at_most=1
     )
     around: int = setting(
-        25, "cells", "side of the square in which the strongest response is the measure of others",
+        25, "cells", "side of the square whose strongest response normalises the others",
         "a little more than a field of 34 px, the whole of a recording of N-MNIST", at_least=1,
     )  # fmt: skip
     weakest: float = setting(
-        0.4, "", "least such measure, in strongest responses of a frame", CHOSEN, above=0, at_most=1
+        0.4, "", "least normaliser, relative to the strongest response of the frame", CHOSEN, above=0, at_most=1
     )
-    same: float = setting(8.0, "px", "by which winners of one object differ at most", CHOSEN, at_least=0)
-    winners: float = setting(0.6, "", "of an object in a segment, late ones counted half", CHOSEN, at_least=0)
-    reach: float = setting(12.0, "px", "from the middle of an object to its farthest event", CHOSEN, above=0)
+    same: float = setting(8.0, "px", "largest distance between winners of one object", CHOSEN, at_least=0)
+    winners: float = setting(0.6, "", "least weight of an object's winners in a segment", CHOSEN, at_least=0)
+    reach: float = setting(12.0, "px", "largest distance of an event from its object's centre", CHOSEN, above=0)
 
 
 Dense.known = Registry("dense", (Dense,))
@@ -290,14 +291,14 @@ class Sliding:
     """A recogniser's layer over a whole sensor.
 
     Args:
-        recogniser: of the method `remus`.
-        dense: how objects are found.
-        proposals: find what stands out of the background, and which boxes are too small.
-        sensor: width and height, px.
-        backend: runs the network.
+    recogniser: recogniser of the method `remus`.
+    dense: settings of the detection.
+    proposals: settings of the foreground and of the smallest box.
+    sensor: width and height, px.
+    backend: backend that runs the network.
 
     Raises:
-        ModelError: the recogniser is of another method, or the sensor is smaller than a neuron's field.
+    ModelError: the recogniser has another method, or the sensor is smaller than a receptive field.
     """
 
     def __init__(
@@ -332,34 +333,34 @@ class Sliding:
         self._sim = neuro.compile(net, backend=backend, seed=0)
 
     def regions(self, events: Events, counts: Floats) -> list[Region]:
-        """The objects of a segment, with what speaks for each class.
+        """Return the regions of a segment's objects with the scores of the classes.
 
         Args:
-            events: of the segment.
-            counts: (height, width) of events, in the segment and as much before as shall count.
+            events: events of the segment.
+            counts: (height, width) event counts of the segment, which may include earlier events.
         """
-        found = list(self._objects(*self._wins(events)))
-        stands, _ = self._proposals.foreground(counts)
-        seen = events[np.flatnonzero(stands[events.y, events.x])]
-        if not found or not len(seen):
+        objects = list(self._objects(*self._wins(events)))
+        is_foreground, _ = self._proposals.foreground(counts)
+        foreground = events[np.flatnonzero(is_foreground[events.y, events.x])]
+        if not objects or not len(foreground):
             return []
-        middles = np.array([middle for middle, _ in found])
-        off = np.stack([seen.x, seen.y], axis=1).astype(float) + 0.5 - middles[:, None]
-        nearest = (off**2).sum(axis=2).argmin(axis=0)
-        inside = np.abs(off).max(axis=2) <= self._dense.reach
+        middles = np.array([middle for middle, _ in objects])
+        offsets = np.stack([foreground.x, foreground.y], axis=1).astype(float) + 0.5 - middles[:, None]
+        nearest = (offsets**2).sum(axis=2).argmin(axis=0)
+        inside = np.abs(offsets).max(axis=2) <= self._dense.reach
         regions = []
-        for k, (_, scores) in enumerate(found):
-            region = self._proposals.region(seen[np.flatnonzero((nearest == k) & inside[k])])
+        for k, (_, scores) in enumerate(objects):
+            region = self._proposals.region(foreground[np.flatnonzero((nearest == k) & inside[k])])
             if region is not None:
                 regions.append(replace(region, scores=scores))
         return regions
 
     def _wins(self, events: Events) -> tuple[Array, Array, Array]:
-        """All winners in the frames of a segment.
+        """Return all winners in the frames of a segment.
 
         Returns:
-            (wins,) classes; (wins, 2) column and row of the middle of each winner's field, px; (wins,) what each
-            weighs, the less the later it won.
+            (wins,) classes; (wins, 2) column and row of the centre of each winner's receptive field, px; (wins,) weight
+            of each, which decreases with the time of the win.
         """
         bounds = np.linspace(0, len(events), self._dense.frames + 1).astype(np.int64)
         method = self._method
@@ -367,9 +368,9 @@ class Sliding:
         passed = self._measured(method.pool.passed(responses, method.bank.sizes))
         codes, ids, lengths = method.encoder.encode(passed)
         times = method.encoder.times(codes, self._learnt)
-        shown = np.flatnonzero(times < self._until)
-        frame = np.repeat(np.arange(len(lengths)), lengths)[shown]
-        results = self._sim.trials(times[shown], ids[shown], np.searchsorted(frame, np.arange(len(lengths) + 1)))
+        early = np.flatnonzero(times < self._until)
+        frame = np.repeat(np.arange(len(lengths)), lengths)[early]
+        results = self._sim.trials(times[early], ids[early], np.searchsorted(frame, np.arange(len(lengths) + 1)))
         self._sim.forget(before=self._sim.time)
         maps, rows, columns = np.unravel_index(results.wins.neurons, self._shape)
         middle: Array = (np.stack([columns, rows], axis=1) + self._layer.field / 2.0) * method.pool.side
@@ -379,7 +380,7 @@ class Sliding:
         return label, middle, weight
 
     def _measured(self, responses: Floats) -> Floats:
-        """Responses in units of the strongest around them, so that a faint object is seen beside a strong one."""
+        """Normalise responses by the strongest around them, so that a faint object is detected next to a strong one."""
         from scipy.ndimage import maximum_filter
 
         strongest = responses.max(axis=(1, 2))
@@ -388,15 +389,15 @@ class Sliding:
         return np.asarray(np.divide(responses, measure, out=np.zeros_like(responses), where=measure > 0))
 
     def _objects(self, label: Array, middle: Array, weight: Array) -> Iterator[tuple[Floats, Floats]]:
-        """Middle and scores of each object: winners near one place, those of the most weight first."""
+        """Yield centre and scores of each object: groups of winners at one position, in descending order of weight."""
         near = np.abs(middle[:, None] - middle).max(axis=2) <= self._dense.same
-        left = np.ones(len(label), bool)
-        while left.any():
-            support = np.where(left, near @ (weight * left), -1.0)
+        remaining = np.ones(len(label), bool)
+        while remaining.any():
+            support = np.where(remaining, near @ (weight * remaining), -1.0)
             best = int(support.argmax())
             if support[best] < self._dense.winners:
                 return
-            of = np.flatnonzero(near[best] & left)
-            scores: Floats = np.bincount(label[of], weight[of], self._classes).astype(np.float64)
-            yield np.average(middle[of], axis=0, weights=weight[of]), scores
-            left[of] = False
+            group = np.flatnonzero(near[best] & remaining)
+            scores: Floats = np.bincount(label[group], weight[group], self._classes).astype(np.float64)
+            yield np.average(middle[group], axis=0, weights=weight[group]), scores
+            remaining[group] = False

@@ -1,4 +1,4 @@
-"""What `neuro recognise detect` prints and writes: tables, pictures, and the page of `neuro recognise watch`."""
+"""Output of `neuro recognise detect`, and of `neuro recognise watch` for several objects: tables, pictures, a page."""
 
 from __future__ import annotations
 
@@ -26,40 +26,40 @@ def watch_objects(
     """Write the page of a recording of several objects.
 
     Args:
-        recogniser: knows the classes.
-        recording: a file of any readable format.
-        out: the page.
-        given: a table of boxes, such as the true ones of a scene; drawn in dashes.
-        find: whether objects are looked for.
-        backend: runs networks.
+    recogniser: recogniser of the classes.
+    recording: a file of any readable format.
+    out: the page.
+    given: a table of boxes, e.g. the true ones of a scene, drawn dashed.
+    find: whether to detect objects.
+    backend: backend that runs networks.
 
     Returns:
-        What came of it, in a few words.
+    A summary in a few words.
 
     Raises:
-        ModelError: the page is not called .html or cannot be written, there is no such table, or the recording is
-            empty.
-        EventFileError: the recording is damaged.
+    ModelError: the page's name does not end in .html, the page cannot be written, there is no such table, or the
+        recording is empty.
+    EventFileError: the recording is damaged.
     """
 
     def make() -> tuple[str, str]:
         events = watchable(recording)
         there = Boxes.of([]) if given is None else read_boxes(given, recogniser.classes)
         found = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
-        return page(events, found, recogniser.classes, recording.name, there), ", ".join(_told(found, there))
+        return page(events, found, recogniser.classes, recording.name, there), ", ".join(_summary(found, there))
 
     return write(out, make)
 
 
 def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given: Boxes | None = None) -> str:
-    """The page as text; it needs nothing else.
+    """Return the page as self-contained text.
 
     Args:
-        events: of the recording.
-        found: boxes.
-        classes: names.
-        title: what to call the recording.
-        given: other boxes, drawn in dashes.
+    events: events of the recording.
+    found: detected boxes.
+    classes: names of the classes.
+    title: name of the recording.
+    given: other boxes, drawn dashed.
     """
     there = Boxes.of([]) if given is None else given
     first, end = int(events.t[0]) if len(events) else 0, max(1.0, length_ms(events))
@@ -76,16 +76,16 @@ def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given
     moments = np.unique([one["start"] for one in boxes])
     script = files("neuro_recognise.detection").joinpath("objects.js").read_text("utf-8")
     columns = "minmax(0, 2fr) minmax(0, 1fr)"
-    words, controls = [*_told(found, there), *about], player.Panel("", [], controls=True)
+    words, controls = [*_summary(found, there), *about], player.Panel("", [], controls=True)
     return played(title, words, end, moments, top, controls, columns, script=script)
 
 
-def _told(found: Boxes, given: Boxes) -> list[str]:
-    counted = [_counted(found, "found")] if len(found) or not len(given) else []
-    return [*counted, _counted(given, "given")] if len(given) else counted
+def _summary(found: Boxes, given: Boxes) -> list[str]:
+    texts = [_count_text(found, "found")] if len(found) or not len(given) else []
+    return [*texts, _count_text(given, "given")] if len(given) else texts
 
 
-def _counted(boxes: Boxes, how: str) -> str:
+def _count_text(boxes: Boxes, how: str) -> str:
     if not len(boxes):
         return f"no objects {how}"
     objects = len(np.unique(boxes.identity))
@@ -93,7 +93,7 @@ def _counted(boxes: Boxes, how: str) -> str:
 
 
 def _rows(boxes: Boxes, classes: Sequence[str], first: int, end: float, kind: str) -> list[dict[str, Any]]:
-    """Times in ms from the first event on; a box holds until the next ones, but for a long pause."""
+    """Return boxes with times in ms since the first event; a box stays until the next, except before a long pause."""
     starts, stops = (boxes.start - first) / 1000.0, (boxes.stop - first) / 1000.0
     later = np.append(np.unique(starts), 1e12)
     following = later[np.searchsorted(later[:-1], stops - 1e-6, "right")]
@@ -113,14 +113,14 @@ def _rows(boxes: Boxes, classes: Sequence[str], first: int, end: float, kind: st
 
 FORMAT = "neuro recognise detection 1"
 ENDINGS = (".html", ".png", ".csv")
-"""What can be written of boxes: a page, a picture, a table."""
+"""Formats of boxes: a page, a picture, a table."""
 
 
 def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
-    """Refuse scenes whose classes a recogniser does not know.
+    """Check that a recogniser has the classes of the scenes.
 
     Raises:
-        ModelError: it knows others, or in another order.
+    ModelError: the classes or their order differ.
     """
     if known != scenes.classes:
         raise ModelError(
@@ -129,10 +129,10 @@ def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file whose ending does not say what to write.
+    """Check that a file's ending names a format.
 
     Raises:
-        ModelError: it ends otherwise.
+    ModelError: the ending is unknown.
     """
     if path.suffix.lower() not in ENDINGS:
         raise ModelError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
@@ -142,8 +142,8 @@ def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str]
     """Write boxes in the format of the name's ending.
 
     Raises:
-        ModelError: the ending is unknown.
-        Unwritable: something else has this name, or it cannot be written.
+    ModelError: the ending is unknown.
+    Unwritable: the name belongs to another kind of file, or the file cannot be written.
     """
     check_ending(path)
     ending = path.suffix.lower()
@@ -158,7 +158,7 @@ def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str]
 
 
 def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
-    """Print one line for each object, or all boxes as JSON."""
+    """Print one line per object, or all boxes as JSON."""
     if as_json:
         columns = (boxes.start, boxes.stop, boxes.identity, boxes.label, boxes.score, boxes.box.round(2))
         each = [
@@ -175,30 +175,32 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
         return
     rows = []
     for number in np.unique(boxes.identity):
-        of = boxes[boxes.identity == number]
-        when = f"{of.start[0] / 1000:.0f} to {of.stop[-1] / 1000:.0f} ms"
-        middles = (of.box[[0, -1], :2] + of.box[[0, -1], 2:]) / 2
+        track = boxes[boxes.identity == number]
+        when = f"{track.start[0] / 1000:.0f} to {track.stop[-1] / 1000:.0f} ms"
+        middles = (track.box[[0, -1], :2] + track.box[[0, -1], 2:]) / 2
         way = " to ".join(f"{x:.0f}, {y:.0f}" for x, y in middles)
-        name = "unknown" if of.label[-1] == UNKNOWN else classes[of.label[-1]]
-        rows.append((f"#{number}", name, f"{of.score[-1]:.2f}", when, len(of), way))
+        name = "unknown" if track.label[-1] == UNKNOWN else classes[track.label[-1]]
+        rows.append((f"#{number}", name, f"{track.score[-1]:.2f}", when, len(track), way))
     console().print(table(("object", "class", ">score", ">seen", ">boxes", "middle, px"), rows))
 
 
 def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None:
-    """Print the figures as a table, or as JSON."""
+    """Print the measures of a test as a table or as JSON."""
     classes = detector.recogniser.classes
     if as_json:
         method = detector.recogniser.method.called()
         print(json.dumps({"format": FORMAT, "method": method, **tried.as_words(classes)}, indent=1))
         return
-    held, found = tried.switches, tried.precision
+    switches, average = tried.switches, tried.precision
     rows = [
-        ("mAP at IoU 0.5", f"{found.mean:.3f}"),
-        ("AP of boxes, whatever the class", f"{found.box:.3f}"),
-        ("boxes missed", f"{held.missed} of {held.boxes}"),
-        ("identity switches", f"{held.switches} of {held.objects} objects"),
-        ("processor time of a scene", f"{tried.ms:.0f} ms"),
+        ("mAP at IoU 0.5", f"{average.mean:.3f}"),
+        ("AP of boxes, ignoring the class", f"{average.box:.3f}"),
+        ("boxes missed", f"{switches.missed} of {switches.boxes}"),
+        ("identity switches", f"{switches.switches} of {switches.objects} objects"),
+        ("processor time per scene", f"{tried.ms:.0f} ms"),
     ]
-    console().print(table(("of all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
-    of_class = [(name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, found.of_class, strict=True)]
+    console().print(table(("all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
+    of_class = [
+        (name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, average.of_class, strict=True)
+    ]
     console().print(table(("class", ">AP"), of_class))

@@ -1,19 +1,20 @@
-"""Scenes of several objects, composed from recordings of one object each, with the true boxes; folders of such scenes.
+"""Scenes of several objects with true boxes, composed from recordings of one object each, and folders of such scenes.
 
-The events of each recording, with all the noise that it has, are moved along a straight path on a larger sensor; a
-recording that is shorter than the scene begins again. A true box is measured on the events of its object alone, before
-those of others and of the background come to them: of the events that had a neighbour shortly before
-(`neuro.events.filters.BackgroundActivity`) in a slice of time it spans the given percentiles of columns and of rows.
+The events of each recording, including its noise, move along a straight path on a larger sensor; a recording that is
+shorter than the scene is repeated. A true box is measured from the events of its object alone, before events of other
+objects and of the background are added. It spans the given percentiles of columns and rows of those events in a slice
+of time that had a neighbour shortly before (`neuro.events.filters.BackgroundActivity`).
 
-A folder of scenes can be made in several goes and is read as a data set:
+A folder of scenes can be written in several runs and is read as a data set:
 
 ```
-scenes.json     how they were made: settings, seed, recordings and a hash of these, names of the classes, number
+scenes.json     conditions: settings, seed, recordings and their hash, names of the classes, number of scenes
 0000.npz        events of the first scene, in a format of `neuro.events.load`
-0000.csv        its true boxes, see `neuro_recognise.detection.boxes`; written last, so that a scene with it is whole
+0000.csv        its true boxes, see `neuro_recognise.detection.boxes`; written last, so that it marks a complete scene
 ```
 
-Scene k depends on the settings, the recordings, the seed and k alone: a killed run goes on to the same scenes.
+Scene k depends only on the settings, the recordings, the seed and k, so an interrupted run resumes with the same
+scenes.
 """
 
 from __future__ import annotations
@@ -32,33 +33,37 @@ from neuro_recognise.detection.boxes import Boxes, read_boxes, write_boxes
 from neuro_recognise.shown import Floats, Ints, Lazy
 
 TRIES = 2000
-"""Places and paths that are tried before a scene is said to have no room."""
+"""Number of random placements that are tried before an error says that the objects do not fit."""
 FEWEST = 20
-"""Events that an object must make in a slice to have a box in it."""
+"""Fewest events of an object in a slice that has a box."""
 
 
 @dataclass(frozen=True)
 class Scenery(Settings):
-    """What scenes are like."""
+    """Settings of scenes."""
 
     sensor: tuple[int, int] = setting((100, 80), "px", "width and height", "room for three digits of 23 px", at_least=1)
-    objects: tuple[int, int] = setting((2, 3), "", "fewest and most in a scene", "more would have no room", at_least=1)
-    touching: bool = setting(False, "", "whether they touch, and move as one", "the harder scenes")
-    gap: float = setting(
-        6.0, "px", "least distance of boxes; touching ones have none", "a quarter of a digit", at_least=0
+    objects: tuple[int, int] = setting(
+        (2, 3), "", "fewest and most objects per scene", "more would not fit", at_least=1
     )
-    speed: float = setting(10.0, "px/s", "of an object's path, in any direction", "a digit in about 2 s", at_least=0)
-    noise: float = setting(1.0, "Hz", "background events of a pixel", "a quiet sensor's", at_least=0)
-    length: float = setting(300.0, "ms", "of a scene", "that of a recording of N-MNIST", at_least=1)
-    slice: float = setting(100.0, "ms", "of time, with a box for each object", "a saccade of N-MNIST", at_least=1)
+    touching: bool = setting(False, "", "whether objects touch and move together", "the harder scenes")
+    gap: float = setting(6.0, "px", "least distance of boxes, unless touching", "a quarter of a digit", at_least=0)
+    speed: float = setting(
+        10.0, "px/s", "speed of an object, in a random direction", "a digit in about 2 s", at_least=0
+    )
+    noise: float = setting(1.0, "Hz", "background rate per pixel", "a quiet sensor's", at_least=0)
+    length: float = setting(300.0, "ms", "duration of a scene", "that of a recording of N-MNIST", at_least=1)
+    slice: float = setting(
+        100.0, "ms", "duration of a slice, with one box per object", "a saccade of N-MNIST", at_least=1
+    )
     support: float = setting(
         10.0, "ms", "longest time since a neighbour's event", "Delbruck's filter, its default", above=0
     )
     percentile: float = setting(
         1.0,
         "%",
-        "of events that a box leaves out at each side",
-        "what is left of noise; the full extent would follow it",
+        "share of events outside of a box at each side",
+        "remaining noise, which would enlarge the full extent",
         at_least=0,
         below=50,
     )
@@ -73,24 +78,24 @@ class Scenery(Settings):
 
     @property
     def length_us(self) -> int:
-        """The length of a scene, us."""
+        """The duration of a scene, us."""
         return round(1000.0 * self.length)
 
     def slices(self) -> list[tuple[int, int]]:
-        """Start and stop of each slice, us; the last may be shorter."""
+        """Return start and stop of each slice, us; the last may be shorter."""
         step = round(1000.0 * self.slice)
         return [(start, min(start + step, self.length_us)) for start in range(0, self.length_us, step)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Events of several objects, and where these are.
+    """Events of several objects with their true boxes.
 
     Attributes:
-        name: of the scene.
-        events: of all.
-        boxes: the true ones; identities count the objects.
-        slices: start and stop of the slices of time in which boxes are measured, us.
+    name: name of the scene.
+    events: events of all objects and the background.
+    boxes: true boxes; identities number the objects.
+    slices: start and stop of the slices of time in which boxes are measured, us.
     """
 
     name: str
@@ -101,13 +106,13 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Object:
-    """A recording on its way.
+    """A recording on its path.
 
     Attributes:
-        events: of the recording.
-        box: of all of its supported events on its own sensor, px.
-        start: where the middle of the box is at first, px.
-        velocity: px/us.
+    events: events of the recording.
+    box: box of all its supported events on its own sensor, px.
+    start: initial position of the box's centre, px.
+    velocity: px/us.
     """
 
     events: Events
@@ -116,7 +121,7 @@ class _Object:
     velocity: Floats
 
     def boxes_at(self, t: Floats) -> Floats:
-        """(n, 4) the box at some times, us."""
+        """Return the box at several times, us, (n, 4)."""
         middle = self.start + self.velocity * t[:, None]
         half = (self.box[2:] - self.box[:2]) / 2.0
         return np.concatenate([middle - half, middle + half], axis=1)
@@ -125,24 +130,24 @@ class _Object:
 def compose(
     name: str, recordings: Sequence[Events], labels: Sequence[int], scenery: Scenery, rng: np.random.Generator
 ) -> Scene:
-    """Make a scene.
+    """Compose a scene.
 
     Args:
-        name: of the scene.
-        recordings: one of each object.
-        labels: their classes.
-        scenery: what it is like.
-        rng: draws places, paths and noise.
+    name: name of the scene.
+    recordings: one recording of each object.
+    labels: their classes.
+    scenery: settings of the scene.
+    rng: generator of positions, paths and noise.
 
     Raises:
-        ModelError: a recording shows nothing, or there is no room for the objects.
+    ModelError: a recording has too few events, or the objects do not fit.
     """
     boxes = [_box(_supported(events, scenery), scenery) for events in recordings]
     for events, box in zip(recordings, boxes, strict=True):
         if box is None:
             raise ModelError(f"{name}: a recording of {len(events)} events shows nothing that a scene could have")
-    still = [_Object(e, b, np.zeros(2), np.zeros(2)) for e, b in zip(recordings, boxes, strict=True) if b is not None]
-    placed = _placed(name, still, scenery, rng)
+    objects = [_Object(e, b, np.zeros(2), np.zeros(2)) for e, b in zip(recordings, boxes, strict=True) if b is not None]
+    placed = _placed(name, objects, scenery, rng)
     moved = [_moved(one, scenery) for one in placed]
     rows = [
         (start, stop, who, label, 1.0, box.tolist())
@@ -165,7 +170,7 @@ def _supported(events: Events, scenery: Scenery) -> Events:
 
 
 def _box(events: Events, scenery: Scenery) -> Floats | None:
-    """The box of an object's events, None of too few."""
+    """Return the box of an object's events, None if they are too few."""
     if len(events) < FEWEST:
         return None
     ends = scenery.percentile, 100.0 - scenery.percentile
@@ -174,7 +179,7 @@ def _box(events: Events, scenery: Scenery) -> Floats | None:
 
 
 def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
-    """The objects with places and paths that keep them inside and, as it is asked for, apart or touching."""
+    """Draw positions and paths until all objects stay inside, and apart or touching as set."""
     times = np.linspace(0, scenery.length_us, 20)
     for _ in range(TRIES):
         if scenery.touching:
@@ -201,7 +206,7 @@ def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.
 
 
 def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
-    """Each object at the side of one before, in any direction, as near as its box can come."""
+    """Place each object next to an earlier one in a random direction, so that their boxes touch."""
     velocity = _velocity(scenery, rng)
     placed = [replace(objects[0], start=rng.uniform(0, scenery.sensor), velocity=velocity)]
     for one in objects[1:]:
@@ -209,8 +214,8 @@ def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator
         angle = rng.uniform(0, 2 * np.pi)
         direction = np.array([np.cos(angle), np.sin(angle)])
         apart = (one.box[2:] - one.box[:2] + beside.box[2:] - beside.box[:2]) / 2.0
-        far = np.min(apart / np.maximum(np.abs(direction), 1e-9))
-        placed.append(replace(one, start=beside.start + far * direction, velocity=velocity))
+        distance = np.min(apart / np.maximum(np.abs(direction), 1e-9))
+        placed.append(replace(one, start=beside.start + distance * direction, velocity=velocity))
     return placed
 
 
@@ -220,7 +225,7 @@ def _velocity(scenery: Scenery, rng: np.random.Generator) -> Floats:
 
 
 def _moved(one: _Object, scenery: Scenery) -> Events:
-    """The object's events on the sensor of the scene, for all of its length."""
+    """Return the object's events on the sensor of the scene, for its whole duration."""
     events, middle = one.events, (one.box[:2] + one.box[2:]) / 2.0
     since = events.t - events.t[0]
     rounds = -(-scenery.length_us // (int(since[-1]) + 1))
@@ -228,8 +233,8 @@ def _moved(one: _Object, scenery: Scenery) -> Events:
     shift = np.rint(one.start - middle + one.velocity * t[:, None]).astype(np.int64)
     x, y = np.tile(events.x, rounds) + shift[:, 0], np.tile(events.y, rounds) + shift[:, 1]
     width, height = scenery.sensor
-    there = (t < scenery.length_us) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    return Events(t[there], x[there], y[there], np.tile(events.p, rounds)[there], scenery.sensor)
+    inside = (t < scenery.length_us) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return Events(t[inside], x[inside], y[inside], np.tile(events.p, rounds)[inside], scenery.sensor)
 
 
 FORMAT = "neuro recognise scenes 1"
@@ -247,17 +252,17 @@ ABOUT_KIND = Kind("a list of 'neuro recognise scenes'", _is_ours)
 
 
 class Scenes(Lazy[Scene]):
-    """The scenes of a folder, each read when it is asked for.
+    """The scenes of a folder, each loaded on access.
 
     Args:
-        folder: as `write_scenes` fills it.
+    folder: folder that `write_scenes` filled.
 
     Attributes:
-        classes: names, by which labels are counted.
-        scenery: what the scenes are like.
+    classes: names of the classes; labels are indices into them.
+    scenery: settings of the scenes.
 
     Raises:
-        ModelError: it is no such folder, or scenes are missing.
+    ModelError: the folder has no scenes, or some are missing.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -272,7 +277,7 @@ class Scenes(Lazy[Scene]):
         if missing := [k for k in range(len(self)) if not _file(folder, k, "csv").is_file()]:
             raise ModelError(
                 f"{folder}: {len(missing)} of {len(self)} scenes are missing, the first is {missing[0]:04d}",
-                hint="the command that began to write them goes on where it was",
+                hint="run the command that writes them again: it resumes",
             )
 
     def _read(self, k: int) -> Scene:
@@ -291,20 +296,20 @@ def write_scenes(
     chosen: Ints | None = None,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Scenes:
-    """Fill a folder with scenes; the same call goes on where it was, and one with a larger `count` adds to them.
+    """Fill a folder with scenes; the same call resumes an interrupted one, and a larger `count` adds scenes.
 
     Args:
-        folder: made if it is not there.
-        data: labelled recordings of one object each.
-        scenery: what the scenes are like.
-        count: how many.
-        seed: of everything random.
-        chosen: indices of the recordings that are used; None for all.
-        report: called with how many are done, and of how many.
+    folder: created if missing.
+    data: labelled recordings of one object each.
+    scenery: settings of the scenes.
+    count: number of scenes.
+    seed: seed of all random numbers.
+    chosen: indices of the recordings to use; None for all.
+    report: function that is called with the number of finished and of all scenes.
 
     Raises:
-        ModelError: the folder has scenes made otherwise, or a scene has no room for its objects.
-        EventFileError: a recording is damaged, or a scene cannot be written.
+    ModelError: the folder has scenes with other conditions, or the objects of a scene do not fit.
+    EventFileError: a recording is damaged, or a scene cannot be written.
     """
     indices = np.arange(len(data)) if chosen is None else chosen
     if len(indices) < scenery.objects[1]:
@@ -321,30 +326,30 @@ def write_scenes(
         "recordings": [data[int(k)].name for k in indices],
     }
     if about.exists() and _is_ours(about) and any(_file(folder, k, "csv").exists() for k in range(count)):
-        there = json.loads(about.read_text())
-        more = count >= int(there.get("count", 0))  # scenes do not depend on how many there are
-        other = [name for name in facts if there.get(name) != facts[name] and not (more and name == "count")]
+        existing = json.loads(about.read_text())
+        more = count >= int(existing.get("count", 0))  # a scene does not depend on the count
+        other = [name for name in facts if existing.get(name) != facts[name] and not (more and name == "count")]
         if other:
             raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
     write_text(about, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
     for k in range(count):
         if not _file(folder, k, "csv").is_file():
             scene = scene_of(data, indices, scenery, seed, k)
-            save(scene.events, _file(folder, k, "npz"), replace=True)  # events without boxes are what a kill left
+            save(scene.events, _file(folder, k, "npz"), replace=True)  # replaces events of an interrupted run
             write_boxes(_file(folder, k, "csv"), scene.boxes, data.classes)
         report(k + 1, count)
     return Scenes(folder)
 
 
 def scene_of(data: Recordings, chosen: Ints, scenery: Scenery, seed: int, k: int) -> Scene:
-    """One scene.
+    """Compose one scene.
 
     Args:
-        data: labelled recordings of one object each.
-        chosen: indices of those that are used.
-        scenery: what the scene is like.
-        seed: of all scenes.
-        k: number of this one.
+    data: labelled recordings of one object each.
+    chosen: indices of the recordings to use.
+    scenery: settings of the scene.
+    seed: seed of all scenes.
+    k: index of the scene.
     """
     rng = np.random.default_rng([seed, k])
     n = int(rng.integers(scenery.objects[0], scenery.objects[1] + 1))
@@ -353,15 +358,15 @@ def scene_of(data: Recordings, chosen: Ints, scenery: Scenery, seed: int, k: int
 
 
 def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
-    """Indices of the recordings of one of several folds, see `Recordings.folds`; of a single fold all.
+    """Return the indices of the recordings of one of several folds, see `Recordings.folds`; all with a single fold.
 
     Args:
-        data: labelled recordings.
-        folds: how many.
-        fold: which, from 0 on.
+    data: labelled recordings.
+    folds: number of folds.
+    fold: index of the fold, from 0.
 
     Raises:
-        ModelError: there is no such fold, or a class has fewer recordings than there are folds.
+    ModelError: there is no such fold, or a class has fewer recordings than folds.
     """
     if not 0 <= fold < folds:
         raise ModelError(f"fold {fold} of {folds}: expected 0 to {folds - 1}")
