@@ -116,13 +116,13 @@ def train(
     """Train a recogniser on labelled recordings. After an interruption, run the same command again to resume."""
     from neuro_recognise.methods import method_of
     from neuro_recognise.recogniser import fit
-    from neuro_recognise.telling.report import learnt
+    from neuro_recognise.telling.report import training_summary
 
     chosen = method_of(method, preset, assignments(set))
     data_set = _recordings(data, part)
     with _training_bar() as update_bar:
         recogniser = fit(data_set, chosen, seed=seed, backend=backend, out=out, replace=force, report=update_bar)
-    typer.echo(f"{out}: {learnt(recogniser)}")
+    typer.echo(f"{out}: {training_summary(recogniser)}")
 
 
 @app.command("test")

@@ -37,8 +37,8 @@ class Contestant:
     """A method with its settings, one row of the table.
 
     Attributes:
-    name: name of the method, with its preset if there is one.
-    method: the method with its settings.
+        name: name of the method, with its preset if there is one.
+        method: the method with its settings.
     """
 
     name: str
@@ -50,13 +50,13 @@ class MethodComparison:
     """The plan of a comparison.
 
     Attributes:
-    contestants: rows of the table.
-    folds: number of folds for each seed.
-    seeds: seeds of folds and trainings.
-    targets: chips and processors on which the energy of networks is computed.
-    folder: folder for results.
-    backend: backend that runs networks; other methods do not use it.
-    jobs: number of folds that run in parallel; None for one per core.
+        contestants: rows of the table.
+        folds: number of folds for each seed.
+        seeds: seeds of folds and trainings.
+        targets: chips and processors on which the energy of networks is computed.
+        folder: folder for results.
+        backend: backend that runs networks; other methods do not use it.
+        jobs: number of folds that run in parallel; None for one per core.
     """
 
     contestants: tuple[Contestant, ...]
@@ -73,14 +73,14 @@ class Compared:
     """Results of a method.
 
     Attributes:
-    contestant: the method.
-    evaluations: for each seed, the evaluation of all recordings, each decided by the training on the other folds.
-    votes: evaluations of other decision rules, by name.
-    observe_ms: time to compute the evidence of a recording, ms.
-    train_s: mean time of a training, s.
-    answer_ms: time to decide from the evidence of a recording, ms.
-    bills: by target, the bill per recording as plain data, or the reason why there is none; None without a network.
-    refused: reason why the method could not run, "" if it ran.
+        contestant: the method.
+        evaluations: for each seed, the evaluation of all recordings, each decided by the training on the other folds.
+        votes: evaluations of other decision rules, by name.
+        observe_ms: time to compute the evidence of a recording, ms.
+        train_s: mean time of a training, s.
+        answer_ms: time to decide from the evidence of a recording, ms.
+        bills: by target, the bill per recording as plain data, or the reason why there is none; None without a network.
+        refused: reason why the method could not run, "" if it ran.
     """
 
     contestant: Contestant
@@ -108,10 +108,10 @@ def contestants(names: Sequence[str] = ()) -> tuple[Contestant, ...]:
     """Return methods by name.
 
     Args:
-    names: names of methods, or of their presets, e.g. ``hats:poker``; all methods if empty.
+        names: names of methods, or of their presets, e.g. ``hats:poker``; all methods if empty.
 
     Raises:
-    ModelError: there is no such method or preset.
+        ModelError: there is no such method or preset.
     """
     parts = (name.partition(":") for name in names or METHODS)
     return tuple(Contestant(name + colon + preset, method_of(name, preset)) for name, colon, preset in parts)
@@ -123,17 +123,17 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     The folds run in parallel in separate processes, see `neuro.apps.grid`.
 
     Args:
-    data: labelled recordings.
-    plan: what to compare.
-    report: function that is called with the progress.
+        data: labelled recordings.
+        plan: what to compare.
+        report: function that is called with the progress.
 
     Returns:
-    The results of each method, in the order of the plan.
+        The results of each method, in the order of the plan.
 
     Raises:
-    EventFileError: a recording is damaged, or all are of one class.
-    ModelError: there is no such backend, a file in the folder was not written by `compare`, or there are too few
-        recordings.
+        EventFileError: a recording is damaged, or all are of one class.
+        ModelError: there is no such backend, a file in the folder was not written by `compare`, or there are too few
+            recordings.
     """
     apps.find_backend(plan.backend)
     field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
@@ -150,7 +150,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         try:
             fitting = Contestant(one.name, one.method.fitting(field))
             entries.append(fitting)
-            shown = observe(fitting.method, data, fingerprint=fingerprint, report=partial(look, one.name))
+            features = observe(fitting.method, data, fingerprint=fingerprint, report=partial(look, one.name))
         except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
@@ -158,7 +158,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
             refused[number] = _reason(error)
             continue
         jobs += [
-            _fold_of(number, fitting, shown, fingerprint[:32], (seed, k), parts, plan)
+            _fold_of(number, fitting, features, fingerprint[:32], (seed, k), parts, plan)
             for seed in plan.seeds
             for k, parts in enumerate(folds[seed])
         ]
@@ -203,19 +203,19 @@ class Fold:
     """A training and its test, a job of `neuro.apps.grid`.
 
     Attributes:
-    contestant: index of the method.
-    name: name in progress reports.
-    method: the method with its settings.
-    shown: evidence of all recordings.
-    train_rows, test_rows: indices of the recordings to learn from, and to test.
-    of: conditions that determine the result, as plain data.
-    file: file of the result.
+        contestant: index of the method.
+        name: name in progress reports.
+        method: the method with its settings.
+        features: evidence of all recordings.
+        train_rows, test_rows: indices of the recordings to learn from, and to test.
+        of: conditions that determine the result, as plain data.
+        file: file of the result.
     """
 
     contestant: int
     name: str
     method: Method
-    shown: Features
+    features: Features
     train_rows: Ints
     test_rows: Ints
     of: Mapping[str, Any]
@@ -226,9 +226,9 @@ class Fold:
         backend, seed, began = self.of["backend"], self.of["seed"], time.process_time()
         words: Any = {"seed": seed, "backend": backend, "report": lambda progress: report((self.name, progress))}
         try:
-            made = learn(self.method, self.shown.take(self.train_rows), self.of["data"], **words)
+            made = learn(self.method, self.features.take(self.train_rows), self.of["data"], **words)
             trained = time.process_time()
-            answer = made.answer_shown(self.shown.take(self.test_rows), backend)
+            answer = made.answer_shown(self.features.take(self.test_rows), backend)
         except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
@@ -260,7 +260,7 @@ class Fold:
 def _fold_of(
     number: int,
     contestant: Contestant,
-    shown: Features,
+    features: Features,
     digest: str,
     which: tuple[int, int],
     parts: tuple[Ints, Ints],
@@ -278,7 +278,7 @@ def _fold_of(
         of["targets"] = list(plan.targets)
     name = f"{contestant.name}, seed {seed}, fold {fold + 1} of {plan.folds}"
     file = plan.folder / f"{contestant.name.replace(':', '-').replace('/', '_')}-{seed}-{fold}.json"
-    return Fold(number, name, method, shown, *parts, of, file)
+    return Fold(number, name, method, features, *parts, of, file)
 
 
 def _observing_ms(method: Method, data: Recordings) -> float:
@@ -358,12 +358,12 @@ def write(results: Sequence[Compared], plan: MethodComparison, data: str) -> tup
     """Write the table and the page into the folder.
 
     Args:
-    results: results of each method.
-    plan: plan of the comparison.
-    data: name of the data set, for the title.
+        results: results of each method.
+        plan: plan of the comparison.
+        data: name of the data set, for the title.
 
     Returns:
-    The files.
+        The files.
     """
     markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
     text = _markdown(HEAD, [_row(one, plan) for one in results])

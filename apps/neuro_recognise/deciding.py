@@ -67,10 +67,10 @@ class Held:
     """Decisions on held-out recordings at each moment.
 
     Attributes:
-    times_us: (moments,) times since the first event, us, ascending.
-    margins: (recordings, moments), NaN without a decision.
-    right: (recordings, moments) whether the decision was right.
-    labels: (recordings,) index of the class of each; None if unknown, as in older files.
+        times_us: (moments,) times since the first event, us, ascending.
+        margins: (recordings, moments), NaN without a decision.
+        right: (recordings, moments) whether the decision was right.
+        labels: (recordings,) index of the class of each; None if unknown, as in older files.
     """
 
     times_us: Ints
@@ -154,9 +154,9 @@ class Early:
     """Data for decisions while events arrive.
 
     Attributes:
-    held: decisions on held-out recordings at each moment.
-    learnt: result of a separate training for each moment; empty if all moments use the training on whole
-        recordings.
+        held: decisions on held-out recordings at each moment.
+        learnt: result of a separate training for each moment; empty if all moments use the training on whole
+            recordings.
     """
 
     held: Held
@@ -182,10 +182,10 @@ class Early:
     def read(cls, group: Any) -> Early:
         """Read the data that `write` wrote."""
         labels = group["labels"][()] if "labels" in group else None
-        held = Held(group["times_us"][()], group["margins"][()], group["right"][()], labels)
+        held_out = Held(group["times_us"][()], group["margins"][()], group["right"][()], labels)
         several = group.get("learnt", {})
         learnt = tuple({name: part_of(data) for name, data in several[str(k)].items()} for k in range(len(several)))
-        return cls(held, learnt)
+        return cls(held_out, learnt)
 
 
 def part_of(data: Any) -> Any:
@@ -211,9 +211,9 @@ class Rule:
     """A stopping rule for an allowed error.
 
     Attributes:
-    allowed: largest share of recordings that may be decided wrongly.
-    assurance: probability, over draws of the held-out recordings, that the share of wrong decisions is not larger.
-    level: error (`Held.error`) at or below which a session stops.
+        allowed: largest share of recordings that may be decided wrongly.
+        assurance: probability, over draws of the held-out recordings, that the share of wrong decisions is not larger.
+        level: error (`Held.error`) at or below which a session stops.
     """
 
     allowed: float
@@ -230,12 +230,12 @@ class Outcome:
     """Errors and times of stopping rules, each tested on recordings that it was not chosen with.
 
     Attributes:
-    error: share of wrong decisions.
-    interval: 95 % interval of `error` (Clopper and Pearson).
-    mean_ms: mean time of the decisions since the first event, ms.
-    worst: index of the class with the largest share of wrong decisions; None if the classes are unknown.
-    worst_error: share of wrong decisions of that class, the upper limit of `error` for any mix of these classes.
-    worst_interval: 95 % interval of `worst_error`.
+        error: share of wrong decisions.
+        interval: 95 % interval of `error` (Clopper and Pearson).
+        mean_ms: mean time of the decisions since the first event, ms.
+        worst: index of the class with the largest share of wrong decisions; None if the classes are unknown.
+        worst_error: share of wrong decisions of that class, the upper limit of `error` for any mix of these classes.
+        worst_interval: 95 % interval of `worst_error`.
     """
 
     error: float
@@ -246,61 +246,63 @@ class Outcome:
     worst_interval: tuple[float, float] = (0.0, 1.0)
 
 
-def stopping_rule(held: Held, allowed: float, assurance: float = ASSURANCE) -> Rule:
+def stopping_rule(held_out: Held, allowed: float, assurance: float = ASSURANCE) -> Rule:
     """Return the rule that stops earliest within an allowed error.
 
     Args:
-    held: decisions on held-out recordings. Later recordings must be drawn from the same distribution.
-    allowed: largest share of all recordings that may be decided wrongly.
-    assurance: probability that the share is not larger. With 0.5 the error is above the allowed share as often as
-        below.
+        held_out: decisions on held-out recordings. Later recordings must be drawn from the same distribution.
+        allowed: largest share of all recordings that may be decided wrongly.
+        assurance: probability that the share is not larger. With 0.5 the error is above the allowed share as often as
+            below.
 
     Raises:
-    ModelError: an argument is not between 0 and 1, or the held-out recordings do not support the allowed error:
-        there are too few, or more are wrong even at their end.
+        ModelError: an argument is not between 0 and 1, or the held-out recordings do not support the allowed error:
+            there are too few, or more are wrong even at their end.
     """
     if not 0 < allowed < 1:
         raise ModelError(f"allow = {allowed:g}: expected a share of recordings between 0 and 1")
     if not 0 < assurance < 1:
         raise ModelError(f"assurance = {assurance:g}: expected a probability between 0 and 1")
-    if (least := least_allowed(held, assurance)) > allowed:
-        wrong, n = int(np.count_nonzero(~held.right[:, -1])), len(held)
+    if (least := least_allowed(held_out, assurance)) > allowed:
+        wrong, n = int(np.count_nonzero(~held_out.right[:, -1])), len(held_out)
         raise ModelError(
             f"allow = {allowed:g}: {wrong} of {n} held-out recordings are decided wrongly even at their end, "
             f"which supports {least:g} with an assurance of {assurance:g}",
             hint=f"allow at least {least:g}, let 'early' learn from more recordings, or ask for less assurance",
         )
-    return Rule(allowed, assurance, _level(held, allowed, assurance))
+    return Rule(allowed, assurance, _level(held_out, allowed, assurance))
 
 
-def least_allowed(held: Held, assurance: float = ASSURANCE) -> float:
+def least_allowed(held_out: Held, assurance: float = ASSURANCE) -> float:
     """Return the smallest error that can be allowed: the bound on the error at the end, rounded up to thousandths."""
-    bound = upper_bound(int(np.count_nonzero(~held.right[:, -1])), len(held), assurance)
+    bound = upper_bound(int(np.count_nonzero(~held_out.right[:, -1])), len(held_out), assurance)
     return float(np.ceil(1000.0 * bound) / 1000.0)
 
 
-def outcome(held: Held, allowed: float, assurance: float = ASSURANCE) -> Outcome:
+def outcome(held_out: Held, allowed: float, assurance: float = ASSURANCE) -> Outcome:
     """Test stopping rules by cross-fitting: each tenth of the recordings is stopped by the rule of the others.
 
     Where the other nine tenths cannot support the allowed error, their rule decides at the end.
     """
-    at = np.empty(len(held), np.int64)
-    for own, others in held.parts:
-        at[own] = stopped(others.errors(held.margins[own]), _level(others, allowed, assurance))
-    wrong = ~held.right[np.arange(len(at)), at]
-    result = Outcome(*_share(wrong), float(held.times_us[at].mean()) / 1000.0)
-    if held.labels is None:
+    at = np.empty(len(held_out), np.int64)
+    for own, others in held_out.parts:
+        at[own] = stopped(others.errors(held_out.margins[own]), _level(others, allowed, assurance))
+    wrong = ~held_out.right[np.arange(len(at)), at]
+    result = Outcome(*_share(wrong), float(held_out.times_us[at].mean()) / 1000.0)
+    if held_out.labels is None:
         return result
-    error, worst = max((float(wrong[held.labels == label].mean()), int(label)) for label in np.unique(held.labels))
-    return replace(result, worst=worst, worst_error=error, worst_interval=_share(wrong[held.labels == worst])[1])
+    error, worst = max(
+        (float(wrong[held_out.labels == label].mean()), int(label)) for label in np.unique(held_out.labels)
+    )
+    return replace(result, worst=worst, worst_error=error, worst_interval=_share(wrong[held_out.labels == worst])[1])
 
 
 def stopped(errors: Floats, level: float) -> Ints:
     """Return the moment of each recording's decision, (recordings,): the first at or below the level, or the last.
 
     Args:
-    errors: (recordings, moments) `Held.error` of each decision.
-    level: a recording stops at an error at or below this level.
+        errors: (recordings, moments) `Held.error` of each decision.
+        level: a recording stops at an error at or below this level.
     """
     met = errors <= level
     return np.asarray(np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1))
@@ -310,9 +312,9 @@ def upper_bound(wrong: int, n: int, assurance: float) -> float:
     """Return an upper confidence bound on the probability of a wrong decision.
 
     Args:
-    wrong: number of wrong decisions.
-    n: number of decisions.
-    assurance: confidence level of the one-sided bound, e.g. 0.9. With 0 wrong of 100 the bound is then 0.023.
+        wrong: number of wrong decisions.
+        n: number of decisions.
+        assurance: confidence level of the one-sided bound, e.g. 0.9. With 0 wrong of 100 the bound is then 0.023.
 
     Source: Clopper and Pearson, Biometrika 26:404, 1934.
     """
@@ -321,13 +323,13 @@ def upper_bound(wrong: int, n: int, assurance: float) -> float:
     return float(betaincinv(wrong + 1, n - wrong, assurance)) if wrong < n else 1.0
 
 
-def _level(held: Held, allowed: float, assurance: float) -> float:
+def _level(held_out: Held, allowed: float, assurance: float) -> float:
     """Return the largest assured level, by fixed sequence testing."""
     assured = NEVER
     for level in (NEVER, *np.linspace(0.0, 3.0 * allowed, LEVELS + 1).tolist()):
-        at = stopped(held.crossed, level)
-        wrong = int(np.count_nonzero(~held.right[np.arange(len(at)), at]))
-        if upper_bound(wrong, len(held), assurance) > allowed:
+        at = stopped(held_out.crossed, level)
+        wrong = int(np.count_nonzero(~held_out.right[np.arange(len(at)), at]))
+        if upper_bound(wrong, len(held_out), assurance) > allowed:
             break
         assured = level
     return assured
@@ -348,14 +350,14 @@ class Decision:
     """A decision at one moment of a session.
 
     Attributes:
-    at_us: time of the decision on the clock of the events, us. Events up to and including this time count.
-    after_ms: time since the first event of the stretch, ms.
-    label: index of the class, -1 without evidence for any class.
-    scores: (classes,) score of each class.
-    margin: difference between the largest and the second largest score, NaN without evidence.
-    confidence: 1 - `Held.error`, the estimated probability that the decision is right; NaN without held-out decisions
-        (see `learn_early`).
-    settled: whether the allowed error was met at this or an earlier moment of the stretch; False without a rule.
+        at_us: time of the decision on the clock of the events, us. Events up to and including this time count.
+        after_ms: time since the first event of the stretch, ms.
+        label: index of the class, -1 without evidence for any class.
+        scores: (classes,) score of each class.
+        margin: difference between the largest and the second largest score, NaN without evidence.
+        confidence: 1 - `Held.error`, the estimated probability that the decision is right; NaN without held-out
+            decisions (see `learn_early`).
+        settled: whether the allowed error was met at this or an earlier moment of the stretch; False without a rule.
     """
 
     at_us: int
@@ -371,13 +373,13 @@ class Session:
     """Decides at regular intervals while events arrive; created by `Recogniser.session`.
 
     Args:
-    observer: function that returns a new observer for each stretch.
-    ask: function from the time after the first event of a stretch, us, and the evidence to the scores, (classes,).
-    every_us: time between decisions, us, from the first event of a stretch on.
-    window_us: longest stretch, us.
-    gap_us: longest pause without events, us, which ends a stretch; None for no limit.
-    held: decisions on held-out recordings, for `Decision.confidence`; None if unknown.
-    rule: stopping rule, for `Decision.settled`; None for no rule.
+        observer: function that returns a new observer for each stretch.
+        ask: function from the time after the first event of a stretch, us, and the evidence to the scores, (classes,).
+        every_us: time between decisions, us, from the first event of a stretch on.
+        window_us: longest stretch, us.
+        gap_us: longest pause without events, us, which ends a stretch; None for no limit.
+        held: decisions on held-out recordings, for `Decision.confidence`; None if unknown.
+        rule: stopping rule, for `Decision.settled`; None for no rule.
     """
 
     def __init__(
@@ -413,7 +415,7 @@ class Session:
         Args:
             events: events at or after the time of the previous ones; may be empty.
             until_us: time up to which these are all events, us, so that moments without events are decided as well.
-        With None, only moments before the last event are decided, because more events of its time may follow.
+                With None, only moments before the last event are decided, because more events of its time may follow.
 
         Returns:
             The decision at each moment that passed, in order, however the stream is cut into parts.

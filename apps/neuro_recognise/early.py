@@ -48,10 +48,10 @@ class Beginnings:
     """Evidence of the beginnings of all recordings at each moment, stored in files.
 
     Args:
-    method: method that observes the recordings.
-    data: labelled recordings.
-    times_us: durations of the beginnings, us.
-    folder: folder for the files; existing files are not computed again.
+        method: method that observes the recordings.
+        data: labelled recordings.
+        times_us: durations of the beginnings, us.
+        folder: folder for the files; existing files are not computed again.
     """
 
     def __init__(self, method: Method, data: Recordings, times_us: Ints, folder: Path) -> None:
@@ -117,15 +117,15 @@ class HeldOut:
     """Decisions on held-out recordings, computed in steps.
 
     Attributes:
-    recogniser: recogniser that was trained on whole recordings.
-    data: recordings for the cross-validation.
-    fingerprint: fingerprint of their contents.
-    times: durations of the beginnings, us.
-    folds: for each fold, the indices to learn from and to decide on.
-    backend: backend that scores recordings; trainings use the backend of the recogniser's training.
-    beside: path whose name prefixes the names of intermediate files.
-    cache: folder for evidence of whole recordings; None uses the user's cache.
-    report: function that is called with the progress.
+        recogniser: recogniser that was trained on whole recordings.
+        data: recordings for the cross-validation.
+        fingerprint: fingerprint of their contents.
+        times: durations of the beginnings, us.
+        folds: for each fold, the indices to learn from and to decide on.
+        backend: backend that scores recordings; trainings use the backend of the recogniser's training.
+        beside: path whose name prefixes the names of intermediate files.
+        cache: folder for evidence of whole recordings; None uses the user's cache.
+        report: function that is called with the progress.
     """
 
     recogniser: Recogniser
@@ -154,9 +154,9 @@ class HeldOut:
         if self.recogniser.method.by_moment:
             return [(moment, np.arange(len(self.data))) for moment in range(len(self.times))]
         return [
-            (fold, held[first : first + AT_ONCE])
-            for fold, (_, held) in enumerate(self.folds)
-            for first in range(0, len(held), AT_ONCE)
+            (fold, held_out[first : first + AT_ONCE])
+            for fold, (_, held_out) in enumerate(self.folds)
+            for first in range(0, len(held_out), AT_ONCE)
         ]
 
     def apart(self, done: int) -> Iterator[Decided]:
@@ -166,12 +166,12 @@ class HeldOut:
         for finished in beginnings.look():
             self.report(Progress("looking at beginnings", finished, len(self.data)))
         for moment, _ in self.steps[done:]:
-            shown = beginnings.at(moment)
-            scores = np.full((len(shown), len(shown.classes)), np.nan)
-            for others, held in self.folds:
-                learnt = method.fit(shown.take(others), course)
-                scores[held] = method.answer(learnt, shown.take(held), self.backend).scores
-            yield (slice(None), moment), scores, method.fit(shown, course)
+            features = beginnings.at(moment)
+            scores = np.full((len(features), len(features.classes)), np.nan)
+            for others, held_out in self.folds:
+                learnt = method.fit(features.take(others), course)
+                scores[held_out] = method.answer(learnt, features.take(held_out), self.backend).scores
+            yield (slice(None), moment), scores, method.fit(features, course)
 
     def wholes(self, done: int) -> Iterator[Decided]:
         """Score beginnings with trainings on the other folds' whole recordings; skip the first `done` steps.
@@ -181,15 +181,15 @@ class HeldOut:
         method, classes, course = self.recogniser.method, self.recogniser.classes, self.course
         words: Any = {"seed": course.seed, "backend": course.backend, "report": course.report}
 
-        def look(seen: int, total: int) -> None:
-            self.report(Progress("looking at recordings", seen, total))
+        def look(finished: int, total: int) -> None:
+            self.report(Progress("looking at recordings", finished, total))
 
-        shown = observe(method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=look)
+        features = observe(method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=look)
         current_fold: int | None = None
         for fold, rows in self.steps[done:]:
             if fold != current_fold:
                 message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
-                others = shown.take(self.folds[fold][0])
+                others = features.take(self.folds[fold][0])
                 fold_recogniser = learn(method, others, message, out=self.file(f"fold{fold}"), **words)
                 current_fold, ask = fold, method.asker(fold_recogniser.learnt, self.backend)
             evidence = [one for row in rows.tolist() for one in seen_until(method, self.data[row], self.times)]
@@ -248,24 +248,24 @@ def learn_early(
     Methods with `Method.by_moment` train separately for each moment on the beginnings of recordings.
 
     Args:
-    recogniser: recogniser that was trained on whole recordings.
-    data: labelled recordings of the same classes, best those of the training.
-    every_ms: time between moments, ms, up to the end of the longest recording.
-    folds: number of folds; the training on the others decides on each.
-    backend: backend that scores recordings; trainings of folds use the backend of the recogniser's training.
-    out: file for the recogniser, which may be its present one. Checkpoints are stored beside it: the same call resumes
-        an interrupted run and gives the same bits.
-    cache: folder for evidence of the recordings; None uses the user's cache.
-    report: function that is called with the progress.
+        recogniser: recogniser that was trained on whole recordings.
+        data: labelled recordings of the same classes, best those of the training.
+        every_ms: time between moments, ms, up to the end of the longest recording.
+        folds: number of folds; the training on the others decides on each.
+        backend: backend that scores recordings; trainings of folds use the backend of the recogniser's training.
+        out: file for the recogniser, which may be its present one. Checkpoints are stored beside it: the same call
+            resumes an interrupted run and gives the same bits.
+        cache: folder for evidence of the recordings; None uses the user's cache.
+        report: function that is called with the progress.
 
     Returns:
-    The same recogniser with `early`.
+        The same recogniser with `early`.
 
     Raises:
-    ModelError: there are too many moments, a class has fewer recordings than folds, the classes differ, the method
-        has no network for the backend, a recording does not fit the method, or the checkpoint of `out` has other
-        options.
-    EventFileError: a recording is damaged.
+        ModelError: there are too many moments, a class has fewer recordings than folds, the classes differ, the method
+            has no network for the backend, a recording does not fit the method, or the checkpoint of `out` has other
+            options.
+        EventFileError: a recording is damaged.
     """
     method = recogniser.method
     if data.classes != recogniser.classes:
@@ -292,7 +292,7 @@ def moments(data: Recordings, every_ms: float) -> Ints:
     """Return the moments, (moments,) us after the first event: every `every_ms` up to the end of the longest recording.
 
     Raises:
-    ModelError: there are more than 200, or the interval is not above 0.
+        ModelError: there are more than 200, or the interval is not above 0.
     """
     longest = max(int(events.t[-1] - events.t[0]) if len(events) else 0 for events in (one.load() for one in data))
     if not (np.isfinite(every_ms) and 1000.0 * every_ms * MOST >= max(longest, MOST)):

@@ -26,10 +26,10 @@ class Priced:
     """Bills of a network's run, per recording.
 
     Attributes:
-    run: run of the network, on any backend.
-    recordings: number of recordings in the run.
-    bills: bill of one recording, by target.
-    refused: reason why a target cannot run the network, by target.
+        run: run of the network, on any backend.
+        recordings: number of recordings in the run.
+        bills: bill of one recording, by target.
+        refused: reason why a target cannot run the network, by target.
     """
 
     run: Run
@@ -48,14 +48,14 @@ def price(
     """Compute the bill per recording on each target.
 
     Args:
-    run: run of a network on some recordings, on any backend.
-    recordings: number of recordings in the run.
-    targets: chips, processors or table files, see `neuro.Simulation.energy`.
-    neurons_per_core: limit for the placement on a chip, see `Answer`.
-    duration_s: total duration of the recordings, s, see `Answer`.
+        run: run of a network on some recordings, on any backend.
+        recordings: number of recordings in the run.
+        targets: chips, processors or table files, see `neuro.Simulation.energy`.
+        neurons_per_core: limit for the placement on a chip, see `Answer`.
+        duration_s: total duration of the recordings, s, see `Answer`.
 
     Raises:
-    ModelError: there is no such target, or no costs of it are published.
+        ModelError: there is no such target, or no costs of it are published.
     """
     sim, trials = run
     from neuro.chips import chip, place, price as of_counts
@@ -96,8 +96,8 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
     """Check the targets before the network is run.
 
     Raises:
-    ModelError: the recogniser is no network, there is no such target, the network does not fit on it, or no costs of
-        it are published.
+        ModelError: the recogniser is no network, there is no such target, the network does not fit on it, or no costs
+            of it are published.
     """
     net = recogniser.network()
     if net is None:
@@ -108,19 +108,19 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
         sim.energy(name)
 
 
-def bills(tried: Tried, targets: Iterable[str]) -> Priced:
+def bills(result: Tried, targets: Iterable[str]) -> Priced:
     """Compute the bill per recording on each target.
 
     Args:
-    tried: test of a network, on any backend.
-    targets: chips, processors or table files, see `neuro.Simulation.energy`.
+        result: test of a network, on any backend.
+        targets: chips, processors or table files, see `neuro.Simulation.energy`.
 
     Raises:
-    ModelError: see `check_targets`.
+        ModelError: see `check_targets`.
     """
-    assert tried.answer.run is not None, "expected the test of a network"
-    answer = tried.answer
-    return price(tried.answer.run(), tried.own.n, targets, answer.neurons_per_core, answer.duration_s)
+    assert result.answer.run is not None, "expected the test of a network"
+    answer = result.answer
+    return price(result.answer.run(), result.own.n, targets, answer.neurons_per_core, answer.duration_s)
 
 
 def counted(priced: Priced) -> dict[str, float]:
@@ -154,9 +154,9 @@ def notes(priced: Priced) -> list[str]:
     ]
 
 
-def words(recogniser: Recogniser, tried: Tried, priced: Priced) -> str:
+def words(recogniser: Recogniser, result: Tried, priced: Priced) -> str:
     """Return the bills, the counts and the accuracy as JSON."""
-    own = tried.own
+    own = result.own
     about: dict[str, object] = {"format": FORMAT, "method": recogniser.method.called()}
     about |= {"backend": priced.run[0].backend, "accuracy": own.accuracy, "interval": list(own.interval)}
     about |= {"recordings": own.n, "per_recording": counted(priced)}
@@ -164,9 +164,9 @@ def words(recogniser: Recogniser, tried: Tried, priced: Priced) -> str:
     return json.dumps(about | {"notes": notes(priced)}, indent=1)
 
 
-def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = False) -> None:
+def show(recogniser: Recogniser, result: Tried, priced: Priced, sources: bool = False) -> None:
     """Print the counts, a row for each chip and the assumptions; with `sources`, also the sources of the figures."""
-    own = tried.own
+    own = result.own
     low, high = own.interval
     right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
     title = f"energy per recording; {right} by {recogniser.method.called()} on {priced.run[0].backend}"

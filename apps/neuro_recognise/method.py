@@ -56,10 +56,10 @@ class Progress:
     """Progress of a training.
 
     Attributes:
-    what: current activity, e.g. "epoch 2 of 8".
-    done, total: finished and total units of this activity.
-    right: share of correct decisions so far; None if unknown.
-    among: finished and total number of jobs, if several jobs run.
+        what: current activity, e.g. "epoch 2 of 8".
+        done, total: finished and total units of this activity.
+        right: share of correct decisions so far; None if unknown.
+        among: finished and total number of jobs, if several jobs run.
     """
 
     what: str
@@ -74,10 +74,10 @@ class Course:
     """Conditions of a training: seed, backend, checkpoint and progress report.
 
     Attributes:
-    seed: seed of all random numbers.
-    backend: backend that runs networks.
-    checkpoint: file from which an interrupted training resumes; None stores nothing.
-    report: function that is called with the progress.
+        seed: seed of all random numbers.
+        backend: backend that runs networks.
+        checkpoint: file from which an interrupted training resumes; None stores nothing.
+        report: function that is called with the progress.
     """
 
     seed: int = 0
@@ -100,14 +100,14 @@ class Answer:
     """Scores of recordings, and the run of the network that computed them.
 
     Attributes:
-    scores: (recordings, classes), larger for a more likely class. A row is all NaN if there is no evidence for any
-        class.
-    votes: scores of other decision rules on the same evidence, by name. They include `scores`.
-    run: function that returns the run of the network on the same recordings, for the bill; None without a network. A
-        method that scores with less than its whole network simulates the rest only in this call.
-    neurons_per_core: limit of neurons per core of a chip, for the bill; None for the chip's own limit.
-    duration_s: total duration of the recordings, s, for bills in real time. It is set where simulated time differs
-        from recorded time, e.g. a fixed number of steps per frame; None where both are equal.
+        scores: (recordings, classes), larger for a more likely class. A row is all NaN if there is no evidence for any
+            class.
+        votes: scores of other decision rules on the same evidence, by name. They include `scores`.
+        run: function that returns the run of the network on the same recordings, for the bill; None without a network.
+            A method that scores with less than its whole network simulates the rest only in this call.
+        neurons_per_core: limit of neurons per core of a chip, for the bill; None for the chip's own limit.
+        duration_s: total duration of the recordings, s, for bills in real time. It is set where simulated time differs
+            from recorded time, e.g. a fixed number of steps per frame; None where both are equal.
     """
 
     scores: Floats
@@ -122,10 +122,10 @@ class Pictures:
     """Images over time. Each is shown until the time of the next.
 
     Attributes:
-    name: title of the images.
-    at_ms: (images,) times since the first event, ms, ascending.
-    images: (images, rows, columns), values >= 0; all share one colour scale.
-    captions: one for each image; () for none.
+        name: title of the images.
+        at_ms: (images,) times since the first event, ms, ascending.
+        images: (images, rows, columns), values >= 0; all share one colour scale.
+        captions: one for each image; () for none.
     """
 
     name: str
@@ -139,15 +139,15 @@ class TrialView:
     """Spikes of a network's trials over time. Each trial is shown until the time of the next.
 
     Attributes:
-    name: title of the spikes, e.g. "input spikes of each frame".
-    at_ms: (trials,) times since the first event of the recording, ms, ascending.
-    length_ms: duration of a trial, ms.
-    size: number of neurons.
-    offsets: (trials + 1,) trial i has ``times[offsets[i]:offsets[i + 1]]``.
-    times: (spikes,) times since the beginning of the trial, ms.
-    ids: (spikes,) indices of the neurons.
-    captions: one for each trial, e.g. the winner; () for none.
-    bands: names of groups of equally many neurons, in the order of their ids; () for none.
+        name: title of the spikes, e.g. "input spikes of each frame".
+        at_ms: (trials,) times since the first event of the recording, ms, ascending.
+        length_ms: duration of a trial, ms.
+        size: number of neurons.
+        offsets: (trials + 1,) trial i has ``times[offsets[i]:offsets[i + 1]]``.
+        times: (spikes,) times since the beginning of the trial, ms.
+        ids: (spikes,) indices of the neurons.
+        captions: one for each trial, e.g. the winner; () for none.
+        bands: names of groups of equally many neurons, in the order of their ids; () for none.
     """
 
     name: str
@@ -169,20 +169,20 @@ class Method(Settings):
     """Base of all methods: a frozen dataclass of settings.
 
     Attributes:
-    size: width and height of the field in px, from the top left pixel. The field is the part of the sensor whose
-        events are used; 0 uses the whole sensor.
+        size: width and height of the field in px, from the top left pixel. The field is the part of the sensor whose
+            events are used; 0 uses the whole sensor.
 
     Class attributes:
-    title: description in one line.
-    source: publication or page that describes the method.
-    needs: optional dependency (extra) that training needs, "" for none.
-    spikes: whether the method is a spiking network, which has a bill on chips.
-    changeable: settings that may be changed after training, because `Learnt` is valid for any of their values.
-    by_moment: whether deciding early needs a separate training for each duration, because the evidence of a beginning
-        differs from that of a whole recording.
-    unobserved: settings that evidence does not depend on, e.g. those of learning.
-    presets: named sets of settings that differ from the defaults.
-    measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
+        title: description in one line.
+        source: publication or page that describes the method.
+        needs: optional dependency (extra) that training needs, "" for none.
+        spikes: whether the method is a spiking network, which has a bill on chips.
+        changeable: settings that may be changed after training, because `Learnt` is valid for any of their values.
+        by_moment: whether deciding early needs a separate training for each duration, because the evidence of a
+            beginning differs from that of a whole recording.
+        unobserved: settings that evidence does not depend on, e.g. those of learning.
+        presets: named sets of settings that differ from the defaults.
+        measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
     """
 
     title: ClassVar[str]
@@ -331,7 +331,7 @@ class Method(Settings):
         return ()
 
     @abstractmethod
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Learn from the evidence of labelled recordings.
 
         Raises:
@@ -339,12 +339,12 @@ class Method(Settings):
         """
 
     @abstractmethod
-    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
         """Compute the scores of recordings.
 
         Args:
             learnt: result of `fit`.
-            shown: evidence of the recordings; labels are ignored.
+            features: evidence of the recordings; labels are ignored.
             backend: backend that runs networks.
         """
 
@@ -393,8 +393,8 @@ class Whole(Observer):
     """Stores all events and observes them again at each call of `evidence`; correct for every method.
 
     Args:
-    observe: `Method.observe`.
-    size: size of the field, px, for a recording without events.
+        observe: `Method.observe`.
+        size: size of the field, px, for a recording without events.
     """
 
     def __init__(self, observe: Callable[[Events], Evidence], size: tuple[int, int]) -> None:
@@ -428,8 +428,8 @@ class Growing(Observer):
     """Updates a description incrementally: each call costs time for the new events only, not for all events.
 
     Args:
-    field: the method, whose field selects the events.
-    description: description without events; its values become the evidence "vector".
+        field: the method, whose field selects the events.
+        description: description without events; its values become the evidence "vector".
     """
 
     def __init__(self, field: Method, description: Grows) -> None:

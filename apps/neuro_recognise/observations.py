@@ -148,8 +148,8 @@ def keep(file: Path, evidence: Sequence[Evidence]) -> None:
     """Write evidence to a file, and replace an existing file.
 
     Raises:
-    OSError: the folder cannot be created.
-    Unwritable: the file cannot be written.
+        OSError: the folder cannot be created.
+        Unwritable: the file cannot be written.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     with hdf5.writing(file, FORMAT, replace=True) as out:
@@ -168,8 +168,8 @@ class KeptAnswers(Lazy[Evidence]):
     """Evidence of the recordings in a file, which is opened on first access.
 
     Args:
-    file: file that `keep` wrote.
-    n: number of recordings in the file.
+        file: file that `keep` wrote.
+        n: number of recordings in the file.
     """
 
     def __init__(self, file: Path, n: int) -> None:
@@ -197,10 +197,10 @@ class _Place(NamedTuple):
     """Position of the arrays of one name in a file.
 
     Attributes:
-    offset: position of the first byte.
-    dtype: data type of the values.
-    shapes: (recordings, axes).
-    begins: (recordings + 1,) index of the first value of each recording.
+        offset: position of the first byte.
+        dtype: data type of the values.
+        shapes: (recordings, axes).
+        begins: (recordings + 1,) index of the first value of each recording.
     """
 
     offset: int
@@ -258,7 +258,7 @@ def observed(method: Method, recordings: Iterable[Events], classes: Sequence[str
     """Compute the evidence of recordings without labels, in memory.
 
     Raises:
-    ModelError: a recording does not fit the method.
+        ModelError: a recording does not fit the method.
     """
     return unlabelled([method.observe(events) for events in recordings], tuple(classes))
 
@@ -267,8 +267,8 @@ def seen_of(recording: Sample, look: Callable[[Events], T]) -> T:
     """Load the events of a recording, and return `look(events)`.
 
     Raises:
-    EventFileError: the recording is damaged.
-    ModelError: the recording does not fit the method; the message names it.
+        EventFileError: the recording is damaged.
+        ModelError: the recording does not fit the method; the message names it.
     """
     events = recording.load()
     try:
@@ -283,16 +283,16 @@ def observe(
     """Return the evidence of a data set, from the cache or computed now.
 
     Args:
-    method: method that observes the recordings.
-    data: labelled recordings.
-    fingerprint: fingerprint of the data, if known; computing it reads all recordings.
-    cache: folder for results, with a subfolder for each combination of contents, settings and code; None uses the
-        user's cache. If it is not writable, results stay in memory.
-    report: function that is called with the number of finished and of all recordings.
+        method: method that observes the recordings.
+        data: labelled recordings.
+        fingerprint: fingerprint of the data, if known; computing it reads all recordings.
+        cache: folder for results, with a subfolder for each combination of contents, settings and code; None uses the
+            user's cache. If it is not writable, results stay in memory.
+        report: function that is called with the number of finished and of all recordings.
 
     Raises:
-    EventFileError: a recording is damaged.
-    ModelError: a recording does not fit the method; the message names it.
+        EventFileError: a recording is damaged.
+        ModelError: a recording does not fit the method; the message names it.
     """
     import platformdirs
 

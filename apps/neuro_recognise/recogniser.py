@@ -35,8 +35,8 @@ def settled(method: Method, data: Recordings) -> Method:
     """Return a method with all settings filled in that follow from the training data.
 
     Raises:
-    EventFileError: see `field_of`.
-    ModelError: the method does not support a field of this size.
+        EventFileError: see `field_of`.
+        ModelError: the method does not support a field of this size.
     """
     return method.fitting(field_of(data))
 
@@ -45,7 +45,7 @@ def field_of(data: Recordings) -> tuple[int, int]:
     """Return width and height of the field that covers all training recordings, px.
 
     Raises:
-    EventFileError: there are no recordings, all have the same class, or one is damaged.
+        EventFileError: there are no recordings, all have the same class, or one is damaged.
     """
     labels = set(data.labels.tolist()) - {UNKNOWN}
     if len(labels) < 2:
@@ -70,12 +70,12 @@ def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Tra
     """Check that a training has the same settings and conditions as the recogniser that it would replace.
 
     Args:
-    out: file of the recogniser.
-    there: method and training of the recogniser in the file.
-    now: method and training of the new one.
+        out: file of the recogniser.
+        there: method and training of the recogniser in the file.
+        now: method and training of the new one.
 
     Raises:
-    ModelError: a value differs; the message names the first.
+        ModelError: a value differs; the message names the first.
     """
     before, after = ({"method": one.called(), **one.as_words(), **training} for one, training in (there, now))
     for name in before | after:
@@ -131,11 +131,11 @@ class Recogniser:
     """A trained recogniser: method, classes and everything that was learnt.
 
     Attributes:
-    method: settings of the training, including those that followed from the recordings.
-    classes: names of the classes.
-    learnt: arrays and texts by name.
-    training: conditions of the training: seed, backend, number and hash of the recordings.
-    early: data for early decisions; None until `learn_early` was run.
+        method: settings of the training, including those that followed from the recordings.
+        classes: names of the classes.
+        learnt: arrays and texts by name.
+        training: conditions of the training: seed, backend, number and hash of the recordings.
+        early: data for early decisions; None until `learn_early` was run.
     """
 
     method: Method
@@ -195,7 +195,7 @@ class Recogniser:
 
         Args:
             values: settings by name, those in `Method.changeable`. E.g. a network that learnt from some of the
-        frames can be tested on other frames.
+                frames can be tested on other frames.
 
         Raises:
             ModelError: a setting cannot be changed after training, or its value is wrong.
@@ -232,7 +232,7 @@ class Recogniser:
             allow: largest share of wrong decisions. `Decision.settled` is true once this error is met; needs `early`.
             assurance: probability that the share of wrong decisions stays within `allow`, see `stopping_rule`.
             window_ms: longest stretch of the stream, ms. Then the session forgets all events, and the next event
-        starts a new stretch. None uses the longest recording of `learn_early`, or else 1000 ms.
+                starts a new stretch. None uses the longest recording of `learn_early`, or else 1000 ms.
             gap_ms: longest pause without events, ms, which also ends a stretch; None for no limit.
             backend: backend that runs networks.
 
@@ -257,8 +257,8 @@ class Recogniser:
         """Return a function from the time after the first event, us, and the evidence to the scores, (classes,)."""
 
         def ask(after_us: int, evidence: Evidence) -> Floats:
-            shown = unlabelled([evidence], self.classes)
-            scores: Floats = self._ready.asker(self.method, self.learnt_at(after_us), backend)(shown).scores[0]
+            features = unlabelled([evidence], self.classes)
+            scores: Floats = self._ready.asker(self.method, self.learnt_at(after_us), backend)(features).scores[0]
             return scores
 
         return ask
@@ -268,10 +268,10 @@ class Recogniser:
         self._ready.asker(self.method, self.learnt, backend)  # raises errors before any recording is read
         return self.answer_shown(self.shown(recordings), backend)
 
-    def answer_shown(self, shown: Features, backend: str = "event") -> Answer:
+    def answer_shown(self, features: Features, backend: str = "event") -> Answer:
         """Return the answer for evidence that `shown` computed; without recordings, an empty array of scores."""
         ask = self._ready.asker(self.method, self.learnt, backend)
-        return ask(shown) if len(shown) else Answer(np.empty((0, len(self.classes))))
+        return ask(features) if len(features) else Answer(np.empty((0, len(self.classes))))
 
     def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Features:
         """Compute the evidence of recordings."""
@@ -342,23 +342,23 @@ def fit(
     """Train a recogniser.
 
     Args:
-    data: labelled recordings.
-    method: name of a method, or a method with its own settings.
-    seed: seed of all random numbers.
-    backend: backend that runs networks.
-    out: file for the recogniser. Checkpoints are stored beside it: the same call resumes an interrupted training and
-        gives the same bits. A finished training is not repeated.
-    replace: whether `out` may replace a recogniser of a different training.
-    cache: folder for evidence of the recordings; None uses the user's cache.
-    report: function that is called with the progress.
+        data: labelled recordings.
+        method: name of a method, or a method with its own settings.
+        seed: seed of all random numbers.
+        backend: backend that runs networks.
+        out: file for the recogniser. Checkpoints are stored beside it: the same call resumes an interrupted training
+            and gives the same bits. A finished training is not repeated.
+        replace: whether `out` may replace a recogniser of a different training.
+        cache: folder for evidence of the recordings; None uses the user's cache.
+        report: function that is called with the progress.
 
     Returns:
-    The recogniser.
+        The recogniser.
 
     Raises:
-    ModelError: a setting or the backend is wrong, a recording does not fit, there is nothing to learn, or `out`
-        belongs to a different training.
-    EventFileError: a recording is damaged, or all are of one class.
+        ModelError: a setting or the backend is wrong, a recording does not fit, there is nothing to learn, or `out`
+            belongs to a different training.
+        EventFileError: a recording is damaged, or all are of one class.
     """
     chosen = method if isinstance(method, Method) else method_of(method)
     chosen.check_backend(backend)
@@ -369,13 +369,13 @@ def fit(
     def look(done: int, n: int) -> None:
         tell(Progress("looking at recordings", done, n))
 
-    shown = partial(observe, fixed, data, fingerprint=fingerprint, cache=cache, report=look)
-    return _train_and_save(fixed, shown, training, Course(seed, backend, None, tell), out, replace)
+    features = partial(observe, fixed, data, fingerprint=fingerprint, cache=cache, report=look)
+    return _train_and_save(fixed, features, training, Course(seed, backend, None, tell), out, replace)
 
 
 def learn(
     method: Method,
-    shown: Features,
+    features: Features,
     digest: str,
     *,
     seed: int = 0,
@@ -387,21 +387,21 @@ def learn(
     """Train on evidence that was computed before.
 
     Args:
-    method: method with all settings that follow from the sensor filled in.
-    shown: evidence of the recordings.
-    digest: hash of the recordings.
-    seed: seed of all random numbers.
-    backend: backend that runs networks.
-    out: see `fit`.
-    replace: see `fit`.
-    report: function that is called with the progress.
+        method: method with all settings that follow from the sensor filled in.
+        features: evidence of the recordings.
+        digest: hash of the recordings.
+        seed: seed of all random numbers.
+        backend: backend that runs networks.
+        out: see `fit`.
+        replace: see `fit`.
+        report: function that is called with the progress.
 
     Raises:
-    ModelError: see `fit`.
+        ModelError: see `fit`.
     """
     method.check_backend(backend)
-    training = training_record(method, digest, len(shown), seed, backend)
-    return _train_and_save(method, lambda: shown, training, Course(seed, backend, None, report), out, replace)
+    training = training_record(method, digest, len(features), seed, backend)
+    return _train_and_save(method, lambda: features, training, Course(seed, backend, None, report), out, replace)
 
 
 def _train_and_save(
@@ -415,11 +415,11 @@ def _train_and_save(
     """Train on the evidence that `look` returns, and write the result to `out`, with checkpoints beside it.
 
     Raises:
-    ModelError: `out` cannot be written, or belongs to a different training and `replace` is false.
+        ModelError: `out` cannot be written, or belongs to a different training and `replace` is false.
     """
     if out is None:
-        shown = look()
-        return Recogniser(method, shown.classes, method.fit(shown, course), training)
+        features = look()
+        return Recogniser(method, features.classes, method.fit(features, course), training)
     conditions = {"method": method.called(), "settings": method.fixed(), **training}
     checkpoint = Checkpoint(out, "neuro recogniser training 1", conditions)
     # Errors about `out` are raised before the long computation.
@@ -428,9 +428,9 @@ def _train_and_save(
         recogniser = Recogniser.load(out)
         check_same(out, (recogniser.method, recogniser.training), (method, training))
     else:
-        shown = look()
-        learnt = method.fit(shown, with_changes(course, checkpoint=checkpoint))
-        recogniser = Recogniser(method, shown.classes, learnt, training)
+        features = look()
+        learnt = method.fit(features, with_changes(course, checkpoint=checkpoint))
+        recogniser = Recogniser(method, features.classes, learnt, training)
         recogniser.save(out)
     checkpoint.remove()
     return recogniser
@@ -440,7 +440,7 @@ def _microseconds(name: str, value: float) -> int:
     """Convert a time in ms to whole us.
 
     Raises:
-    ModelError: the time is not finite, or below 1 us.
+        ModelError: the time is not finite, or below 1 us.
     """
     if not np.isfinite(value) or round(1000.0 * value) < 1:
         raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")

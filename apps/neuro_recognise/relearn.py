@@ -34,7 +34,7 @@ class Linear(Framewise):
     """Softmax regression on the spikes of a frame, trained online. Earlier spikes are larger inputs.
 
     Attributes:
-    rate: learning rate; each frame is one step of gradient descent.
+        rate: learning rate; each frame is one step of gradient descent.
     """
 
     title = "softmax regression, online"
@@ -43,15 +43,15 @@ class Linear(Framewise):
     order: str = setting("frames", "", "what is shuffled in each epoch", "as ReMuS", words=("frames",))
     rate: float = setting(0.01, "", "of a step of gradient descent", "not tuned", above=0)
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Return ``weights`` (inputs, classes) and ``history`` (epochs,), the share of right decisions on frames.
 
         Raises:
             ModelError: there are no frames to learn from.
         """
-        frames, state = frames_to_learn_from(shown), course.resume()
-        labels, values = shown.labels[frames.recording], self._values(frames)
-        weights = state.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(shown.classes))))
+        frames, state = frames_to_learn_from(features), course.resume()
+        labels, values = features.labels[frames.recording], self._values(frames)
+        weights = state.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(features.classes))))
         history = [*state.get("history", ())]
         for epoch in range(len(history), self.epochs):
             right = 0
@@ -72,8 +72,8 @@ class Linear(Framewise):
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """Prepare scoring by the sum over the scores of all frames."""
 
-        def ask(shown: Features) -> Answer:
-            frames, sums = Frames.of(shown), np.zeros((len(shown), len(shown.classes)))
+        def ask(features: Features) -> Answer:
+            frames, sums = Frames.of(features), np.zeros((len(features), len(features.classes)))
             each = self._values(frames)[:, None] * np.asarray(learnt["weights"])[frames.ids]
             np.add.at(sums, np.repeat(frames.recording, np.diff(frames.offsets)), each)
             return Answer(np.where(sums.any(axis=1, keepdims=True), sums, np.nan))
@@ -105,11 +105,11 @@ class Relearner:
     """A training of one seed, a job of `neuro.apps.grid`.
 
     Attributes:
-    name: name in progress reports.
-    method: the method with its settings.
-    learning, held: recordings to learn from, and to test.
-    of: conditions that determine the result, as plain data.
-    file: file of the result.
+        name: name in progress reports.
+        method: the method with its settings.
+        learning, held: recordings to learn from, and to test.
+        of: conditions that determine the result, as plain data.
+        file: file of the result.
     """
 
     name: str
@@ -139,8 +139,8 @@ class Relearner:
             "history": np.asarray(learnt["history"]).tolist(),
         }
 
-    def _permuted(self, shown: Features) -> Features:
-        return replace(shown, labels=permuted(shown.labels, len(shown.classes), self.of["seed"]))
+    def _permuted(self, features: Features) -> Features:
+        return replace(features, labels=permuted(features.labels, len(features.classes), self.of["seed"]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,14 +148,14 @@ class Relearning:
     """The plan of a relearning experiment.
 
     Attributes:
-    contestants: methods.
-    before: number of epochs with the true labels.
-    after: number of epochs with permuted labels.
-    folds: number of folds for each seed; the first is tested, the others are learnt from.
-    seeds: seeds of folds, permutations and trainings.
-    folder: folder for results.
-    backend: backend that runs networks.
-    jobs: number of trainings that run in parallel; None for one per core.
+        contestants: methods.
+        before: number of epochs with the true labels.
+        after: number of epochs with permuted labels.
+        folds: number of folds for each seed; the first is tested, the others are learnt from.
+        seeds: seeds of folds, permutations and trainings.
+        folder: folder for results.
+        backend: backend that runs networks.
+        jobs: number of trainings that run in parallel; None for one per core.
     """
 
     contestants: tuple[Contestant, ...]
@@ -172,11 +172,11 @@ def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) ->
     """Return methods that learn from labels epoch by epoch.
 
     Args:
-    names: names as in `neuro_recognise.compare.contestants`, or ``linear``; `RULES` if empty.
-    values: settings for all of these methods.
+        names: names as in `neuro_recognise.compare.contestants`, or ``linear``; `RULES` if empty.
+        values: settings for all of these methods.
 
     Raises:
-    ModelError: a method does not exist, does not learn from labels epoch by epoch, or a value is wrong.
+        ModelError: a method does not exist, does not learn from labels epoch by epoch, or a value is wrong.
     """
     chosen = []
     for name in names or RULES:
@@ -206,17 +206,17 @@ def relearn(
     """Train, permute the labels, and continue the training; a seed with a result in the folder is not repeated.
 
     Args:
-    data: labelled recordings.
-    plan: plan of the experiment.
-    report: function that is called with the progress.
+        data: labelled recordings.
+        plan: plan of the experiment.
+        report: function that is called with the progress.
 
     Returns:
-    (seeds, epochs) accuracy on the held-out fold after each epoch, by method name. From epoch `plan.before` on, the
-    labels of the held-out recordings are permuted as well.
+        (seeds, epochs) accuracy on the held-out fold after each epoch, by method name. From epoch `plan.before` on, the
+        labels of the held-out recordings are permuted as well.
 
     Raises:
-    EventFileError: a recording is damaged, or all are of one class.
-    ModelError: the backend does not exist, recordings do not fit, or a file in the folder has another origin.
+        EventFileError: a recording is damaged, or all are of one class.
+        ModelError: the backend does not exist, recordings do not fit, or a file in the folder has another origin.
     """
     apps.find_backend(plan.backend)
     apps.make_folder(plan.folder)
@@ -225,7 +225,7 @@ def relearn(
         method = one.method if any(one.method.size) else one.method.fitting(field_of(data))
         assert isinstance(method, Framewise)
         look = lambda done, n, name=one.name: report(Progress(f"{name}: looking", done, n))  # noqa: E731
-        shown = observe(method, data, fingerprint=fingerprint, report=look)
+        features = observe(method, data, fingerprint=fingerprint, report=look)
         for seed in plan.seeds:
             train_rows, test_rows = data.folds(plan.folds, seed=seed)[0]
             of: dict[str, Any] = {"method": method.called(), "settings": dict(method.fixed()), "code": code_of(method)}
@@ -233,7 +233,9 @@ def relearn(
             of |= {"before": plan.before, "after": plan.after}
             file = plan.folder / f"{one.name.replace(':', '-')}-{seed}.json"
             jobs.append(
-                Relearner(f"{one.name}, seed {seed}", method, shown.take(train_rows), shown.take(test_rows), of, file)
+                Relearner(
+                    f"{one.name}, seed {seed}", method, features.take(train_rows), features.take(test_rows), of, file
+                )
             )
     in_turn = sorted(
         jobs, key=lambda job: job.of["seed"]

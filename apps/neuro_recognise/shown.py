@@ -24,9 +24,9 @@ class Lazy(Sequence[T]):
     """A sequence whose items are computed on access and not stored.
 
     Args:
-    size: number of items.
-    item: function from an index (0 ... size - 1) to the item. It must be picklable if the sequence goes to
-        another process.
+        size: number of items.
+        item: function from an index (0 ... size - 1) to the item. It must be picklable if the sequence goes to
+            another process.
     """
 
     def __init__(self, size: int, item: Callable[[int], T]) -> None:
@@ -49,8 +49,8 @@ class Ragged:
     """Arrays of several recordings, concatenated.
 
     Attributes:
-    values: of all recordings.
-    offsets: (recordings + 1,) recording i has ``values[offsets[i]:offsets[i + 1]]``.
+        values: of all recordings.
+        offsets: (recordings + 1,) recording i has ``values[offsets[i]:offsets[i + 1]]``.
     """
 
     values: Array
@@ -62,10 +62,10 @@ class Features:
     """Evidence of recordings, with their labels.
 
     Attributes:
-    evidence: of each recording.
-    labels: (recordings,) indices into `classes`, -1 where unknown.
-    names: of the recordings.
-    classes: names of the classes.
+        evidence: of each recording.
+        labels: (recordings,) indices into `classes`, -1 where unknown.
+        names: of the recordings.
+        classes: names of the classes.
     """
 
     evidence: Sequence[Evidence]

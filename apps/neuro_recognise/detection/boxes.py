@@ -49,12 +49,12 @@ class Boxes:
     """Boxes, one per row; an object has one box in each span of time in which it is visible.
 
     Attributes:
-    start: (n,) first us of the span.
-    stop: (n,) us after the last of the span.
-    identity: (n,) index of the object or the track, constant over time.
-    label: (n,) index of the class, -1 where unknown.
-    score: (n,) confidence of the label, larger is surer; 1 for true boxes.
-    box: (n, 4) left, top, right and bottom, px.
+        start: (n,) first us of the span.
+        stop: (n,) us after the last of the span.
+        identity: (n,) index of the object or the track, constant over time.
+        label: (n,) index of the class, -1 where unknown.
+        score: (n,) confidence of the label, larger is surer; 1 for true boxes.
+        box: (n, 4) left, top, right and bottom, px.
     """
 
     start: Ints
@@ -117,9 +117,9 @@ def suppressed(box: Floats, score: Floats, most: float) -> Ints:
     """Non-maximum suppression: return the indices of the boxes that remain, best first.
 
     Args:
-    box: (n, 4).
-    score: (n,) of two boxes that overlap too much, the one with the larger score remains.
-    most: largest IoU that two boxes may have.
+        box: (n, 4).
+        score: (n,) of two boxes that overlap too much, the one with the larger score remains.
+        most: largest IoU that two boxes may have.
     """
     candidates = np.argsort(-score, kind="stable")
     remaining: list[int] = []
@@ -133,7 +133,7 @@ def write_boxes(path: Path, boxes: Boxes, classes: Sequence[str]) -> None:
     """Write a table, and replace an existing one; an unknown class is an empty field.
 
     Raises:
-    Unwritable: the name belongs to another kind of file, or the file cannot be written.
+        Unwritable: the name belongs to another kind of file, or the file cannot be written.
     """
     out = io.StringIO()
     table = csv.writer(out, lineterminator="\n")
@@ -149,11 +149,11 @@ def read_boxes(path: Path, classes: Sequence[str]) -> Boxes:
     """Read a table.
 
     Args:
-    path: the file.
-    classes: names of the classes; labels are indices into them.
+        path: the file.
+        classes: names of the classes; labels are indices into them.
 
     Raises:
-    ModelError: there is no such table, a class is unknown, or a field is no number; the message names the line.
+        ModelError: there is no such table, a class is unknown, or a field is no number; the message names the line.
     """
     try:
         lines = list(csv.reader(path.read_text().splitlines()))
@@ -190,10 +190,10 @@ class Precision:
     """Average precision of boxes.
 
     Attributes:
-    of_class: average precision of each class; NaN without true boxes.
-    mean: mean over the classes with true boxes (mAP).
-    box: average precision of all boxes, ignoring classes.
-    pictures: number of pictures.
+        of_class: average precision of each class; NaN without true boxes.
+        mean: mean over the classes with true boxes (mAP).
+        box: average precision of all boxes, ignoring classes.
+        pictures: number of pictures.
     """
 
     of_class: tuple[float, ...]
@@ -206,9 +206,9 @@ def precision(pairs: Sequence[Pair], classes: int, at_least: float = AT_LEAST) -
     """Compute the average precision of detected boxes.
 
     Args:
-    pairs: true and detected boxes of each picture.
-    classes: number of classes.
-    at_least: smallest IoU of a correct box.
+        pairs: true and detected boxes of each picture.
+        classes: number of classes.
+        at_least: smallest IoU of a correct box.
     """
     by_label = ([(a[a.label == label], b[b.label == label]) for a, b in pairs] for label in range(classes))
     of_class = tuple(_precision_of(each, at_least) for each in by_label)
@@ -222,11 +222,11 @@ def average_precision(right: npt.NDArray[np.bool_], true: int) -> float:
     """Return the area under the interpolated precision-recall curve: the best precision at each recall or a larger.
 
     Args:
-    right: (n,) whether each box is correct, in descending order of score.
-    true: number of true boxes; without any, the result is NaN.
+        right: (n,) whether each box is correct, in descending order of score.
+        true: number of true boxes; without any, the result is NaN.
 
     Source: Everingham et al., The PASCAL Visual Object Classes Challenge 2012 development kit, section 3.4.1 (all
-    points; the challenge used eleven before 2010).
+        points; the challenge used eleven before 2010).
     """
     if not true:
         return float("nan")
@@ -237,17 +237,21 @@ def average_precision(right: npt.NDArray[np.bool_], true: int) -> float:
 
 def _precision_of(pairs: Iterable[Pair], at_least: float) -> float:
     scores, right, true = [np.zeros(0)], [np.zeros(0, bool)], 0
-    for there, found in pairs:
-        shared, taken, hits = iou(found.box, there.box), np.zeros(len(there), bool), np.zeros(len(found), bool)
+    for true_boxes, detections in pairs:
+        shared, is_matched, hits = (
+            iou(detections.box, true_boxes.box),
+            np.zeros(len(true_boxes), bool),
+            np.zeros(len(detections), bool),
+        )
         # In descending order of score, each box is matched to the true box with the largest IoU.
         # A true box can be matched only once.
-        for k in np.argsort(-found.score, kind="stable") if len(there) else ():
+        for k in np.argsort(-detections.score, kind="stable") if len(true_boxes) else ():
             best = int(shared[k].argmax())
-            if shared[k, best] >= at_least and not taken[best]:
-                hits[k] = taken[best] = True
-        scores.append(found.score)
+            if shared[k, best] >= at_least and not is_matched[best]:
+                hits[k] = is_matched[best] = True
+        scores.append(detections.score)
         right.append(hits)
-        true += len(there)
+        true += len(true_boxes)
     order = np.argsort(-np.concatenate(scores), kind="stable")
     return average_precision(np.concatenate(right)[order], true)
 
@@ -257,10 +261,10 @@ class Switches:
     """Stability of identities.
 
     Attributes:
-    switches: how often an object was detected under another identity than before.
-    objects: number of objects that were detected at least once.
-    missed: number of true boxes without a matching box.
-    boxes: number of true boxes.
+        switches: how often an object was detected under another identity than before.
+        objects: number of objects that were detected at least once.
+        missed: number of true boxes without a matching box.
+        boxes: number of true boxes.
     """
 
     switches: int
@@ -273,30 +277,32 @@ def identity_switches(pairs: Sequence[Pair], at_least: float = AT_LEAST) -> Swit
     """Match the true objects of one scene over time, and count changes of identity.
 
     Args:
-    pairs: pictures of the scene in the order of time.
-    at_least: smallest IoU of a matching box.
+        pairs: pictures of the scene in the order of time.
+        at_least: smallest IoU of a matching box.
 
     Source: Bernardin and Stiefelhagen, EURASIP J. Image Video Processing 2008:246309, section 2.1: a match is kept
-    while it is valid; the others are matched so that the total IoU is largest.
+        while it is valid; the others are matched so that the total IoU is largest.
     """
     before: dict[int, int] = {}
     switches = missed = boxes = 0
-    for there, found in pairs:
-        matched = _matched(there, found, before, at_least)
+    for true_boxes, detections in pairs:
+        matched = _matched(true_boxes, detections, before, at_least)
         switches += sum(who in before and before[who] != by for who, by in matched.items())
         before |= matched
-        missed += len(there) - len(matched)
-        boxes += len(there)
+        missed += len(true_boxes) - len(matched)
+        boxes += len(true_boxes)
     return Switches(switches, len(before), missed, boxes)
 
 
-def _matched(there: Boxes, found: Boxes, before: dict[int, int], at_least: float) -> dict[int, int]:
+def _matched(true_boxes: Boxes, detections: Boxes, before: dict[int, int], at_least: float) -> dict[int, int]:
     """Return the detected identity of each true object in a picture."""
     from scipy.optimize import linear_sum_assignment
 
-    shared = iou(there.box, found.box)
-    same = np.array([[before.get(int(who)) == by for by in found.identity] for who in there.identity], bool)
+    shared = iou(true_boxes.box, detections.box)
+    same = np.array([[before.get(int(who)) == by for by in detections.identity] for who in true_boxes.identity], bool)
     weight = np.where(shared >= at_least, shared + 2.0 * same.reshape(shared.shape), 0.0)
     rows, columns = linear_sum_assignment(weight, maximize=True)
     is_match = weight[rows, columns] > 0
-    return dict(zip(there.identity[rows[is_match]].tolist(), found.identity[columns[is_match]].tolist(), strict=True))
+    return dict(
+        zip(true_boxes.identity[rows[is_match]].tolist(), detections.identity[columns[is_match]].tolist(), strict=True)
+    )

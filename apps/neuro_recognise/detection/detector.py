@@ -61,10 +61,10 @@ class Track:
     """An object that is tracked.
 
     Attributes:
-    number: identity of the object.
-    middle: (2,) centre of its last box, px.
-    seen: time of the last box, us.
-    velocity: (2,) px/us.
+        number: identity of the object.
+        middle: (2,) centre of its last box, px.
+        seen: time of the last box, us.
+        velocity: (2,) px/us.
     """
 
     number: int
@@ -87,7 +87,7 @@ class Tracks:
     """All tracked objects.
 
     Attributes:
-    live: tracks that may be continued.
+        live: tracks that may be continued.
     """
 
     def __init__(self, tracking: Tracking) -> None:
@@ -132,10 +132,10 @@ class Detecting(Settings):
     """Settings of a detector.
 
     Attributes:
-    segmenter: cuts the events into segments; objects are detected in each.
-    proposals: proposes regions of objects.
-    dense: detects regions and classes together; used by the way `dense`.
-    tracking: assigns identities from segment to segment.
+        segmenter: cuts the events into segments; objects are detected in each.
+        proposals: proposes regions of objects.
+        dense: detects regions and classes together; used by the way `dense`.
+        tracking: assigns identities from segment to segment.
     """
 
     segmenter: Segmenter = part(Segmenter, Hes(window=100.0))
@@ -160,10 +160,10 @@ class Seen:
     """A detection of an object in one segment.
 
     Attributes:
-    start: start of the segment, us.
-    stop: us after its last event.
-    number: identity of the object.
-    region: region of the object.
+        start: start of the segment, us.
+        stop: us after its last event.
+        number: identity of the object.
+        region: region of the object.
     """
 
     start: int
@@ -177,7 +177,7 @@ class Piece:
     """Successive detections of one object, whose events are classified together.
 
     Attributes:
-    seen: detections in the order of time.
+        seen: detections in the order of time.
     """
 
     seen: list[Seen] = field(default_factory=list)
@@ -214,9 +214,9 @@ class WindowView:
     """State of a detection while events arrive: the current segment, counts, and tracks.
 
     Args:
-    settings: settings of the detector.
-    sensor: width and height, px.
-    finder: function that detects the objects of a segment; None for proposals.
+        settings: settings of the detector.
+        sensor: width and height, px.
+        finder: function that detects the objects of a segment; None for proposals.
     """
 
     def __init__(self, settings: Detecting, sensor: tuple[int, int], finder: Finder | None = None) -> None:
@@ -281,9 +281,9 @@ def crop(regions: Sequence[Region], size: tuple[int, int], scale: float = 1.0) -
     crops as well (`write_crops`).
 
     Args:
-    regions: regions of the object, in the order of time.
-    size: width and height of the field, px; events outside are dropped.
-    scale: number of sensor pixels per field pixel; for a scale above 1, one of scale^2 events remains.
+        regions: regions of the object, in the order of time.
+        size: width and height of the field, px; events outside are dropped.
+        scale: number of sensor pixels per field pixel; for a scale above 1, one of scale^2 events remains.
     """
     middles = np.repeat([region.centre for region in regions], [len(region.events) for region in regions], axis=0)
     parts = [region.events for region in regions]
@@ -304,13 +304,13 @@ class Detector:
     """Detects objects of a recogniser's classes.
 
     Args:
-    recogniser: classifies objects; its field may differ in size from the sensor.
-    settings: settings of the detection.
-    backend: backend that runs networks.
-    way: see `WAYS`; `dense` needs a recogniser of the method `remus`.
+        recogniser: classifies objects; its field may differ in size from the sensor.
+        settings: settings of the detection.
+        backend: backend that runs networks.
+        way: see `WAYS`; `dense` needs a recogniser of the method `remus`.
 
     Raises:
-    ModelError: there is no such way.
+        ModelError: there is no such way.
     """
 
     def __init__(
@@ -438,9 +438,9 @@ def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[
     """Yield class and crop of each object that a detector finds in a scene, if it matches a true box.
 
     Args:
-    scene: a scene with true boxes.
-    settings: settings of the detection.
-    size: width and height of the crops, px.
+        scene: a scene with true boxes.
+        settings: settings of the detection.
+        size: width and height of the crops, px.
     """
     for piece in pieces(scene.events, settings):
         labels: list[int] = []
@@ -466,17 +466,17 @@ def write_crops(
     """Write crops of all scenes, in one folder per class; equal calls write equal files.
 
     Args:
-    folder: created if missing.
-    scenes: scenes with true boxes.
-    settings: settings of the detection.
-    before: prefix of file names, so that crops of several data sets fit into one folder.
-    report: function that is called with the number of finished and of all scenes.
+        folder: created if missing.
+        scenes: scenes with true boxes.
+        settings: settings of the detection.
+        before: prefix of file names, so that crops of several data sets fit into one folder.
+        report: function that is called with the number of finished and of all scenes.
 
     Returns:
-    The number of crops.
+        The number of crops.
 
     Raises:
-    EventFileError: a crop cannot be written.
+        EventFileError: a crop cannot be written.
     """
     for name in scenes.classes:
         make_folder(folder / name)
@@ -495,11 +495,11 @@ class DetectionTrial:
     """Measures of detection on scenes.
 
     Attributes:
-    scenes: number of scenes.
-    precision: average precision of all boxes; each slice of a scene is a picture.
-    switches: stability of identities over all scenes.
-    ms: median processor time per scene, ms, without the first scene, during which kernels may compile.
-    pictures: true and detected boxes of each slice of a scene.
+        scenes: number of scenes.
+        precision: average precision of all boxes; each slice of a scene is a picture.
+        switches: stability of identities over all scenes.
+        ms: median processor time per scene, ms, without the first scene, during which kernels may compile.
+        pictures: true and detected boxes of each slice of a scene.
     """
 
     scenes: int
@@ -527,9 +527,9 @@ def try_out(
     """Run a detector on scenes, and measure its quality.
 
     Args:
-    detector: its recogniser has the classes of the scenes, in their order.
-    scenes: scenes with true boxes.
-    report: function that is called with the number of finished scenes.
+        detector: its recogniser has the classes of the scenes, in their order.
+        scenes: scenes with true boxes.
+        report: function that is called with the number of finished scenes.
     """
     pairs, switches, ms = list[tuple[Boxes, Boxes]](), list[Switches](), list[float]()
     for done, scene in enumerate(scenes, 1):
@@ -547,7 +547,7 @@ def try_out(
     return DetectionTrial(len(ms), average, totals, typical, tuple(pairs))
 
 
-def in_pictures(scene: Scene, found: Boxes) -> list[tuple[Boxes, Boxes]]:
+def in_pictures(scene: Scene, detections: Boxes) -> list[tuple[Boxes, Boxes]]:
     """Return true and detected boxes for each slice of a scene."""
     true_boxes = scene.boxes
-    return [(true_boxes[true_boxes.start == start], found.within(start, stop)) for start, stop in scene.slices]
+    return [(true_boxes[true_boxes.start == start], detections.within(start, stop)) for start, stop in scene.slices]

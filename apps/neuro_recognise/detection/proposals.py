@@ -38,10 +38,10 @@ class Region:
     """A region of a segment that may contain an object.
 
     Attributes:
-    events: events of the region.
-    box: (4,) box of these events, px.
-    centre: (2,) mean position of the events, px.
-    scores: (classes,) score of each class, if the detection gives scores, else None.
+        events: events of the region.
+        box: (4,) box of these events, px.
+        centre: (2,) mean position of the events, px.
+        scores: (classes,) score of each class, if the detection gives scores, else None.
     """
 
     events: Events
@@ -188,12 +188,12 @@ class Blob:
     """Pixels of one component.
 
     Args:
-    x, y: (pixels,) columns and rows.
-    weight: (pixels,) events above the background.
+        x, y: (pixels,) columns and rows.
+        weight: (pixels,) events above the background.
 
     Attributes:
-    box: (4,) left, top, right and bottom.
-    larger: larger side of the box, px.
+        box: (4,) left, top, right and bottom.
+        larger: larger side of the box, px.
     """
 
     def __init__(self, x: Ints, y: Ints, weight: Floats) -> None:
@@ -220,12 +220,12 @@ class Cuts:
     """All cuts of a blob perpendicular to a direction. Cut k separates columns 0 ... k of pixels from the others.
 
     Args:
-    blob: blob to cut.
-    column: (pixels,) index of each pixel along the direction, from 0.
+        blob: blob to cut.
+        column: (pixels,) index of each pixel along the direction, from 0.
 
     Attributes:
-    larger_before, larger_after: (cuts,) larger sides of the boxes of both pieces, px.
-    share: (cuts,) events in the columns on both sides of the cut, as a share of the blob's.
+        larger_before, larger_after: (cuts,) larger sides of the boxes of both pieces, px.
+        share: (cuts,) events in the columns on both sides of the cut, as a share of the blob's.
     """
 
     def __init__(self, blob: Blob, column: Ints) -> None:
@@ -291,14 +291,14 @@ class Sliding:
     """A recogniser's layer over a whole sensor.
 
     Args:
-    recogniser: recogniser of the method `remus`.
-    dense: settings of the detection.
-    proposals: settings of the foreground and of the smallest box.
-    sensor: width and height, px.
-    backend: backend that runs the network.
+        recogniser: recogniser of the method `remus`.
+        dense: settings of the detection.
+        proposals: settings of the foreground and of the smallest box.
+        sensor: width and height, px.
+        backend: backend that runs the network.
 
     Raises:
-    ModelError: the recogniser has another method, or the sensor is smaller than a receptive field.
+        ModelError: the recogniser has another method, or the sensor is smaller than a receptive field.
     """
 
     def __init__(

@@ -26,20 +26,20 @@ def watch_objects(
     """Write the page of a recording of several objects.
 
     Args:
-    recogniser: recogniser of the classes.
-    recording: a file of any readable format.
-    out: the page.
-    given: a table of boxes, e.g. the true ones of a scene, drawn dashed.
-    find: whether to detect objects.
-    backend: backend that runs networks.
+        recogniser: recogniser of the classes.
+        recording: a file of any readable format.
+        out: the page.
+        given: a table of boxes, e.g. the true ones of a scene, drawn dashed.
+        find: whether to detect objects.
+        backend: backend that runs networks.
 
     Returns:
-    A summary in a few words.
+        A summary in a few words.
 
     Raises:
-    ModelError: the page's name does not end in .html, the page cannot be written, there is no such table, or the
-        recording is empty.
-    EventFileError: the recording is damaged.
+        ModelError: the page's name does not end in .html, the page cannot be written, there is no such table, or the
+            recording is empty.
+        EventFileError: the recording is damaged.
     """
 
     def make() -> tuple[str, str]:
@@ -55,22 +55,22 @@ def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given
     """Return the page as self-contained text.
 
     Args:
-    events: events of the recording.
-    found: detected boxes.
-    classes: names of the classes.
-    title: name of the recording.
-    given: other boxes, drawn dashed.
+        events: events of the recording.
+        found: detected boxes.
+        classes: names of the classes.
+        title: name of the recording.
+        given: other boxes, drawn dashed.
     """
     there = Boxes.of([]) if given is None else given
     first, end = int(events.t[0]) if len(events) else 0, max(1.0, length_ms(events))
     boxes = [*_rows(found, classes, first, end, ""), *_rows(there, classes, first, end, "given")]
     data, about = shown(events, end, 6, 50.0)
-    seen = player.Track("objects", "events", "events of the sensor", {**data, "boxes": boxes, "colours": COLOURS}, 520)
+    track = player.Track("objects", "events", "events of the sensor", {**data, "boxes": boxes, "colours": COLOURS}, 520)
     heads = ("", "class", "score", "left, top, right, bottom, px")
     head = html.tag("thead", html.tag("tr", *(html.tag("th", each) for each in heads)))
     objects = html.tag("table", head, html.tag("tbody", id="rows"))
     top = [
-        player.Panel("Events", [seen], span_note(data["span"])),
+        player.Panel("Events", [track], span_note(data["span"])),
         player.Panel("Objects", [], "in view now", content=objects),
     ]
     moments = np.unique([one["start"] for one in boxes])
@@ -120,7 +120,7 @@ def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
     """Check that a recogniser has the classes of the scenes.
 
     Raises:
-    ModelError: the classes or their order differ.
+        ModelError: the classes or their order differ.
     """
     if known != scenes.classes:
         raise ModelError(
@@ -132,7 +132,7 @@ def check_ending(path: Path) -> None:
     """Check that a file's ending names a format.
 
     Raises:
-    ModelError: the ending is unknown.
+        ModelError: the ending is unknown.
     """
     if path.suffix.lower() not in ENDINGS:
         raise ModelError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
@@ -142,8 +142,8 @@ def write_found(path: Path, events: Events, boxes: Boxes, classes: Sequence[str]
     """Write boxes in the format of the name's ending.
 
     Raises:
-    ModelError: the ending is unknown.
-    Unwritable: the name belongs to another kind of file, or the file cannot be written.
+        ModelError: the ending is unknown.
+        Unwritable: the name belongs to another kind of file, or the file cannot be written.
     """
     check_ending(path)
     ending = path.suffix.lower()

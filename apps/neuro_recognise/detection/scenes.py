@@ -92,10 +92,10 @@ class Scene:
     """Events of several objects with their true boxes.
 
     Attributes:
-    name: name of the scene.
-    events: events of all objects and the background.
-    boxes: true boxes; identities number the objects.
-    slices: start and stop of the slices of time in which boxes are measured, us.
+        name: name of the scene.
+        events: events of all objects and the background.
+        boxes: true boxes; identities number the objects.
+        slices: start and stop of the slices of time in which boxes are measured, us.
     """
 
     name: str
@@ -109,10 +109,10 @@ class _Object:
     """A recording on its path.
 
     Attributes:
-    events: events of the recording.
-    box: box of all its supported events on its own sensor, px.
-    start: initial position of the box's centre, px.
-    velocity: px/us.
+        events: events of the recording.
+        box: box of all its supported events on its own sensor, px.
+        start: initial position of the box's centre, px.
+        velocity: px/us.
     """
 
     events: Events
@@ -133,14 +133,14 @@ def compose(
     """Compose a scene.
 
     Args:
-    name: name of the scene.
-    recordings: one recording of each object.
-    labels: their classes.
-    scenery: settings of the scene.
-    rng: generator of positions, paths and noise.
+        name: name of the scene.
+        recordings: one recording of each object.
+        labels: their classes.
+        scenery: settings of the scene.
+        rng: generator of positions, paths and noise.
 
     Raises:
-    ModelError: a recording has too few events, or the objects do not fit.
+        ModelError: a recording has too few events, or the objects do not fit.
     """
     boxes = [_box(_supported(events, scenery), scenery) for events in recordings]
     for events, box in zip(recordings, boxes, strict=True):
@@ -183,21 +183,21 @@ def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.
     times = np.linspace(0, scenery.length_us, 20)
     for _ in range(TRIES):
         if scenery.touching:
-            placed = _touching(objects, scenery, rng)
+            candidates = _touching(objects, scenery, rng)
         else:
             starts = rng.uniform(0, scenery.sensor, (len(objects), 2))
-            placed = [
+            candidates = [
                 replace(one, start=start, velocity=_velocity(scenery, rng))
                 for one, start in zip(objects, starts, strict=True)
             ]
-        boxes = [one.boxes_at(times) for one in placed]
+        boxes = [one.boxes_at(times) for one in candidates]
         inside = all((box[:, :2] >= 0).all() and (box[:, 2:] <= scenery.sensor).all() for box in boxes)
         gap = 0.0 if scenery.touching else scenery.gap
         pairs = ((a, b) for k, a in enumerate(boxes) for b in boxes[:k])
         # the least distance of two boxes at any time is negative where they overlap
         between = (np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:]).max(axis=1).min() for a, b in pairs)
         if inside and all(distance >= gap - 1e-9 for distance in between):
-            return placed
+            return candidates
     width, height = scenery.sensor
     raise ModelError(
         f"{name}: {len(objects)} objects find no room on {width}x{height} px in {TRIES} tries",
@@ -255,14 +255,14 @@ class Scenes(Lazy[Scene]):
     """The scenes of a folder, each loaded on access.
 
     Args:
-    folder: folder that `write_scenes` filled.
+        folder: folder that `write_scenes` filled.
 
     Attributes:
-    classes: names of the classes; labels are indices into them.
-    scenery: settings of the scenes.
+        classes: names of the classes; labels are indices into them.
+        scenery: settings of the scenes.
 
     Raises:
-    ModelError: the folder has no scenes, or some are missing.
+        ModelError: the folder has no scenes, or some are missing.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -299,17 +299,17 @@ def write_scenes(
     """Fill a folder with scenes; the same call resumes an interrupted one, and a larger `count` adds scenes.
 
     Args:
-    folder: created if missing.
-    data: labelled recordings of one object each.
-    scenery: settings of the scenes.
-    count: number of scenes.
-    seed: seed of all random numbers.
-    chosen: indices of the recordings to use; None for all.
-    report: function that is called with the number of finished and of all scenes.
+        folder: created if missing.
+        data: labelled recordings of one object each.
+        scenery: settings of the scenes.
+        count: number of scenes.
+        seed: seed of all random numbers.
+        chosen: indices of the recordings to use; None for all.
+        report: function that is called with the number of finished and of all scenes.
 
     Raises:
-    ModelError: the folder has scenes with other conditions, or the objects of a scene do not fit.
-    EventFileError: a recording is damaged, or a scene cannot be written.
+        ModelError: the folder has scenes with other conditions, or the objects of a scene do not fit.
+        EventFileError: a recording is damaged, or a scene cannot be written.
     """
     indices = np.arange(len(data)) if chosen is None else chosen
     if len(indices) < scenery.objects[1]:
@@ -345,11 +345,11 @@ def scene_of(data: Recordings, chosen: Ints, scenery: Scenery, seed: int, k: int
     """Compose one scene.
 
     Args:
-    data: labelled recordings of one object each.
-    chosen: indices of the recordings to use.
-    scenery: settings of the scene.
-    seed: seed of all scenes.
-    k: index of the scene.
+        data: labelled recordings of one object each.
+        chosen: indices of the recordings to use.
+        scenery: settings of the scene.
+        seed: seed of all scenes.
+        k: index of the scene.
     """
     rng = np.random.default_rng([seed, k])
     n = int(rng.integers(scenery.objects[0], scenery.objects[1] + 1))
@@ -361,12 +361,12 @@ def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
     """Return the indices of the recordings of one of several folds, see `Recordings.folds`; all with a single fold.
 
     Args:
-    data: labelled recordings.
-    folds: number of folds.
-    fold: index of the fold, from 0.
+        data: labelled recordings.
+        folds: number of folds.
+        fold: index of the fold, from 0.
 
     Raises:
-    ModelError: there is no such fold, or a class has fewer recordings than folds.
+        ModelError: there is no such fold, or a class has fewer recordings than folds.
     """
     if not 0 <= fold < folds:
         raise ModelError(f"fold {fold} of {folds}: expected 0 to {folds - 1}")

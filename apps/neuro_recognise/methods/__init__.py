@@ -25,12 +25,12 @@ def method_of(name: str, settings: str = "", values: Mapping[str, Any] | None = 
     """Return a method by its name.
 
     Args:
-    name: name of a method, see `neuro recognise list`.
-    settings: name of one of its presets; "" for the defaults.
-    values: settings that differ from the preset, by name.
+        name: name of a method, see `neuro recognise list`.
+        settings: name of one of its presets; "" for the defaults.
+        values: settings that differ from the preset, by name.
 
     Raises:
-    ModelError: there is no such method or preset, or a value is wrong.
+        ModelError: there is no such method or preset, or a value is wrong.
     """
     if name not in METHODS:
         raise unknown("method", name, METHODS)

@@ -26,12 +26,12 @@ class Seen(NamedTuple):
     """The map of a layer and its parameters.
 
     Attributes:
-    map: float64[(height + 2 margin) * (width + 2 margin) * channels], initially 0; the margin is the radius, or 0 for
-        `find`.
-    width: width of the sensor, px.
-    radius: radius of a neighbourhood, px.
-    channels: int.
-    tau: time constant, us.
+        map: float64[(height + 2 margin) * (width + 2 margin) * channels], initially 0; the margin is the radius, or 0
+            for `find`.
+        width: width of the sensor, px.
+        radius: radius of a neighbourhood, px.
+        channels: int.
+        tau: time constant, us.
     """
 
     map: Any
@@ -80,7 +80,7 @@ def find(t, x, y, channel, layer, products, turned, squares, out):
     columns * centres], centres rotated by 180 degrees; squares: float64[centres], the squared lengths of centres; out:
     int64[n], the centre of each event.
     """
-    seen, width, radius, channels, tau = layer
+    surface_map, width, radius, channels, tau = layer
     n, side = squares.size, 2 * radius + 1
     stride, span = (width + 2 * radius) * n, side * n
     begin = float(t[0]) if t.size else 0.0
@@ -88,40 +88,40 @@ def find(t, x, y, channel, layer, products, turned, squares, out):
         now = float(t[e])
         if now - begin > LONGEST * tau:
             factor = exp((begin - now) / tau)
-            shrink(seen, factor)
+            shrink(surface_map, factor)
             shrink(products, factor)
             begin = now
-        grown = exp((now - begin) / tau)
+        growth = exp((now - begin) / tau)
         place = (y[e] * width + x[e]) * channels + channel[e]
-        change = grown - seen[place]
-        seen[place] = grown
+        change = growth - surface_map[place]
+        surface_map[place] = growth
         corner = y[e] * stride + x[e] * n
         taps = turned[channel[e]]
         for i in range(side):
             add(products[corner + i * stride : corner + i * stride + span], taps[i * span : (i + 1) * span], change)
-        out[e] = closest(products, corner + radius * (stride + n), 1.0 / grown, squares)
+        out[e] = closest(products, corner + radius * (stride + n), 1.0 / growth, squares)
 
 
 @subkernel
-def counted_from(begin, now, tau, seen):
+def counted_from(begin, now, tau, surface_map):
     """Return `begin`; if it is too long ago, first shrink the map to the present and move `begin` to now."""
     if now - begin > LONGEST * tau:
-        shrink(seen, exp((begin - now) / tau))
+        shrink(surface_map, exp((begin - now) / tau))
         return now
     return begin
 
 
 @subkernel
-def compared(seen, corner, stride, span, side, scale, centres, products):
+def compared(surface_map, corner, stride, span, side, scale, centres, products):
     """Compute the inner products of the time surface with all centres; return the surface's squared length.
 
-    seen: float64[...], the map, flat; corner: index of the neighbourhood's first value; stride: distance between rows;
+    surface_map: float64[...], flat; corner: index of the neighbourhood's first value; stride: distance between rows;
     span: values in a row of the neighbourhood; scale: 1 / exp((t - begin) / tau); products: float64[centres], written.
     """
     products[:] = 0.0
     square = 0.0
     for i in range(side):
-        row = seen[corner + i * stride : corner + i * stride + span]
+        row = surface_map[corner + i * stride : corner + i * stride + span]
         for j in range(span):
             if row[j] != 0.0:
                 value = row[j] * scale
@@ -131,13 +131,13 @@ def compared(seen, corner, stride, span, side, scale, centres, products):
 
 
 @subkernel
-def moved(seen, corner, stride, span, side, scale, centres, k, keep, alpha):
+def moved(surface_map, corner, stride, span, side, scale, centres, k, keep, alpha):
     """Move centre k: ``C = keep C + alpha S``; return its squared length."""
     square = 0.0
     for i in range(side):
         first = corner + i * stride
         for j in range(span):
-            value = keep * centres[i * span + j, k] + alpha * scale * seen[first + j]
+            value = keep * centres[i * span + j, k] + alpha * scale * surface_map[first + j]
             centres[i * span + j, k] = value
             square += value * value
     return square
@@ -151,23 +151,23 @@ def learn(t, x, y, channel, layer, centres, squares, products, wins, rates):
     products: float64[centres], scratch; wins: int64[centres], p_k, changed; rates: rate and slow of alpha = rate / (1 +
     p_k / slow).
     """
-    seen, width, radius, channels, tau = layer
+    surface_map, width, radius, channels, tau = layer
     rate, slow = rates
     side = 2 * radius + 1
     stride, span = (width + 2 * radius) * channels, side * channels
     begin = float(t[0]) if t.size else 0.0
     for e in range(t.size):
         now = float(t[e])
-        begin = counted_from(begin, now, tau, seen)
-        grown = exp((now - begin) / tau)
+        begin = counted_from(begin, now, tau, surface_map)
+        growth = exp((now - begin) / tau)
         corner = y[e] * stride + x[e] * channels
-        seen[corner + radius * (stride + channels) + channel[e]] = grown
-        scale = 1.0 / grown
-        square = compared(seen, corner, stride, span, side, scale, centres, products)
+        surface_map[corner + radius * (stride + channels) + channel[e]] = growth
+        scale = 1.0 / growth
+        square = compared(surface_map, corner, stride, span, side, scale, centres, products)
         k = closest(products, 0, 1.0, squares)
         alpha = rate / (1.0 + wins[k] / slow)
         beta = products[k] / sqrt(squares[k] * square) if squares[k] > 0.0 else 0.0
-        squares[k] = moved(seen, corner, stride, span, side, scale, centres, k, 1.0 - alpha * beta, alpha)
+        squares[k] = moved(surface_map, corner, stride, span, side, scale, centres, k, 1.0 - alpha * beta, alpha)
         wins[k] += 1
 
 
@@ -177,21 +177,21 @@ def surfaces(t, x, y, channel, layer, wanted, out):
 
     Arguments as in `learn`; wanted: int64[k], ascending indices of events; out: float64[rows * columns * channels, k].
     """
-    seen, width, radius, channels, tau = layer
+    surface_map, width, radius, channels, tau = layer
     side = 2 * radius + 1
     stride, span = (width + 2 * radius) * channels, side * channels
-    begin, found = float(t[0]) if t.size else 0.0, 0
+    begin, column = float(t[0]) if t.size else 0.0, 0
     for e in range(t.size):
         now = float(t[e])
-        begin = counted_from(begin, now, tau, seen)
-        grown = exp((now - begin) / tau)
+        begin = counted_from(begin, now, tau, surface_map)
+        growth = exp((now - begin) / tau)
         corner = y[e] * stride + x[e] * channels
-        seen[corner + radius * (stride + channels) + channel[e]] = grown
-        if found < wanted.size and wanted[found] == e:
+        surface_map[corner + radius * (stride + channels) + channel[e]] = growth
+        if column < wanted.size and wanted[column] == e:
             for i in range(side):
                 for j in range(span):
-                    out[i * span + j, found] = seen[corner + i * stride + j] / grown
-            found += 1
+                    out[i * span + j, column] = surface_map[corner + i * stride + j] / growth
+            column += 1
 
 
 @kernel

@@ -29,7 +29,7 @@ class Descriptor(Method):
     """Base of the methods that describe a recording by a vector.
 
     Attributes:
-    readout: classifier of the vectors.
+        readout: classifier of the vectors.
     """
 
     needs = "recognise"
@@ -46,13 +46,15 @@ class Descriptor(Method):
         """Return the vector."""
         return {"vector": self.describe(self.inside(events)).astype(np.float32)}
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Train the readout."""
-        return self.readout.fit(shown.stacked("vector").astype(np.float64), shown.labels, len(shown.classes), course)
+        return self.readout.fit(
+            features.stacked("vector").astype(np.float64), features.labels, len(features.classes), course
+        )
 
-    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
         """Compute the readout's scores; a recording without events is silent."""
-        x = shown.stacked("vector").astype(np.float64)
+        x = features.stacked("vector").astype(np.float64)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
 
@@ -93,13 +95,13 @@ class Hats(Descriptor):
         description.add(events)
         return description.histograms().ravel().astype(np.float64)
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Train the readout, and store the ``averages`` (classes, values) of the vectors for pictures."""
-        sums = np.zeros((len(shown.classes), len(shown.evidence[0]["vector"])))
-        for label, one in zip(shown.labels.tolist(), shown.evidence, strict=True):
+        sums = np.zeros((len(features.classes), len(features.evidence[0]["vector"])))
+        for label, one in zip(features.labels.tolist(), features.evidence, strict=True):
             sums[label] += one["vector"]
-        counts = np.bincount(shown.labels, minlength=len(sums))[:, None]
-        return {**super().fit(shown, course), "averages": sums / np.maximum(counts, 1)}
+        counts = np.bincount(features.labels, minlength=len(sums))[:, None]
+        return {**super().fit(features, course), "averages": sums / np.maximum(counts, 1)}
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """Draw the average of each class, summed over polarities."""
@@ -199,9 +201,9 @@ class Boe(Method):
     """Segments as bags of events and a linear support vector machine, whose scores are averaged over a recording.
 
     Attributes:
-    cleaner: filter of events.
-    segmenter: cuts a recording into segments.
-    readout: classifier of segments.
+        cleaner: filter of events.
+        segmenter: cuts a recording into segments.
+        readout: classifier of segments.
     """
 
     title = "bags of events"
@@ -224,24 +226,26 @@ class Boe(Method):
         pixels = (filtered.y.astype(np.int64) * self.size[0] + filtered.x)[bounds[0] : bounds[-1]]
         return {"pixels": pixels.astype(np.uint32), "lengths": np.diff(bounds)}
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Weight pixels by how few segments have events there, and train the readout on segments."""
-        shares, recording = self._shares(shown)
+        shares, recording = self._shares(features)
         n = shares.shape[0]
         special = np.log(n / np.maximum(np.bincount(shares.indices, minlength=shares.shape[1]), 1))
         special /= (
             np.sqrt(shares.multiply(special).power(2).sum() / n) or 1.0
         )  # mean squared length 1, which C presumes
-        trained = self.readout.fit(self._weighed(shares, special), shown.labels[recording], len(shown.classes), course)
+        trained = self.readout.fit(
+            self._weighed(shares, special), features.labels[recording], len(features.classes), course
+        )
         return {"speciality": special, **trained}
 
-    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
         """Average the readout's scores over the segments."""
-        shares, recording = self._shares(shown)
+        shares, recording = self._shares(features)
         by_segment = self.readout.scores(learnt, self._weighed(shares, learnt["speciality"]))
-        sums: Floats = np.zeros((len(shown), len(shown.classes)))
+        sums: Floats = np.zeros((len(features), len(features.classes)))
         np.add.at(sums, recording, by_segment)
-        segments = np.bincount(recording, minlength=len(shown))[:, None]
+        segments = np.bincount(recording, minlength=len(features))[:, None]
         return Answer(np.divide(sums, segments, out=np.full_like(sums, np.nan), where=segments > 0))
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
@@ -267,12 +271,12 @@ class Boe(Method):
         bounds = self.segmenter.bounds(filtered.t)
         return filtered, np.array([0, len(filtered)]) if len(bounds) == 1 and len(filtered) else bounds
 
-    def _shares(self, shown: Features) -> tuple[csr_matrix, Any]:
+    def _shares(self, features: Features) -> tuple[csr_matrix, Any]:
         """Return the share of each segment's events per pixel, (segments, pixels), and each segment's recording."""
         from scipy.sparse import csr_matrix
 
-        pixels, lengths = shown.column("pixels"), shown.column("lengths")
-        recording = np.repeat(np.arange(len(shown)), np.diff(lengths.offsets))
+        pixels, lengths = features.column("pixels"), features.column("lengths")
+        recording = np.repeat(np.arange(len(features)), np.diff(lengths.offsets))
         starts = np.concatenate(([0], np.cumsum(lengths.values))).astype(np.int64)
         share = np.repeat(1.0 / np.maximum(lengths.values, 1), lengths.values)
         wide = (len(lengths.values), self.size[0] * self.size[1])

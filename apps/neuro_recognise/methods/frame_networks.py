@@ -144,9 +144,9 @@ class MasquelierThorpeLayer(Layer):
         """Add the radius of inhibition, half a field, and the rate of other inputs, -3/4 of A_plus."""
         return super().following(inputs, classes) | {"radius": self.field // 2, "A_minus": -0.75 * self.A_plus}
 
-    def pace(self, sim: neuro.Simulation, seen: int) -> None:
+    def pace(self, sim: neuro.Simulation, n_frames: int) -> None:
         """Double the rates every 400 frames."""
-        rate = min(self.A_plus * 2.0 ** min(seen // 400, 60), self.highest)
+        rate = min(self.A_plus * 2.0 ** min(n_frames // 400, 60), self.highest)
         sim.set("c1_s2", A_plus=rate, A_minus=-0.75 * rate)
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
@@ -166,7 +166,7 @@ class MasquelierThorpe(Framewise):
     """Features that are frequent in frames of ReMuS's front end, and a linear support vector machine.
 
     Attributes:
-    readout: classifier of the largest potential of each map, averaged over a recording's frames.
+        readout: classifier of the largest potential of each map, averaged over a recording's frames.
     """
 
     known_as = "masquelier_thorpe"
@@ -187,21 +187,21 @@ class MasquelierThorpe(Framewise):
     order: str = setting("frames", "", "what is shuffled in each epoch", "ours", words=ORDERS)
     vote: str = setting("features", "", "how frames decide: the readout sees their mean", "ours", words=("features",))
 
-    def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
+    def afterwards(self, learnt: Learnt, features: Features, course: Course) -> Learnt:
         """Train the readout on the maps' responses to the same recordings."""
-        features, labels = [], []
-        for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
+        vectors, labels = [], []
+        for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, features):
             with_frames = np.unique(frames.recording)
-            features.append(features_of(results, frames, len(batch))[with_frames])
+            vectors.append(features_of(results, frames, len(batch))[with_frames])
             labels.append(batch.labels[with_frames])
-        return self.readout.fit(np.concatenate(features), np.concatenate(labels), len(shown.classes), course)
+        return self.readout.fit(np.concatenate(vectors), np.concatenate(labels), len(features.classes), course)
 
     def votes(
-        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features
     ) -> Mapping[str, Floats]:
         """Return the scores of the readout."""
-        scores = self.readout.scores(learnt, features_of(results, frames, len(shown)))
-        has_frames = np.isin(np.arange(len(shown)), frames.recording)
+        scores = self.readout.scores(learnt, features_of(results, frames, len(features)))
+        has_frames = np.isin(np.arange(len(features)), frames.recording)
         return {"features": np.where(has_frames[:, None], scores, np.nan)}
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
@@ -285,22 +285,22 @@ class Must(Framewise):
         words=("rate", "majority", "potentials"),
     )  # fmt: skip
 
-    def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
+    def afterwards(self, learnt: Learnt, features: Features, course: Course) -> Learnt:
         """Assign each neuron to the class of whose frames it wins the largest share; -1 if it never wins."""
         winners, labels = [], []
-        for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
+        for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, features):
             winners.append(results.winner)
             labels.append(batch.labels[frames.recording])
         count = len(np.asarray(learnt["thresholds"]))
         return {"labels": neuro.assign_labels(np.concatenate(winners), np.concatenate(labels), count)}
 
     def votes(
-        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features
     ) -> Mapping[str, Floats]:
         """Return three scores: wins per neuron of a class, wins, and the largest potential of a class's neurons."""
-        labels, classes = np.asarray(learnt["labels"]), len(shown.classes)
+        labels, classes = np.asarray(learnt["labels"]), len(features.classes)
         assigned = labels >= 0
-        wins, sums = np.zeros((len(shown), classes)), np.zeros((len(shown), classes))
+        wins, sums = np.zeros((len(features), classes)), np.zeros((len(features), classes))
         decided = np.flatnonzero((results.winner >= 0) & assigned[results.winner])
         np.add.at(wins, (frames.recording[decided], labels[results.winner[decided]]), 1.0)
         for label in np.unique(labels[assigned]):
@@ -400,7 +400,7 @@ class EdhmaxTempotron(Framewise):
     order: str = setting("frames", "", "what is shuffled in each epoch", CODE, words=ORDERS)
 
     def votes(
-        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features
     ) -> Mapping[str, Floats]:
         """Average over the neurons of a class, because each learnt independently."""
-        return votes(results, frames.recording, len(shown), len(shown.classes), together=True)
+        return votes(results, frames.recording, len(features), len(features.classes), mean_over_maps=True)

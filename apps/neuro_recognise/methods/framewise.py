@@ -39,9 +39,9 @@ class Inputs:
     """The spikes that a network receives in a trial.
 
     Attributes:
-    shape: channels, rows and columns of the ids.
-    window: duration of a frame's code, ms.
-    resolution: time grid of the spikes, ms.
+        shape: channels, rows and columns of the ids.
+        window: duration of a frame's code, ms.
+        resolution: time grid of the spikes, ms.
     """
 
     shape: tuple[int, int, int]
@@ -54,8 +54,8 @@ class Shares:
     """Shares of an epoch's frames that were decided rightly and wrongly during learning; the rest were silent.
 
     Attributes:
-    right: share of right decisions among all frames.
-    wrong: share of wrong decisions among all frames.
+        right: share of right decisions among all frames.
+        wrong: share of wrong decisions among all frames.
     """
 
     right: float
@@ -67,10 +67,10 @@ class Layer(Part):
     """Base of the networks that learn from frames. Its fields are parameters of the network's file, except `teaching`.
 
     Class attributes:
-    file: name of the network in `neuro_models`.
-    teaching: fields that are not parameters of the network.
-    supervised: whether each map (neurons that share a kernel) belongs to a class and learns from labels.
-    batch: number of frames between two calls of `pace`.
+        file: name of the network in `neuro_models`.
+        teaching: fields that are not parameters of the network.
+        supervised: whether each map (neurons that share a kernel) belongs to a class and learns from labels.
+        batch: number of frames between two calls of `pace`.
     """
 
     kind = "network"
@@ -116,12 +116,12 @@ class Layer(Part):
             last: shares of the previous epoch; None before the first.
         """
 
-    def pace(self, sim: neuro.Simulation, seen: int) -> None:
+    def pace(self, sim: neuro.Simulation, n_frames: int) -> None:
         """Prepare the network for a batch of frames; the default does nothing.
 
         Args:
             sim: simulation that learns.
-            seen: number of frames presented so far in all epochs.
+            n_frames: number of frames presented so far in all epochs.
         """
 
     def decided(self, results: neuro.TrialResults) -> Ints:
@@ -236,15 +236,15 @@ class Framewise(Method):
     """Base of the methods that present frames to a network.
 
     Attributes:
-    segmenter: cuts a recording into frames.
-    representation: pixel values at the end of each frame.
-    bank: filters that are applied to each frame.
-    pool: selects responses.
-    encoder: encodes responses as spikes.
-    layer: network that receives the spikes and learns.
-    epochs: number of passes over all recordings.
-    order: what is shuffled in each epoch, whole recordings or all their frames.
-    vote: rule by which the frames of a recording decide, see `neuro_recognise.parts.frames`.
+        segmenter: cuts a recording into frames.
+        representation: pixel values at the end of each frame.
+        bank: filters that are applied to each frame.
+        pool: selects responses.
+        encoder: encodes responses as spikes.
+        layer: network that receives the spikes and learns.
+        epochs: number of passes over all recordings.
+        order: what is shuffled in each epoch, whole recordings or all their frames.
+        vote: rule by which the frames of a recording decide, see `neuro_recognise.parts.frames`.
     """
 
     spikes = True
@@ -332,7 +332,7 @@ class Framewise(Method):
         whole = self.observe(events)
         return [ended_by(whole, us) for us in times_us]
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Train the network.
 
         Returns:
@@ -343,8 +343,8 @@ class Framewise(Method):
         Raises:
             ModelError: a value is outside of the network's bounds, or there is nothing to learn from.
         """
-        frames = frames_to_learn_from(shown)
-        net = self.layer.network(self.inputs, len(shown.classes))
+        frames = frames_to_learn_from(features)
+        net = self.layer.network(self.inputs, len(features.classes))
         codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
         shares: list[Shares] = []
@@ -355,7 +355,7 @@ class Framewise(Method):
             restore(sim, state["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
-            shares.append(self._epoch(sim, frames, shown.labels, codes, epoch, course))
+            shares.append(self._epoch(sim, frames, features.labels, codes, epoch, course))
             silent_epochs = silent_epochs + 1 if shares[-1] == Shares(right=0.0, wrong=0.0) else 0
             course.keep(**curves_of(shares), state=state_of(sim))
         if silent_epochs:
@@ -366,9 +366,9 @@ class Framewise(Method):
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
         learnt |= {"network": to_text(net), **curves_of(shares), "seed": np.array(course.seed)}
         learnt |= codes | self.layer.also(sim)
-        return {**learnt, **self.afterwards(learnt, shown, course)}
+        return {**learnt, **self.afterwards(learnt, features, course)}
 
-    def afterwards(self, learnt: Learnt, shown: Features, course: Course) -> Learnt:
+    def afterwards(self, learnt: Learnt, features: Features, course: Course) -> Learnt:
         """Learn from the trained network's responses to the same recordings, e.g. a readout; return arrays by name."""
         return {}
 
@@ -419,50 +419,50 @@ class Framewise(Method):
         """Compile the learnt network."""
         return neuro.compile(self.deciding(learnt), backend=backend, seed=int(learnt["seed"]))
 
-    def present(self, sim: neuro.Simulation, learnt: Learnt, shown: Features) -> tuple[neuro.TrialResults, Frames]:
+    def present(self, sim: neuro.Simulation, learnt: Learnt, features: Features) -> tuple[neuro.TrialResults, Frames]:
         """Present all frames of recordings without learning; return the trials' results and the frames."""
-        frames = Frames.of(shown)
+        frames = Frames.of(features)
         results = sim.trials(self.encoder.times(frames.codes, learnt), frames.ids, frames.offsets)
         sim.forget(before=sim.time)
         return results, frames
 
     def presented(
-        self, sim: neuro.Simulation, learnt: Learnt, shown: Features
+        self, sim: neuro.Simulation, learnt: Learnt, features: Features
     ) -> Iterator[tuple[Features, neuro.TrialResults, Frames]]:
         """Present recordings in batches without learning; yield each batch with the results of `present`."""
-        for batch in shown.batches(AT_ONCE):
+        for batch in features.batches(AT_ONCE):
             yield batch, *self.present(sim, learnt, batch)
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
         """Return a function from the front end's spikes to the input of the deciding network; here the identity."""
-        return lambda shown: shown
+        return lambda features: features
 
-    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
         """Compute the scores of each vote; a recording without frames is silent."""
-        return self.asker(learnt, backend)(shown)
+        return self.asker(learnt, backend)(features)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """Compile the network once for all calls. `Answer.run` returns the simulation as it is after the last call."""
         sim, entering = self.simulation(learnt, backend), self.entering(learnt, backend)
 
-        def ask(shown: Features) -> Answer:
+        def ask(features: Features) -> Answer:
             sim.reset()  # random numbers of noise and rounding depend on the step
             batches: dict[str, list[Floats]] = {}
             counts: list[neuro.TrialCounts] = []
-            for batch, results, frames in self.presented(sim, learnt, entering(shown)):
+            for batch, results, frames in self.presented(sim, learnt, entering(features)):
                 for name, scores in self.votes(learnt, results, frames, batch).items():
                     batches.setdefault(name, []).append(scores)
                 counts.append(results.taken)
             votes = {name: np.concatenate(scores) for name, scores in batches.items()}
-            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, counts)), duration_s=shown.duration_s())
+            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, counts)), duration_s=features.duration_s())
 
         return ask
 
     def votes(
-        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Features
+        self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features
     ) -> Mapping[str, Floats]:
         """Return scores of each voting rule, (recordings, classes)."""
-        return votes(results, frames.recording, len(shown), len(shown.classes))
+        return votes(results, frames.recording, len(features), len(features.classes))
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
         """Return the pixel values of each frame, and the network's input spikes with the winner."""
@@ -471,8 +471,8 @@ class Framewise(Method):
         if not len(at_ms):
             return []
         bounds = self.segmenter.bounds(inside.t)
-        shown = self.entering(learnt)(unlabelled([evidence], tuple(classes)))
-        results, frames = self.present(self.simulation(learnt), learnt, shown)
+        features = self.entering(learnt)(unlabelled([evidence], tuple(classes)))
+        results, frames = self.present(self.simulation(learnt), learnt, features)
         suffixes = [f" for {name}" for name in classes] if self.layer.supervised else [""] * results.potential.shape[1]
         labels = tuple(
             f"neuron {neuron} wins{suffixes[label]}" if label >= 0 else "none wins"
@@ -495,21 +495,21 @@ class Framewise(Method):
         """Draw the kernels of the classes' maps, if there are any, and the learning curve."""
         from neuro_recognise.telling.pictures import history, prototypes
 
-        drawn = {}
+        figures = {}
         if self.layer.supervised:
             if "c1_s2" in learnt:
-                drawn["prototypes"] = prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)
-            drawn["learning"] = history(np.asarray(learnt["history"]), len(classes))
-        return drawn
+                figures["prototypes"] = prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)
+            figures["learning"] = history(np.asarray(learnt["history"]), len(classes))
+        return figures
 
 
-def frames_to_learn_from(shown: Features) -> Frames:
+def frames_to_learn_from(features: Features) -> Frames:
     """Return all frames of recordings.
 
     Raises:
-    ModelError: there are no frames.
+        ModelError: there are no frames.
     """
-    frames = Frames.of(shown)
+    frames = Frames.of(features)
     if not len(frames):
         raise ModelError("no recording is long enough for a frame: expected some to learn from")
     return frames

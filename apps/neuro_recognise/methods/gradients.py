@@ -43,9 +43,9 @@ class Gradients(Method):
     """Base of these methods: a network with the populations ``pixels`` and ``out``, and its training.
 
     Class attributes:
-    file: name of the network in `neuro_models`; its parameters include height, width, classes and resolution.
-    learns: trainable parameters of each projection; all weights if empty.
-    of_network: settings that are parameters of the network.
+        file: name of the network in `neuro_models`; its parameters include height, width, classes and resolution.
+        learns: trainable parameters of each projection; all weights if empty.
+        of_network: settings that are parameters of the network.
     """
 
     spikes = True
@@ -87,7 +87,7 @@ class Gradients(Method):
         train = Spikes.of_recordings([self.inside(events)], INPUT, **words).trains[INPUT]
         return {"step": train.step.astype(np.uint16), "neuron": train.neuron.astype(np.uint32)}
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Train the network on a single thread of torch, so that equal trainings give equal bits.
 
         Returns:
@@ -104,7 +104,7 @@ class Gradients(Method):
 
         from neuro_train.trainer import learn
 
-        before = self.before(len(shown.classes))
+        before = self.before(len(features.classes))
         words: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
         plan = TrainingPlan(
             input=INPUT,
@@ -122,7 +122,7 @@ class Gradients(Method):
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            trained = learn(before, self._batch_data(shown), plan, course.checkpoint, report)
+            trained = learn(before, self._batch_data(features), plan, course.checkpoint, report)
         finally:
             torch.set_num_threads(threads)
         return self.learnt_of(trained.net) | {"history": trained.curves["right"]}
@@ -144,11 +144,13 @@ class Gradients(Method):
         plain = copy(net)
         plain.projections = dict(net.projections)
         for name, part in net.projections.items():
-            known = {"weight": part.weight, "delay": part.delay}
-            held: dict[str, Any] = {word: getattr(value, "values", value) for word, value in known.items()}  # of a file
-            listed = {word: values for word, values in held.items() if isinstance(values, np.ndarray)}
-            learnt |= {f"{word}.{name}": values for word, values in listed.items()}
-            numbers: Any = dict.fromkeys(listed, net.resolution)
+            values_by_name = {"weight": part.weight, "delay": part.delay}
+            plain_values: dict[str, Any] = {
+                word: getattr(value, "values", value) for word, value in values_by_name.items()
+            }  # of a file
+            arrays = {word: values for word, values in plain_values.items() if isinstance(values, np.ndarray)}
+            learnt |= {f"{word}.{name}": values for word, values in arrays.items()}
+            numbers: Any = dict.fromkeys(arrays, net.resolution)
             plain.projections[name] = replace(part, **numbers)
         return {"network": to_text(plain), **learnt}
 
@@ -158,38 +160,38 @@ class Gradients(Method):
         for key, values in learnt.items():
             word, dot, name = key.partition(".")
             if dot:
-                listed: Any = {word: np.asarray(values)}
-                net.projections[name] = replace(net.projections[name], **listed)
+                arrays: Any = {word: np.asarray(values)}
+                net.projections[name] = replace(net.projections[name], **arrays)
         return net
 
-    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
         """Score classes by the output neurons' spikes; the earlier first spike breaks ties. No spike means silent."""
-        return self.asker(learnt, backend)(shown)
+        return self.asker(learnt, backend)(features)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """Compile the network once for all recordings; it is reset before each."""
         sim = neuro.compile(self.network(learnt), backend=backend)
         h, end = self.step, round(self.duration / self.step) * self.step
 
-        def ask(shown: Features) -> Answer:
-            scores, taken = [], []
-            for one in shown.evidence:
+        def ask(features: Features) -> Answer:
+            scores, counts = [], []
+            for one in features.evidence:
                 sim.reset()
                 sim.inject(INPUT, (one["step"] + 1.0) * h, one["neuron"].astype(np.int64))
                 sim.run(end)
-                scores.append(_scores(*sim.spikes(OUTPUT), len(shown.classes), end))
-                taken.append(sim.taken())
-            return Answer(np.array(scores), {}, lambda: (sim, reduce(add, taken)), self.neurons_per_core or None)
+                scores.append(_scores(*sim.spikes(OUTPUT), len(features.classes), end))
+                counts.append(sim.taken())
+            return Answer(np.array(scores), {}, lambda: (sim, reduce(add, counts)), self.neurons_per_core or None)
 
         return ask
 
-    def _batch_data(self, shown: Features) -> Taught:
+    def _batch_data(self, features: Features) -> Taught:
         """Convert evidence to the trainer's data."""
-        step, neuron = shown.column("step"), shown.column("neuron")
-        recording = np.repeat(np.arange(len(shown)), np.diff(step.offsets))
+        step, neuron = features.column("step"), features.column("neuron")
+        recording = np.repeat(np.arange(len(features)), np.diff(step.offsets))
         spikes = {INPUT: (recording, step.values.astype(np.int64), neuron.values.astype(np.int64))}
-        events = Spikes(len(shown), round(self.duration / self.step), spikes)
-        return Taught(events, shown.labels, shown.classes, self.pixels, "")
+        events = Spikes(len(features), round(self.duration / self.step), spikes)
+        return Taught(events, features.labels, features.classes, self.pixels, "")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
-"""HFirst: the first of oriented neurons to fire at a place silences the others; classes are counts of such spikes.
+"""HFirst: the first oriented neuron to fire at a place silences the others; classes are recognised by spike counts.
 
-The network `hfirst`, whole and layer by layer, what turns a recording into its input, its templates and its decisions.
-S1 has nearly all neurons of the network: event by event it takes a tenth of what a backend takes that runs every step.
+This module has the network `hfirst` as a whole and layer by layer, its input, its templates and its decisions. S1 has
+nearly all neurons of the network. Its event-driven simulation here takes a tenth of the time of a backend that computes
+every step.
 """
 
 from __future__ import annotations
@@ -32,18 +33,20 @@ READINGS = ("hard", "soft", "potentials")
 
 @dataclass(frozen=True)
 class HFirstSettings(Settings):
-    """The numbers of HFirst.
+    """Settings of HFirst.
 
     Source: Orchard et al., IEEE TPAMI 37:2028, 2015, with the values of the authors' code, github.com/gorchard/HFIRST.
     """
 
     size: tuple[int, int] = setting((34, 34), "px", "width and height of the camera", "N-MNIST's", at_least=1)
-    noise_us: int = setting(10_000, "us", "longest time since a neighbour's event", "full_NMINST_example.m", above=0)
-    orientations: int = setting(12, "", "of the Gabor filters, from 0 degrees in equal steps", CODE, at_least=1)
+    noise_us: int = setting(
+        10_000, "us", "noise filter: longest time since a neighbour's event", "full_NMINST_example.m", above=0
+    )
+    orientations: int = setting(12, "", "number of Gabor orientations, equally spaced from 0 degrees", CODE, at_least=1)
     field: int = setting(7, "px", "side of the Gabor filters, odd", CODE, at_least=1)
-    sigma: float = setting(2.8, "px", "their width", CODE, above=0)
-    wavelength: float = setting(5.0, "px", "of their cosine", CODE, above=0)
-    gamma: float = setting(0.3, "", "their aspect ratio", CODE, above=0)
+    sigma: float = setting(2.8, "px", "width of the Gabor filters", CODE, above=0)
+    wavelength: float = setting(5.0, "px", "wavelength of the Gabor filters", CODE, above=0)
+    gamma: float = setting(0.3, "", "aspect ratio of the Gabor filters", CODE, above=0)
     norm: float = setting(100.0, "mV", "L2 norm of each filter, whose mean is 0, and of each template", CODE, above=0)
     s1_threshold: float = setting(150.0, "mV", "threshold of S1", CODE, above=0)
     s1_leak: float = setting(25.0, "mV/ms", "linear leak of S1", CODE, at_least=0)
@@ -52,15 +55,15 @@ class HFirstSettings(Settings):
     s2_threshold: float = setting(150.0, "mV", "threshold of S2", CODE, above=0)
     s2_leak: float = setting(1.0, "mV/ms", "linear leak of S2", CODE, at_least=0)
     t_ref: float = setting(5.0, "ms", "refractory period of all layers", CODE, at_least=0)
-    below: float = setting(1.0, "mV", "template weights below it become `unseen`", CODE)
+    below: float = setting(1.0, "mV", "smaller template weights are replaced by `unseen`", CODE)
     unseen: float = setting(-1.0, "mV", "weight of a C1 neuron that hardly spikes for a class", CODE)
     resolution: float = setting(
-        0.1, "ms", "steps of the network", "ours; the authors' code rounds down to 1 ms", above=0
+        0.1, "ms", "time step of the network", "ours; the authors' code rounds down to 1 ms", above=0
     )
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Orientations, rows and columns of C1; its neurons are counted in C order."""
+        """Orientations, rows and columns of C1, whose neurons are numbered in C order."""
         width, height = self.size
         return self.orientations, math.ceil(height / self.pool), math.ceil(width / self.pool)
 
@@ -72,7 +75,12 @@ class HFirstSettings(Settings):
         return np.asarray(self.norm * bank[0])
 
     def parameters(self, classes: int, templates: Floats | None = None) -> dict[str, Any]:
-        """Those of the network `hfirst`; `templates` of (classes, C1 neurons) in mV, None before they are learnt."""
+        """Return the parameters of the network `hfirst`.
+
+        Args:
+            classes: number of classes.
+            templates: (classes, C1 neurons) in mV; None before they are learnt.
+        """
         names = ("orientations", "field", "s1_threshold", "s1_leak", "pool", "s2_threshold", "s2_leak", "t_ref")
         own = {name: getattr(self, name) for name in names}
         width, height = self.size
@@ -81,17 +89,17 @@ class HFirstSettings(Settings):
 
 
 class LayerSpikes(NamedTuple):
-    """Spikes of one population in order of time: times in ms from the start of the network's time, and neurons."""
+    """Spikes of one population in the order of time: times in ms, and indices of the neurons."""
 
     times: Floats
     ids: Ints
 
 
 class LayerResponse(NamedTuple):
-    """What layer S2 did with the C1 spikes of a recording.
+    """Response of layer S2 to the C1 spikes of a recording.
 
     Attributes:
-        spikes: its spikes; neurons are classes.
+        spikes: spikes of S2; each class has one neuron.
         potentials: (C1 spikes, classes) V_m after each C1 spike, mV.
     """
 
@@ -100,15 +108,15 @@ class LayerResponse(NamedTuple):
 
 
 def shown(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
-    """The spikes of the network's inputs.
+    """Return the spikes of the network's inputs.
 
     Args:
-        settings: of the network.
-        events: the recording; those without a neighbour's event are left out, times are rounded to the nearest step
-            and count from the first event that is left.
+        settings: settings of the network.
+        events: the recording. Events without a recent neighbour are dropped. Times are rounded to steps and count from
+            the first remaining event.
 
     Returns:
-        By the name of the population.
+        Spikes by the name of the population.
 
     Raises:
         ModelError: an event lies outside of the camera.
@@ -121,30 +129,30 @@ def shown(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
 
 
 def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[str, LayerSpikes]:
-    """The spikes of layer S1.
+    """Return the spikes of layer S1.
 
-    They are those of the network but where orientations are equal at threshold: here the first fires, there a drawn
-    one.
+    They equal those of the network, except if several orientations reach the threshold with the same potential: here
+    the first fires, in the network a random one.
 
     Args:
-        settings: of the network.
-        inputs: from `shown`.
+        settings: settings of the network.
+        inputs: result of `shown`.
 
     Returns:
-        By the name of the population.
+        Spikes by the name of the population.
     """
     h, (width, height) = settings.resolution, settings.size
     bank = np.ascontiguousarray(settings.gabors.transpose(1, 2, 0))
-    found = {}
+    spikes_by_layer = {}
     for layer, source in (("s1_on", "on_events"), ("s1_off", "off_events")):
-        heard = inputs[source]
-        arrive = 1 + np.rint(heard.times / h).astype(np.int64)
-        rows, columns = np.divmod(heard.ids, width)
-        held = round(settings.t_ref / h)
-        numbers = (settings.s1_leak * h, settings.s1_threshold, held, height, width)
+        source_spikes = inputs[source]
+        arrive = 1 + np.rint(source_spikes.times / h).astype(np.int64)
+        rows, columns = np.divmod(source_spikes.ids, width)
+        refractory_steps = round(settings.t_ref / h)
+        numbers = (settings.s1_leak * h, settings.s1_threshold, refractory_steps, height, width)
         steps, ids = first_spikes(arrive, rows, columns, bank, *numbers)
-        found[layer] = LayerSpikes(steps * h, ids)
-    return found
+        spikes_by_layer[layer] = LayerSpikes(steps * h, ids)
+    return spikes_by_layer
 
 
 def _without_noise(events: Events, settings: HFirstSettings) -> Events:
@@ -169,13 +177,13 @@ def first_spikes(
     height: int,
     width: int,
 ) -> Ints:
-    """Spikes of layer S1: of the orientations at a place the first to reach threshold, which resets the others.
+    """Simulate layer S1: at each place the first orientation to reach the threshold fires and resets the others.
 
-    A place is brought up to date where an event reaches it. Of equal orientations the first fires.
+    A place is updated only when an event reaches it. Among orientations with equal potentials the first fires.
 
-    steps: int64[n], ascending, in which events arrive; rows, columns: int64[n]; bank: float64[side, side,
-    orientations], mV; leak: mV a step; held: steps of rest after a spike. Returns int64[2, spikes]: steps and neurons,
-    (orientation, row, column) in C order.
+    steps: int64[n], ascending, steps in which events arrive; rows, columns: int64[n]; bank: float64[side, side,
+    orientations], mV; leak: mV per step; held: refractory steps after a spike. Returns int64[2, spikes]: steps and
+    neurons, (orientation, row, column) in C order.
     """
     side, orientations = bank.shape[0], bank.shape[2]
     half = side // 2
@@ -183,7 +191,7 @@ def first_spikes(
     since = np.zeros((height, width), np.int64)
     free = np.zeros((height, width), np.int64)
     reached = np.empty((height * width, 2), np.int64)
-    found = np.empty((2, 256), np.int64)
+    spikes = np.empty((2, 256), np.int64)
     n, k = 0, 0
     while k < steps.size:
         now, touched = steps[k], 0
@@ -209,33 +217,34 @@ def first_spikes(
             best = v[r, c].argmax()
             if v[r, c, best] < threshold:
                 continue
-            if n == found.shape[1]:
+            if n == spikes.shape[1]:
                 more = np.empty((2, 2 * n), np.int64)
-                more[:, :n] = found
-                found = more
-            found[0, n], found[1, n] = now, (best * height + r) * width + c
+                more[:, :n] = spikes
+                spikes = more
+            spikes[0, n], spikes[1, n] = now, (best * height + r) * width + c
             n += 1
             v[r, c] = 0.0
             free[r, c] = now + held + 1
-    return found[:, :n].copy()
+    return spikes[:, :n].copy()
 
 
 def c1_counts(settings: HFirstSettings, recordings: Sequence[LayerSpikes]) -> Ints:
-    """Spikes of each C1 neuron in each recording, (recordings, C1 neurons)."""
+    """Return the number of spikes of each C1 neuron in each recording, (recordings, C1 neurons)."""
     size = int(np.prod(settings.shape))
     return np.stack([np.bincount(spikes.ids, minlength=size) for spikes in recordings])
 
 
 def templates(settings: HFirstSettings, counts: Ints, labels: npt.ArrayLike, classes: int) -> Floats:
-    """The weights of S2, in mV.
+    """Return the weights of S2, in mV.
 
-    A class has the sum of its counts, scaled to `settings.norm`; what is below `settings.below` becomes `unseen`.
+    The template of a class is the sum of its counts, scaled to the L2 norm `settings.norm`; weights below
+    `settings.below` are replaced by `settings.unseen`.
 
     Args:
-        settings: of the network.
-        counts: from `c1_counts`.
+        settings: settings of the network.
+        counts: result of `c1_counts`.
         labels: class of each recording.
-        classes: how many there are; one without a recording is unseen all over.
+        classes: number of classes; all weights of a class without recordings are `unseen`.
 
     Returns:
         (classes, C1 neurons).
@@ -249,11 +258,11 @@ def templates(settings: HFirstSettings, counts: Ints, labels: npt.ArrayLike, cla
 
 
 def network(settings: HFirstSettings, classes: int, templates: Floats | None = None) -> neuro.Network:
-    """The network `hfirst` with some settings.
+    """Return the network `hfirst`.
 
     Args:
-        settings: of the network.
-        classes: how many there are.
+        settings: settings of the network.
+        classes: number of classes.
         templates: (classes, C1 neurons) weights of S2 in mV; None before they are learnt.
 
     Raises:
@@ -266,10 +275,10 @@ def network(settings: HFirstSettings, classes: int, templates: Floats | None = N
 
 
 def c1_alone(settings: HFirstSettings) -> neuro.Network:
-    """Layer C1 of `hfirst` on spikes of S1 that are given.
+    """Return layer C1 of `hfirst` as a network whose inputs are S1 spikes.
 
     Args:
-        settings: of the network.
+        settings: settings of the network.
     """
     width, height = settings.size
     s1 = (settings.orientations, height, width)
@@ -277,51 +286,51 @@ def c1_alone(settings: HFirstSettings) -> neuro.Network:
 
 
 def s2_alone(settings: HFirstSettings, templates: Floats) -> neuro.Network:
-    """Layer S2 of `hfirst` on spikes of C1 that are given.
+    """Return layer S2 of `hfirst` as a network whose inputs are C1 spikes.
 
     Args:
-        settings: of the network.
+        settings: settings of the network.
         templates: (classes, C1 neurons) weights in mV.
     """
     return _behind(network(settings, len(templates), templates), {"c1": settings.shape}, "s2")
 
 
 def show(sim: neuro.Simulation, settings: HFirstSettings, inputs: Mapping[str, LayerSpikes]) -> None:
-    """Let a network hear the spikes of its inputs until the last spike that they cause; it starts anew.
+    """Reset a network, inject spikes, and run it until the last spike that they can cause.
 
     Args:
-        sim: of any of these networks.
-        settings: those of the network.
-        inputs: by the name of the population.
+        sim: simulation of one of these networks.
+        settings: settings of the network.
+        inputs: spikes by the name of the population.
     """
     sim.reset()
     last = 0.0
     for name, spikes in inputs.items():
         sim.inject(name, spikes.times, spikes.ids)
         last = max(last, spikes.times.max(initial=0.0))
-    layers = len(sim.network().populations)  # each hears the one before a step later
+    layers = len(sim.network().populations)  # each layer adds a delay of one step
     sim.run(last + layers * settings.resolution)
 
 
 def c1_spikes(sim: neuro.Simulation, settings: HFirstSettings, s1: Mapping[str, LayerSpikes]) -> LayerSpikes:
-    """The C1 spikes of one recording.
+    """Return the C1 spikes of one recording.
 
     Args:
-        sim: of `c1_alone`.
-        settings: those of the network.
-        s1: from `s1_spikes`.
+        sim: simulation of `c1_alone`.
+        settings: settings of the network.
+        s1: result of `s1_spikes`.
     """
     show(sim, settings, s1)
     return LayerSpikes(*sim.spikes("c1"))
 
 
 def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: LayerSpikes) -> LayerResponse:
-    """What S2 does with the C1 spikes of one recording.
+    """Return the response of S2 to the C1 spikes of one recording.
 
     Args:
-        sim: of `s2_alone`.
-        settings: those of the network.
-        spikes: from `c1_spikes`.
+        sim: simulation of `s2_alone`.
+        settings: settings of the network.
+        spikes: result of `c1_spikes`.
     """
     sim.reset()
     sim.inject("c1", spikes.times, spikes.ids)
@@ -335,7 +344,13 @@ def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: LayerSpike
 
 
 def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str) -> neuro.Network:
-    """One layer of a network; populations that it hears, with their shapes, become generators."""
+    """Return one layer of a network, with spike generators in place of its source populations.
+
+    Args:
+        net: the whole network.
+        given: shapes of the source populations, by name.
+        layer: name of the population.
+    """
     sources = {
         name: replace(net.populations[name], model=neuro.spike_generator(), shape=shape)
         for name, shape in given.items()
@@ -348,10 +363,10 @@ def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str
 
 
 def scores(heard: LayerResponse, reading: str = "hard") -> Floats:
-    """A number for each class, the larger the likelier.
+    """Return the score of each class, (classes,).
 
     Args:
-        heard: from `s2_heard`.
+        heard: result of `s2_heard`.
         reading: "hard": spikes of the class; "soft": its share of all spikes; "potentials": V_m summed over the C1
             spikes, mV.
 
@@ -367,32 +382,33 @@ def scores(heard: LayerResponse, reading: str = "hard") -> Floats:
 
 
 def decisive(heard: LayerResponse, reading: str = "hard") -> Floats:
-    """The same, but of classes with equal spikes those with larger summed potentials have more, by less than a spike.
+    """Return `scores` with ties broken: of classes with equal spikes, those with larger summed potentials score higher.
 
-    The authors' code takes the first of such classes. Where S2 heard nothing all are NaN.
+    The difference is less than a spike. The authors' code chooses the first of such classes. Without C1 spikes all
+    scores are NaN.
 
     Args:
-        heard: from `s2_heard`.
+        heard: result of `s2_heard`.
         reading: see `scores`.
     """
-    found = scores(heard, reading)
+    totals = scores(heard, reading)
     if not len(heard.potentials):
-        return np.full_like(found, np.nan)
+        return np.full_like(totals, np.nan)
     if reading == "potentials":
-        return found
-    ranks = scores(heard, "potentials").argsort().argsort() / len(found)
-    return np.asarray(found + ranks / (1 if reading == "hard" else max(1, heard.spikes.ids.size)))
+        return totals
+    ranks = scores(heard, "potentials").argsort().argsort() / len(totals)
+    return np.asarray(totals + ranks / (1 if reading == "hard" else max(1, heard.spikes.ids.size)))
 
 
 def decide(heard: LayerResponse, reading: str = "hard") -> int:
-    """The class of a recording by `decisive`, -1 if S2 heard nothing.
+    """Return the class of a recording by `decisive`, -1 without C1 spikes.
 
     Args:
-        heard: from `s2_heard`.
+        heard: result of `s2_heard`.
         reading: see `scores`.
     """
-    found = decisive(heard, reading)
-    return -1 if np.isnan(found).all() else int(found.argmax())
+    totals = decisive(heard, reading)
+    return -1 if np.isnan(totals).all() else int(totals.argmax())
 
 
 INPUTS = ("on_events", "off_events")
@@ -400,7 +416,7 @@ INPUTS = ("on_events", "off_events")
 
 @dataclass(frozen=True)
 class HFirst(Method, HFirstSettings):
-    """Layers S1 and C1 look at a recording once; S2 has a neuron with a template of their spikes for each class."""
+    """Layers S1 and C1 process a recording once; S2 has one neuron per class, with a template of the C1 spikes."""
 
     title = "first spikes of oriented neurons with linear leak, templates of their counts"
     source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2191"
@@ -410,16 +426,16 @@ class HFirst(Method, HFirstSettings):
     measured = {"N-MNIST": "88.3 %", "POKER-DVS": "88.5 %"}
 
     reading: str = setting(
-        "potentials", "", "how S2 is read: spikes, their shares or summed V_m of each class", "the authors': hard",
+        "potentials", "", "score of a class: S2 spikes, their share, or summed V_m", "the authors': hard",
         words=READINGS,
     )  # fmt: skip
 
     def observe(self, events: Events) -> Evidence:
-        """What the network is shown, and what its layers S1 and C1 make of it.
+        """Return the input of the network and the spikes of C1.
 
         Returns:
-            Of C1 ``times`` in ms and ``ids``, (spikes,); of each input ``on_events`` and ``off_events``, (spikes, 2)
-            the step and the neuron. ``lasts`` (1,) us from the first event to the last.
+            C1 spikes: ``times`` in ms and ``ids``, (spikes,); inputs ``on_events`` and ``off_events``, (spikes, 2) step
+            and neuron; ``lasts`` (1,) us from the first event to the last.
         """
         inputs = shown(self, self.inside(events))
         c1 = c1_spikes(_c1(self), self, s1_spikes(self, inputs))
@@ -430,53 +446,53 @@ class HFirst(Method, HFirstSettings):
             | {name: np.stack([steps[name], spikes.ids], axis=1).astype(np.uint32) for name, spikes in inputs.items()}
         )
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
-        """Sum what C1 sent for each class."""
-        counts = c1_counts(self, [LayerSpikes(one["times"], one["ids"]) for one in shown.evidence])
-        return {"templates": templates(self, counts, shown.labels, len(shown.classes))}
+    def fit(self, features: Features, course: Course) -> Learnt:
+        """Compute the templates from the summed C1 spikes of each class."""
+        counts = c1_counts(self, [LayerSpikes(one["times"], one["ids"]) for one in features.evidence])
+        return {"templates": templates(self, counts, features.labels, len(features.classes))}
 
-    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
-        """Let S2 hear the spikes of C1; a recording without any is silent. For the bill the whole network runs."""
-        return self.asker(learnt, backend)(shown)
+    def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
+        """Run S2 on the C1 spikes; a recording without any is silent. The run for the bill uses the whole network."""
+        return self.asker(learnt, backend)(features)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """With S2 compiled once; it starts anew with each recording."""
+        """Compile S2 once; it is reset before each recording."""
         sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
 
-        def ask(shown: Features) -> Answer:
-            heard = [s2_heard(sim, self, LayerSpikes(one["times"], one["ids"])) for one in shown.evidence]
-            votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
-            run = partial(self.run_whole, learnt, shown, backend)
-            return Answer(votes[self.reading], votes, run, duration_s=shown.duration_s())
+        def ask(features: Features) -> Answer:
+            responses = [s2_heard(sim, self, LayerSpikes(one["times"], one["ids"])) for one in features.evidence]
+            votes = {reading: np.stack([decisive(one, reading) for one in responses]) for reading in READINGS}
+            run = partial(self.run_whole, learnt, features, backend)
+            return Answer(votes[self.reading], votes, run, duration_s=features.duration_s())
 
         return ask
 
-    def run_whole(self, learnt: Learnt, shown: Features, backend: str = "event") -> Run:
-        """Let the network, with all of its layers, hear recordings; what that took."""
+    def run_whole(self, learnt: Learnt, features: Features, backend: str = "event") -> Run:
+        """Run the network with all its layers on recordings, and return the simulation and its counts."""
         sim = neuro.compile(self.network(learnt), backend=backend)
-        taken = []
-        for one in shown.evidence:
+        counts = []
+        for one in features.evidence:
             steps = {name: (one[name][:, 0], one[name][:, 1].astype(np.int64)) for name in INPUTS}
             show(sim, self, {name: LayerSpikes(at * self.resolution, ids) for name, (at, ids) in steps.items()})
-            taken.append(sim.taken())
-        return sim, reduce(add, taken)
+            counts.append(sim.taken())
+        return sim, reduce(add, counts)
 
     def network(self, learnt: Learnt) -> neuro.Network:
-        """All layers, with what was learnt."""
-        known = np.asarray(learnt["templates"])
-        return network(self, len(known), known)
+        """Return the network with its learnt templates."""
+        learnt_templates = np.asarray(learnt["templates"])
+        return network(self, len(learnt_templates), learnt_templates)
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """The template of each class."""
+        """Draw the template of each class."""
         from neuro_recognise.telling.pictures import images, reconstructed
 
-        known = np.asarray(learnt["templates"])
-        drawn = reconstructed(known.reshape(len(known), *self.shape), self.gabors, self.pool)
-        about = "a picture a class: the filters of S1, each as strong as its weight"
-        return {"templates": images(drawn, classes, "The templates of S2", about)}
+        learnt_templates = np.asarray(learnt["templates"])
+        pictures = reconstructed(learnt_templates.reshape(len(learnt_templates), *self.shape), self.gabors, self.pool)
+        about = "one image per class: the filters of S1, scaled by the weights"
+        return {"templates": images(pictures, classes, "The templates of S2", about)}
 
 
 @lru_cache(maxsize=1)
 def _c1(method: HFirst) -> neuro.Simulation:
-    """Layer C1, which starts anew with each recording."""
+    """Compile layer C1; it is reset before each recording."""
     return neuro.compile(c1_alone(method))

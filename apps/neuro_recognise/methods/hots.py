@@ -92,15 +92,15 @@ class Layers:
     training resumes from a `state`.
 
     Args:
-    settings: settings of the hierarchy.
-    sensor_size: width and height of the field, px; all events must be inside.
-    seed: seed of the order of recordings and of the initial prototypes, >= 0.
+        settings: settings of the hierarchy.
+        sensor_size: width and height of the field, px; all events must be inside.
+        seed: seed of the order of recordings and of the initial prototypes, >= 0.
 
     Attributes:
-    centres: prototypes of each layer that has started, (rows, columns, channels, prototypes).
-    wins: of each layer that has started, (prototypes,) int64, p_k, the number of wins plus 1.
-    learnt: number of layers that are complete.
-    seen: number of recordings that the current layer has learnt from.
+        centres: prototypes of each layer that has started, (rows, columns, channels, prototypes).
+        wins: of each layer that has started, (prototypes,) int64, p_k, the number of wins plus 1.
+        learnt: number of layers that are complete.
+        seen: number of recordings that the current layer has learnt from.
     """
 
     def __init__(self, settings: Hierarchy, sensor_size: tuple[int, int], *, seed: int = 0) -> None:
@@ -118,7 +118,7 @@ class Layers:
         Args:
             recordings: the same ones in every call; the sequence may load each on access.
             report: called after each recording with the layers, whose `state` may be stored, the finished steps and the
-        number of steps, layers times recordings.
+                number of steps, layers times recordings.
 
         Raises:
             ModelError: there are fewer events than initial prototypes, or an event is outside of the field.
@@ -246,8 +246,8 @@ class Layers:
         from neuro_recognise.methods._hots_kernels import surfaces
 
         out = np.empty((int(np.prod(self._shape(layer)[:3])), len(indices)))
-        seen = self._empty_map(layer, self.settings.radius_of(layer))
-        surfaces(events.t, events.x, events.y, self._channels(events, layer), seen, indices, out)
+        last_events = self._empty_map(layer, self.settings.radius_of(layer))
+        surfaces(events.t, events.x, events.y, self._channels(events, layer), last_events, indices, out)
         return out
 
     def _teach(self, events: Events) -> None:
@@ -310,28 +310,28 @@ class Hots(Method):
         inside = self.inside(events)
         return {"t": inside.t - (inside.t[0] if len(inside) else 0), "x": inside.x, "y": inside.y, "p": inside.p}
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Learn prototypes layer by layer, then train the readout."""
         layers = Layers(self.hierarchy, self.size, seed=course.seed)
         if state := course.resume():
             layers = Layers.from_state(self.hierarchy, self.size, state["layers"])
-        chosen = np.arange(len(shown))
-        if 0 < self.learn_from < len(shown):
-            chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])
+        chosen = np.arange(len(features))
+        if 0 < self.learn_from < len(features):
+            chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(features))[: self.learn_from])
 
         def tell(reached: Layers, done: int, total: int) -> None:
             if done % EVERY == 0 or done == total:
                 course.keep(layers=reached.state())
             course.report(Progress("learning prototypes", done, total))
 
-        layers.learn(self._events(shown.take(chosen)), tell)
-        x = self._histograms(layers, shown)
-        return {**layers.state(), **self.readout.fit(x, shown.labels, len(shown.classes), course)}
+        layers.learn(self._events(features.take(chosen)), tell)
+        x = self._histograms(layers, features)
+        return {**layers.state(), **self.readout.fit(x, features.labels, len(features.classes), course)}
 
-    def answer(self, learnt: Learnt, shown: Features, backend: str = "event") -> Answer:
+    def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
         """Compute the readout's scores; a recording without events is silent."""
         arrays = {name: part for name, part in learnt.items() if not isinstance(part, str)}
-        x = self._histograms(Layers.from_state(self.hierarchy, self.size, arrays), shown)
+        x = self._histograms(Layers.from_state(self.hierarchy, self.size, arrays), features)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
@@ -350,17 +350,17 @@ class Hots(Method):
             figures[f"layer-{layer + 1}"] = images(shades, [""] * len(shades), title, about)
         return figures
 
-    def _histograms(self, layers: Layers, shown: Features) -> Floats:
+    def _histograms(self, layers: Layers, features: Features) -> Floats:
         """Return each recording's histogram divided by its number of events, (recordings, cells times prototypes)."""
-        counts = [layers.features(events, cell=self.cell).ravel() for events in self._events(shown)]
+        counts = [layers.features(events, cell=self.cell).ravel() for events in self._events(features)]
         histograms = np.stack(counts).astype(np.float64)
         return np.asarray(histograms / np.maximum(histograms.sum(axis=1, keepdims=True), 1.0))
 
-    def _events(self, shown: Features) -> Lazy[Events]:
+    def _events(self, features: Features) -> Lazy[Events]:
         """Convert evidence to events, one recording at a time."""
 
         def item(k: int) -> Events:
-            one = shown.evidence[k]
+            one = features.evidence[k]
             return Events(one["t"], one["x"], one["y"], one["p"], self.size)
 
-        return Lazy(len(shown), item)
+        return Lazy(len(features), item)

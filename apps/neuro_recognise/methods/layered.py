@@ -30,9 +30,9 @@ class Layered(Framewise):
     spikes are the trials of the layer above.
 
     Attributes:
-    features: the lower layer, which learns without labels.
-    examples: largest number of recordings that the features learn from.
-    cell: side of a cell of the pool, in places.
+        features: the lower layer, which learns without labels.
+        examples: largest number of recordings that the features learn from.
+        cell: side of a cell of the pool, in places.
     """
 
     title = "STDP below, reward-modulated STDP above"
@@ -75,7 +75,7 @@ class Layered(Framewise):
         maps, rows, columns = self.places
         return replace(self.front_end, shape=(maps, -(-rows // self.cell), -(-columns // self.cell)))
 
-    def fit(self, shown: Features, course: Course) -> Learnt:
+    def fit(self, features: Features, course: Course) -> Learnt:
         """Train the features, then the layer above.
 
         Returns:
@@ -83,15 +83,15 @@ class Layered(Framewise):
         """
         front = {name: getattr(self, name) for name in ("size", *FRONT_END)}
         below = Framewise(**front, layer=self.features, epochs=1, order="frames")
-        chosen = np.random.default_rng(course.seed).permutation(len(shown))[: self.examples]
+        chosen = np.random.default_rng(course.seed).permutation(len(features))[: self.examples]
 
         def tell(progress: Progress) -> None:
             course.report(replace(progress, what="learning the features"))
 
         # No checkpoint: the short pass is repeated after an interruption, and gives the same bits.
-        learning = below.fit(shown.take(chosen), replace(course, checkpoint=None, report=tell))
+        learning = below.fit(features.take(chosen), replace(course, checkpoint=None, report=tell))
         words: Learnt = {"features": learning["c1_s2"], "below": learning["network"], "seed": learning["seed"]}
-        return {**super().fit(self.entering(words, course.backend)(shown), course), **words}
+        return {**super().fit(self.entering(words, course.backend)(features), course), **words}
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
         """Return a function from the front end's spikes to the spikes of the pooled features."""
@@ -100,9 +100,9 @@ class Layered(Framewise):
         net.groups["choice"] = replace(net.groups["choice"], choice=neuro.local_winners(of="s2", radius=0))
         sim = neuro.compile(net, backend=backend, seed=int(np.asarray(learnt["seed"])))
 
-        def enter(shown: Features) -> Features:
+        def enter(features: Features) -> Features:
             evidence: list[dict[str, Array]] = []
-            for batch in shown.batches(AT_ONCE):
+            for batch in features.batches(AT_ONCE):
                 results, frames = self.present(sim, learnt, batch)
                 frame, codes, ids = self._pooled(results)
                 lengths, following = np.bincount(frame, minlength=len(frames)), np.arange(1, len(batch))
@@ -110,7 +110,7 @@ class Layered(Framewise):
                 of_frames = np.split(lengths, np.searchsorted(frames.recording, following))
                 each = zip(batch.evidence, *parts, of_frames, strict=True)
                 evidence += [dict(one, codes=c, ids=i, lengths=n) for one, c, i, n in each]
-            return replace(shown, evidence=evidence)
+            return replace(features, evidence=evidence)
 
         return enter
 
@@ -129,7 +129,7 @@ class Layered(Framewise):
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
         """Leave out the run for bills, which would include the layer above only."""
         ask = super().asker(learnt, backend)
-        return lambda shown: replace(ask(shown), run=None)
+        return lambda features: replace(ask(features), run=None)
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """Draw each feature, and the learning curve of the layer above."""

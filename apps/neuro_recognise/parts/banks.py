@@ -26,9 +26,9 @@ class Pixels(NamedTuple):
     """Pixel values at the end of each segment; entries of the same pixel are added.
 
     Attributes:
-    x, y: (entries,) px.
-    value: (entries,) above 0.
-    bounds: (segments + 1,) segment i has the entries ``[bounds[i], bounds[i + 1])``.
+        x, y: (entries,) px.
+        value: (entries,) above 0.
+        bounds: (segments + 1,) segment i has the entries ``[bounds[i], bounds[i + 1])``.
     """
 
     x: Array
@@ -51,7 +51,7 @@ class Representation(Part):
     """Base of the representations.
 
     Class attributes:
-    remembers: whether pixel values also depend on events before the segment.
+        remembers: whether pixel values also depend on events before the segment.
     """
 
     kind = "representation"
@@ -84,7 +84,7 @@ class _Remembering(Representation):
     """Base of surfaces, whose events decay over time.
 
     Class attributes:
-    surface: a class of `neuro.events.representations`.
+        surface: a class of `neuro.events.representations`.
     """
 
     surface: ClassVar[Any]
@@ -144,19 +144,19 @@ def gabor_bank(
     along y', so orientation 0 is a vertical bar and 90 a horizontal one.
 
     Args:
-    sizes: (scales,) odd side lengths, px.
-    sigmas: (scales,) widths of the Gaussian, px.
-    wavelengths: (scales,) wavelengths of the cosine, px.
-    gamma: aspect ratio; less than 1 is longer along the bar.
-    orientations: degrees.
-    literal: use the values of the formula. Otherwise each filter has zero mean and unit L2 norm, so that
-        uniform areas give no response and all scales respond equally strongly.
-    circular: set values at more than half a side from the centre to 0, before the mean is subtracted.
-    smooth: blur each filter by a box of 3 x 3 px, equivalent to blurring the image.
+        sizes: (scales,) odd side lengths, px.
+        sigmas: (scales,) widths of the Gaussian, px.
+        wavelengths: (scales,) wavelengths of the cosine, px.
+        gamma: aspect ratio; less than 1 is longer along the bar.
+        orientations: degrees.
+        literal: use the values of the formula. Otherwise each filter has zero mean and unit L2 norm, so that
+            uniform areas give no response and all scales respond equally strongly.
+        circular: set values at more than half a side from the centre to 0, before the mean is subtracted.
+        smooth: blur each filter by a box of 3 x 3 px, equivalent to blurring the image.
 
     Returns:
-    (scales, orientations, side, side) with side the largest size; smaller filters are centred and
-    padded with zeros.
+        (scales, orientations, side, side) with side the largest size; smaller filters are centred and
+        padded with zeros.
 
     Source: thesis eqs 122-124, lines 2342-2346.
     """
@@ -193,7 +193,7 @@ class Bank(Part):
     """Base of the banks of filters.
 
     Class attributes:
-    shown: whether filters are applied to a representation; otherwise they are applied to single events.
+        shown: whether filters are applied to a representation; otherwise they are applied to single events.
     """
 
     kind = "bank"
@@ -217,14 +217,14 @@ class Bank(Part):
         width, height = events.sensor_size
         return np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
 
-    def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
+    def responses(self, events: Events, bounds: Ints, side: int, representation: Representation = COUNTS) -> Floats:
         """Return the rectified "same" correlation of each frame with each filter, as the maximum of each cell.
 
         Args:
             events: a recording inside the field.
             bounds: (frames + 1,) frame i is ``[bounds[i], bounds[i + 1])``.
             side: side of a cell, px.
-            seen: representation of a frame.
+            representation: representation of a frame.
 
         Returns:
             (frames, scales, orientations, rows, columns) of cells, >= 0.
@@ -233,7 +233,7 @@ class Bank(Part):
 
         (width, height), out = events.sensor_size, self._empty(events, bounds, side)
         sizes = np.array(self.sizes, np.int64)
-        largest_responses(*seen.pixels(events, bounds), self.filters, sizes, height, width, side, out)
+        largest_responses(*representation.pixels(events, bounds), self.filters, sizes, height, width, side, out)
         return out
 
 
@@ -323,7 +323,7 @@ class LeakyGabors(_OfGabors):
         """Return ``circular`` and ``smooth``."""
         return {"circular": True, "smooth": True}
 
-    def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
+    def responses(self, events: Events, bounds: Ints, side: int, representation: Representation = COUNTS) -> Floats:
         """Return absolute responses at the end of each frame; responses carry over from earlier frames."""
         from neuro_recognise.parts._bank_kernels import leaky_responses
 

@@ -194,10 +194,10 @@ class Frames:
     """Spikes of all frames of some recordings.
 
     Attributes:
-    codes: (spikes,) codes, from which an encoder computes the times.
-    ids: (spikes,) indices of the inputs.
-    offsets: (frames + 1,) frame i has the spikes ``[offsets[i], offsets[i + 1])``.
-    recording: (frames,) index of the recording of each frame, ascending.
+        codes: (spikes,) codes, from which an encoder computes the times.
+        ids: (spikes,) indices of the inputs.
+        offsets: (frames + 1,) frame i has the spikes ``[offsets[i], offsets[i + 1])``.
+        recording: (frames,) index of the recording of each frame, ascending.
     """
 
     codes: Array
@@ -206,11 +206,11 @@ class Frames:
     recording: Ints
 
     @classmethod
-    def of(cls, shown: Features) -> Self:
+    def of(cls, features: Features) -> Self:
         """Collect the frames from evidence with ``codes``, ``ids`` and ``lengths``, the number of spikes per frame."""
-        lengths = shown.column("lengths")
-        recording = np.repeat(np.arange(len(shown)), np.diff(lengths.offsets))
-        codes, ids = (shown.column(name).values for name in ("codes", "ids"))
+        lengths = features.column("lengths")
+        recording = np.repeat(np.arange(len(features)), np.diff(lengths.offsets))
+        codes, ids = (features.column(name).values for name in ("codes", "ids"))
         offsets = np.concatenate(([0], np.cumsum(lengths.values, dtype=np.int64)))
         return cls(codes, ids, offsets, recording)
 
@@ -240,19 +240,20 @@ VOTES = ("majority", "potentials")
 
 
 def votes(
-    results: TrialResults, recording: Ints, recordings: int, classes: int, together: bool = False
+    results: TrialResults, recording: Ints, recordings: int, classes: int, mean_over_maps: bool = False
 ) -> dict[str, Floats]:
     """Compute scores of recordings from their frames, by each rule of `VOTES`.
 
     Args:
-    results: trials of all frames.
-    recording: (frames,) index of the recording of each.
-    recordings: number of recordings; some may have no frames.
-    classes: number of classes. Each has equally many maps (neurons that share a kernel), stored one after the other.
-    together: whether the potential of a class is the mean over its maps instead of the largest.
+        results: trials of all frames.
+        recording: (frames,) index of the recording of each.
+        recordings: number of recordings; some may have no frames.
+        classes: number of classes. Each has equally many maps (neurons that share a kernel), stored one after the
+            other.
+        mean_over_maps: whether the potential of a class is the mean over its maps instead of the largest.
 
     Returns:
-    (recordings, classes) each; a row is NaN if no frame of the recording supports any class.
+        (recordings, classes) each; a row is NaN if no frame of the recording supports any class.
     """
     decided = results.label >= 0
     wins = np.zeros((recordings, classes))
@@ -260,7 +261,7 @@ def votes(
     sums = np.zeros((recordings, classes))
     per_class = results.potential.shape[1] // classes
     by_class = results.potential.reshape(-1, classes, per_class)
-    np.add.at(sums, recording, by_class.mean(axis=2) if together else by_class.max(axis=2))
+    np.add.at(sums, recording, by_class.mean(axis=2) if mean_over_maps else by_class.max(axis=2))
     return {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
 
@@ -268,12 +269,12 @@ def majority(wins: Floats, sums: Floats) -> Floats:
     """Return the number of frames that each class won, plus a fraction below 1 that breaks ties.
 
     Args:
-    wins: (recordings, classes) number of frames.
-    sums: (recordings, classes) values that break ties; with equal sums the first class leads.
+        wins: (recordings, classes) number of frames.
+        sums: (recordings, classes) values that break ties; with equal sums the first class leads.
 
     Returns:
-    (recordings, classes); a row is NaN if no class won a frame. E.g. wins [2, 2, 1] and sums [1, 3, 2] give
-    [2, 2.67, 1.33].
+        (recordings, classes); a row is NaN if no class won a frame. E.g. wins [2, 2, 1] and sums [1, 3, 2] give
+        [2, 2.67, 1.33].
     """
     behind = np.argsort(np.argsort(-sums, axis=1, kind="stable"), axis=1)
     votes = wins + 1.0 - (behind + 1.0) / sums.shape[1]
@@ -284,9 +285,9 @@ def potentials(sums: Floats) -> Floats:
     """Return the sums as scores, with rows of zeros replaced by NaN.
 
     Args:
-    sums: (recordings, classes) sum over the frames of the class's potential at the decision, mV.
+        sums: (recordings, classes) sum over the frames of the class's potential at the decision, mV.
 
     Returns:
-    (recordings, classes); a row is NaN if no map of any class received a spike.
+        (recordings, classes); a row is NaN if no map of any class received a spike.
     """
     return np.where(sums.any(axis=1, keepdims=True), sums, np.nan)

@@ -241,7 +241,7 @@ def _learner(name: str) -> Any:
     """Return a class of scikit-learn.
 
     Raises:
-    ModelError: scikit-learn is not installed.
+        ModelError: scikit-learn is not installed.
     """
     try:
         from sklearn import svm

@@ -64,7 +64,7 @@ class Segmenter(Part):
     """Base of the segmenters.
 
     Class attributes:
-    tentative: whether the end of the last segment may change when more events of the recording arrive.
+        tentative: whether the end of the last segment may change when more events of the recording arrive.
     """
 
     kind = "segmenter"

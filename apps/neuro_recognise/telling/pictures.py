@@ -26,12 +26,12 @@ def reconstructed(kernels: Floats, filters: Floats, side: int) -> Floats:
     """Draw kernels as the sum of all filters times their weights, rectified and smoothed by half a cell.
 
     Args:
-    kernels: (features, orientations, rows, columns) weights of cells; negative weights are ignored.
-    filters: (orientations, height, width) filters of the cells, odd sides.
-    side: side of a cell, px; its filter is centred in the cell.
+        kernels: (features, orientations, rows, columns) weights of cells; negative weights are ignored.
+        filters: (orientations, height, width) filters of the cells, odd sides.
+        side: side of a cell, px; its filter is centred in the cell.
 
     Returns:
-    (features, rows * side, columns * side).
+        (features, rows * side, columns * side).
 
     Source: Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007, figure 3.
     """
@@ -102,7 +102,7 @@ def accuracies(results: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
     """Plot the accuracy of each method, one dot per seed, over the 95 % interval of the mean; the best at the top.
 
     Args:
-    results: names with an accuracy for each seed.
+        results: names with an accuracy for each seed.
     """
     ordered = sorted(results, key=lambda pair: np.mean([one.accuracy for one in pair[1]]))
     figure = Figure(figsize=(7.6, 0.9 + 0.36 * len(ordered)), dpi=140, layout="constrained", facecolor=PAPER)
@@ -133,9 +133,9 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
     A bar has the direction that its Gabor filter prefers, its opacity is the weight, and its colour is the orientation.
 
     Args:
-    kernels: (maps, orientations, rows, columns) weights; each class has equally many maps, one after the other.
-    classes: names of the classes.
-    orientations: degrees.
+        kernels: (maps, orientations, rows, columns) weights; each class has equally many maps, one after the other.
+        classes: names of the classes.
+        orientations: degrees.
 
     Source: thesis figures 50-52.
     """
@@ -154,20 +154,20 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
     return figure
 
 
-def images(drawn: Floats, heads: Sequence[str], title: str, about: str, across: int = MOST_COLUMNS) -> Figure:
+def images(pictures: Floats, heads: Sequence[str], title: str, about: str, across: int = MOST_COLUMNS) -> Figure:
     """Draw images side by side, darker for larger values, negative values in orange; each image has its own scale.
 
     Args:
-    drawn: (images, rows, columns).
-    heads: heading of each image; "" for none.
-    title: title of the figure.
-    about: line below the title.
-    across: number of images in a row.
+        pictures: (images, rows, columns).
+        heads: heading of each image; "" for none.
+        title: title of the figure.
+        about: line below the title.
+        across: number of images in a row.
     """
-    across = min(len(drawn), across)
-    figure, tiles = _tiled(across, -(-len(drawn) // across), title, about, HEADED_IN if any(heads) else 0.0)
+    across = min(len(pictures), across)
+    figure, tiles = _tiled(across, -(-len(pictures) // across), title, about, HEADED_IN if any(heads) else 0.0)
     axes: list[Axes] = tiles.ravel().tolist()
-    for axis, image, head in zip(axes, drawn, heads, strict=False):
+    for axis, image, head in zip(axes, pictures, heads, strict=False):
         largest = max(float(np.abs(image).max()), 1e-12)
         axis.imshow(image, cmap=SIGNED, vmin=-largest, vmax=largest, interpolation="nearest")
         axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, fill=False, edgecolor="#e4e8ee", lw=0.8))
@@ -249,9 +249,9 @@ def relearnt(accuracies: Mapping[str, Floats], before: int, classes: int) -> Fig
     """Plot accuracy by epoch of methods whose labels are permuted after some epochs: mean and range over seeds.
 
     Args:
-    accuracies: (seeds, epochs) by method name.
-    before: number of epochs before the permutation.
-    classes: number of classes.
+        accuracies: (seeds, epochs) by method name.
+        before: number of epochs before the permutation.
+        classes: number of classes.
     """
     figure = Figure(figsize=(7.6, 3.9), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
@@ -283,10 +283,10 @@ def boxes_on_frames(events: Events, boxes: Boxes, classes: Sequence[str], title:
     """Draw some frames with their boxes, in the order of time.
 
     Args:
-    events: events of the recording.
-    boxes: detected boxes.
-    classes: names of the classes.
-    title: title of the picture.
+        events: events of the recording.
+        boxes: detected boxes.
+        classes: names of the classes.
+        title: title of the picture.
     """
     spans = boxes.spans()
     spans = spans[np.unique(np.linspace(0, len(spans) - 1, min(MOST_FRAMES, len(spans))).round().astype(int))]

@@ -33,9 +33,9 @@ class Tried:
     """Results of a test.
 
     Attributes:
-    own: evaluation by the scores of the recogniser.
-    votes: evaluations by other decision rules on the same evidence, by name.
-    answer: scores, and the run of the network that computed them.
+        own: evaluation by the scores of the recogniser.
+        votes: evaluations by other decision rules on the same evidence, by name.
+        answer: scores, and the run of the network that computed them.
     """
 
     own: Evaluation
@@ -47,19 +47,19 @@ def try_out(recogniser: Recogniser, data: Recordings, backend: str = "event") ->
     """Test a recogniser on recordings.
 
     Args:
-    recogniser: trained recogniser.
-    data: recordings of its classes.
-    backend: backend that runs networks.
+        recogniser: trained recogniser.
+        data: recordings of its classes.
+        backend: backend that runs networks.
 
     Raises:
-    EventFileError: a recording is damaged.
-    ModelError: a recording does not fit the method, or the backend cannot run the method.
+        EventFileError: a recording is damaged.
+        ModelError: a recording does not fit the method, or the backend cannot run the method.
     """
     recogniser.method.check_backend(backend)
-    shown = recogniser.shown(data)
-    answer = recogniser.answer_shown(shown, backend)
-    votes = {name: evaluate(choose(scores), shown.labels, shown.classes) for name, scores in answer.votes.items()}
-    return Tried(evaluate(choose(answer.scores), shown.labels, shown.classes), votes, answer)
+    features = recogniser.shown(data)
+    answer = recogniser.answer_shown(features, backend)
+    votes = {name: evaluate(choose(scores), features.labels, features.classes) for name, scores in answer.votes.items()}
+    return Tried(evaluate(choose(answer.scores), features.labels, features.classes), votes, answer)
 
 
 MOMENTS = 20
@@ -71,13 +71,13 @@ class Predicted:
     """The decision on a recording.
 
     Attributes:
-    path: the file.
-    label: index of the class, -1 for none.
-    scores: (classes,) score of each class.
-    decided_ms: time of the decision since the first event, ms. With an allowed error: when the error was met, else
-        the end. Without: the earliest moment from which on the decision did not change. None without a decision.
-    length_ms: duration of the recording, ms.
-    settled: whether an allowed error was met.
+        path: the file.
+        label: index of the class, -1 for none.
+        scores: (classes,) score of each class.
+        decided_ms: time of the decision since the first event, ms. With an allowed error: when the error was met, else
+            the end. Without: the earliest moment from which on the decision did not change. None without a decision.
+        length_ms: duration of the recording, ms.
+        settled: whether an allowed error was met.
     """
 
     path: str
@@ -98,18 +98,18 @@ def predict_files(
     """Predict the class of the recording in each file.
 
     Args:
-    recogniser: trained recogniser.
-    files: recordings.
-    backend: backend that runs networks.
-    allow: largest share of wrong decisions. Each recording is decided as soon as this error is met; later events are
-        not used. None decides on whole recordings.
-    assurance: assurance of the allowed error, see `Recogniser.session`.
+        recogniser: trained recogniser.
+        files: recordings.
+        backend: backend that runs networks.
+        allow: largest share of wrong decisions. Each recording is decided as soon as this error is met; later events
+            are not used. None decides on whole recordings.
+        assurance: assurance of the allowed error, see `Recogniser.session`.
 
     Returns:
-    The decisions, and the errors of files that are damaged or do not fit.
+        The decisions, and the errors of files that are damaged or do not fit.
 
     Raises:
-    ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
+        ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
     """
     recogniser.answer([], backend)  # errors that concern all files are raised before any is read
     recogniser.session(allow=allow, assurance=assurance)
@@ -212,18 +212,18 @@ def show_settings(name: str) -> None:
     """Print all settings of a method.
 
     Raises:
-    ModelError: there is no such method.
+        ModelError: there is no such method.
     """
     method = method_of(name)
-    rows = [(r.name, _shown(r.value), r.unit, r.doc, r.source or "-") for r in method.rows()]
+    rows = [(r.name, _value_text(r.value), r.unit, r.doc, r.source or "-") for r in method.rows()]
     out = console()
     out.print(f"{name}: {method.title}\n{method.source}")
     out.print(table(("setting", "value", "unit", "meaning", "source"), rows))
     for preset, values in method.presets.items():
-        out.print(f"--preset {preset}: {', '.join(f'{k}={_shown(v)}' for k, v in values.items())}")
+        out.print(f"--preset {preset}: {', '.join(f'{k}={_value_text(v)}' for k, v in values.items())}")
 
 
-def learnt(recogniser: Recogniser) -> str:
+def training_summary(recogniser: Recogniser) -> str:
     """Return a line with the method, the number of classes and of training recordings."""
     message = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
     return f"{message}, learnt from {recogniser.training['recordings']} recordings"
@@ -232,28 +232,28 @@ def learnt(recogniser: Recogniser) -> str:
 def describe(recogniser: Recogniser) -> None:
     """Print the conditions and settings of a training."""
     rows = [("classes", ", ".join(recogniser.classes)), *recogniser.training.items()]
-    rows += [(row.name, _shown(row.value)) for row in recogniser.method.rows()]
+    rows += [(row.name, _value_text(row.value)) for row in recogniser.method.rows()]
     out = console()
-    out.print(learnt(recogniser))
+    out.print(training_summary(recogniser))
     out.print(table(("setting", "value"), rows))
 
 
-def figures(recogniser: Recogniser, tried: Tried) -> str:
+def figures(recogniser: Recogniser, result: Tried) -> str:
     """Return all figures as JSON; those at the top level belong to the recogniser's own scores."""
-    words = {"format": FORMAT, "method": recogniser.method.called(), **tried.own.as_words()}
+    words = {"format": FORMAT, "method": recogniser.method.called(), **result.own.as_words()}
     words |= {"classes": list(recogniser.classes)}
     return json.dumps(
-        words | {"votes": {name: evaluation.as_words() for name, evaluation in tried.votes.items()}}, indent=1
+        words | {"votes": {name: evaluation.as_words() for name, evaluation in result.votes.items()}}, indent=1
     )
 
 
-def show(recogniser: Recogniser, tried: Tried) -> None:
+def show(recogniser: Recogniser, result: Tried) -> None:
     """Print the accuracy of each vote, and the confusion matrix of the recogniser's own decisions."""
     name = recogniser.method.called()
     out = console()
-    rows = [_row(name, tried.own), *(_row(f"  by {vote}", evaluation) for vote, evaluation in tried.votes.items())]
+    rows = [_row(name, result.own), *(_row(f"  by {vote}", evaluation) for vote, evaluation in result.votes.items())]
     out.print(table(("method", ">accuracy", ">95 % interval", ">right", ">of"), rows))
-    own = tried.own
+    own = result.own
     columns = ("shown", *(f">{one}" for one in (*own.classes, "silent")))
     cells = ((one, *(n or "." for n in row)) for one, row in zip(own.classes, own.confusion.tolist(), strict=True))
     out.print(table(columns, cells, title=f"decided by {name}"))
@@ -294,8 +294,8 @@ def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
     """Print the accuracy at each moment on held-out recordings, and the decision times for several allowed errors.
 
     Args:
-    recogniser: trained recogniser; without `early`, nothing is printed.
-    assurance: assurance of the allowed errors.
+        recogniser: trained recogniser; without `early`, nothing is printed.
+        assurance: assurance of the allowed errors.
     """
     if recogniser.early is None:
         return
@@ -324,19 +324,19 @@ def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
     out.print(f"{ASSUMES}; with another mix the error may rise to that of the worst class")
 
 
-def write_confusion(tried: Tried, folder: Path) -> None:
+def write_confusion(result: Tried, folder: Path) -> None:
     """Draw the confusion matrix of the recogniser's own decisions."""
     from neuro_recognise.telling.pictures import confusion
 
-    _save(confusion(tried.own), folder / "confusion.png")
+    _save(confusion(result.own), folder / "confusion.png")
 
 
 def write_pictures(recogniser: Recogniser, folder: Path) -> None:
     """Draw what was learnt; if the method has no pictures, print a line instead."""
-    drawn = recogniser.method.pictures(recogniser.learnt, recogniser.classes)
-    for name, figure in drawn.items():
+    figures = recogniser.method.pictures(recogniser.learnt, recogniser.classes)
+    for name, figure in figures.items():
         _save(figure, folder / f"{name}.png")
-    if not drawn:
+    if not figures:
         print(f"method '{recogniser.method.called()}' has no pictures of what it has learnt")
 
 
@@ -348,10 +348,10 @@ def show_relearnt(accuracies: Mapping[str, Floats], before: int, classes: int, f
     """Print how well each method relearnt permuted labels, and plot accuracy by epoch.
 
     Args:
-    accuracies: (seeds, epochs) by method name.
-    before: number of epochs before the permutation.
-    classes: number of classes.
-    file: file of the plot.
+        accuracies: (seeds, epochs) by method name.
+        before: number of epochs before the permutation.
+        classes: number of classes.
+        file: file of the plot.
     """
     from neuro_recognise.telling.pictures import relearnt
 
@@ -383,5 +383,5 @@ def _row(name: str, evaluation: Evaluation) -> tuple[object, ...]:
     return name, f"{evaluation.accuracy:.1%}", f"{low:.1%} - {high:.1%}", evaluation.correct, evaluation.n
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     return f"[{', '.join(map(str, value))}]" if isinstance(value, (tuple, list)) else str(value)

@@ -42,28 +42,28 @@ def watch(
     """Write the page of a recording.
 
     Args:
-    recogniser: trained recogniser.
-    recording: a file of any readable format.
-    out: the page.
-    allow: largest share of wrong decisions; the page marks the time at which it is met.
-    backend: backend that runs networks.
-    assurance: assurance of the allowed error, see `Recogniser.session`.
+        recogniser: trained recogniser.
+        recording: a file of any readable format.
+        out: the page.
+        allow: largest share of wrong decisions; the page marks the time at which it is met.
+        backend: backend that runs networks.
+        assurance: assurance of the allowed error, see `Recogniser.session`.
 
     Returns:
-    A summary of the decision in a few words.
+        A summary of the decision in a few words.
 
     Raises:
-    ModelError: the page's name does not end in .html, the page cannot be written, the allowed error cannot be met,
-        or the recording is empty or does not fit.
-    EventFileError: the recording is damaged.
+        ModelError: the page's name does not end in .html, the page cannot be written, the allowed error cannot be met,
+            or the recording is empty or does not fit.
+        EventFileError: the recording is damaged.
     """
 
     def make() -> tuple[str, str]:
         events = watchable(recording)
-        seen = events[: int(np.searchsorted(events.t, int(events.t[0]) + round(1000 * LONGEST_MS), "right"))]
-        decided = decisions(recogniser, seen, allow, backend, assurance)
-        views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
-        text = page(recogniser, recording.name, seen, decided, views, allow)
+        first_events = events[: int(np.searchsorted(events.t, int(events.t[0]) + round(1000 * LONGEST_MS), "right"))]
+        decided = decisions(recogniser, first_events, allow, backend, assurance)
+        views = recogniser.method.views(first_events, recogniser.learnt, recogniser.classes)
+        text = page(recogniser, recording.name, first_events, decided, views, allow)
         return text, summary(recogniser, decided, allow)
 
     return write(out, make)
@@ -78,8 +78,8 @@ def watchable(recording: Path) -> Events:
     """Load the events of a file.
 
     Raises:
-    ModelError: the recording has no events.
-    EventFileError: the file is damaged.
+        ModelError: the recording has no events.
+        EventFileError: the file is damaged.
     """
     events = load(recording)
     if not len(events):
@@ -132,12 +132,12 @@ def page(
     """Return the page as text.
 
     Args:
-    recogniser: recogniser that decided.
-    title: name of the recording.
-    events: at least one.
-    decisions: at least one.
-    views: intermediate results of the method.
-    allow: the allowed error; None without one.
+        recogniser: recogniser that decided.
+        title: name of the recording.
+        events: at least one.
+        decisions: at least one.
+        views: intermediate results of the method.
+        allow: the allowed error; None without one.
     """
     at, stop = (
         np.array([one.after_ms for one in decisions]),
@@ -218,10 +218,10 @@ def shown(events: Events, end: float, parts: float, most: float) -> tuple[dict[s
     """Return the events as a track of a page, evenly subsampled if there are many, and a few words about them.
 
     Args:
-    events: all events.
-    end: duration of the page, ms.
-    parts: a moment shows the latest events, up to the page's duration divided by this number.
-    most: longest time that a moment shows, ms.
+        events: all events.
+        end: duration of the page, ms.
+        parts: a moment shows the latest events, up to the page's duration divided by this number.
+        most: longest time that a moment shows, ms.
     """
     every = player.evenly(len(events), MOST)
     width, height = events.sensor_size
