@@ -1,9 +1,9 @@
 """Decisions while events arrive, and rules for stopping early that bound the share of wrong decisions.
 
 A session divides the stream into stretches and scores one stretch at a time. A stretch begins at its first event,
-without memory of earlier events. It ends after a window, after a pause without events, or when `end` is called; the
-next event begins another stretch. Memory and time are therefore bounded by the window even for an endless stream, and
-each decision equals that of `scores_at` for the events of its stretch.
+without memory of earlier events. A stretch ends after a window, after a pause without events, or when `end` is called.
+The next event begins another stretch. The window therefore bounds memory and time even for an endless stream. Each
+decision equals that of `scores_at` for the events of its stretch.
 
 A session stops at the first moment at which the estimated error of its margin (`Held.error`) is at or below a level.
 Recordings that never reach the level are decided at their end. The level is the largest, hence the earliest to stop,

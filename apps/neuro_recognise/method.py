@@ -277,7 +277,7 @@ class Method(Settings):
             ModelError: the backend does not exist, or the method has no network.
         """
         if name != "event" and not self.spikes:
-            networks = ", ".join(known for known, method in METHODS.items() if method.spikes)
+            networks = ", ".join(name_with_network for name_with_network, method in METHODS.items() if method.spikes)
             raise ModelError(
                 f"backend = '{name}': {self.place()} has no network that could run on it",
                 hint=f"leave it out; methods with a network: {networks}",

@@ -102,11 +102,11 @@ def _with_neighbours(names: Iterable[str]) -> dict[str, ModuleType | None]:
             others = {
                 one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", "") for one in members
             }
-            waiting += [other for other in others if isinstance(other, str) and _together(name, other)]
+            waiting += [other for other in others if isinstance(other, str) and _same_package(name, other)]
     return modules
 
 
-def _together(name: str, other: str) -> bool:
+def _same_package(name: str, other: str) -> bool:
     """Return whether two modules belong to one package, or are files of one folder."""
     if "." in name or "." in other:
         return name.partition(".")[0] == other.partition(".")[0]
@@ -243,8 +243,8 @@ class _File:
 
 
 @lru_cache(maxsize=64)
-def _opened(kept: KeptAnswers) -> _File:
-    return _File(kept.file)
+def _opened(evidence: KeptAnswers) -> _File:
+    return _File(evidence.file)
 
 
 AT_ONCE = 500

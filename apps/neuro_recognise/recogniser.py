@@ -204,10 +204,10 @@ class Recogniser:
         old, new = self.method.as_words(), method.as_words()
         for name in new:
             if new[name] != old[name] and name not in method.changeable:
-                known = ", ".join(method.changeable) or "none"
+                changeable = ", ".join(method.changeable) or "none"
                 raise neuro.ModelError(
                     f"{method.place()}: '{name}' cannot be changed after training, which depends on it",
-                    hint=f"settings that can be changed: {known}; or train again",
+                    hint=f"settings that can be changed: {changeable}; or train again",
                 )
         return with_changes(self, method=method, early=None) if new != old else self
 

@@ -123,13 +123,13 @@ class Relearner:
         """Train epoch by epoch, and test after each epoch."""
         seed, backend, before = self.of["seed"], self.of["backend"], self.of["before"]
         course = Remembered(seed, backend, None, lambda progress: report((self.name, progress)))
-        learning, held, accuracies, silent = self.learning, self.held, [], []
+        train_features, test_features, accuracies, silent = self.learning, self.held, [], []
         for epoch in range(before + self.of["after"]):
             if epoch == before:
-                learning, held = self._permuted(learning), self._permuted(held)
-            learnt = self.method.changed({"epochs": epoch + 1}).fit(learning, course)
-            decisions = choose(self.method.answer(learnt, held, backend).scores)
-            accuracies.append(float(np.mean(decisions == held.labels)))
+                train_features, test_features = self._permuted(train_features), self._permuted(test_features)
+            learnt = self.method.changed({"epochs": epoch + 1}).fit(train_features, course)
+            decisions = choose(self.method.answer(learnt, test_features, backend).scores)
+            accuracies.append(float(np.mean(decisions == test_features.labels)))
             silent.append(float(np.mean(decisions < 0)))
         report((self.name, None))
         return {

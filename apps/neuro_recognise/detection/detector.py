@@ -389,21 +389,23 @@ class Detector:
             self._sliding[sensor] = Sliding(self.recogniser, settings.dense, settings.proposals, sensor, self.backend)
         return self._sliding[sensor].regions
 
-    def _scores(self, pieces: Sequence[Piece]) -> Floats:
+    def _scores(self, object_pieces: Sequence[Piece]) -> Floats:
         """Return the score of each class for each piece, (pieces, classes)."""
-        if not pieces:
+        if not object_pieces:
             return np.zeros((0, len(self.recogniser.classes)))
         if self.way == "dense":
-            by_piece = [[region.scores for region in piece.regions if region.scores is not None] for piece in pieces]
+            by_piece = [
+                [region.scores for region in piece.regions if region.scores is not None] for piece in object_pieces
+            ]
             return np.array([np.sum(scores, axis=0) for scores in by_piece])
         size, proposals = self.recogniser.method.size, self.settings.proposals
-        crops = [crop(piece.regions, size, proposals.scale_of(piece.regions)) for piece in pieces]
+        crops = [crop(piece.regions, size, proposals.scale_of(piece.regions)) for piece in object_pieces]
         return self.recogniser.scores(crops, self.backend)
 
 
 @dataclass(slots=True, eq=False)
 class _Known:
-    """Scores of an object's pieces; those of its latest piece are updated with each detection."""
+    """Scores of an object's pieces; each detection updates the scores of the latest piece."""
 
     latest: Piece = field(default_factory=Piece)
     scores: dict[int, Floats] = field(default_factory=dict)

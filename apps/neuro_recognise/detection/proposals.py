@@ -374,9 +374,9 @@ class Sliding:
         self._sim.forget(before=self._sim.time)
         maps, rows, columns = np.unravel_index(results.wins.neurons, self._shape)
         middle: Array = (np.stack([columns, rows], axis=1) + self._layer.field / 2.0) * method.pool.side
-        late = results.wins.steps * method.encoder.resolution / self._until
+        lateness = results.wins.steps * method.encoder.resolution / self._until
         label: Array = maps // self._layer.per_class
-        weight: Array = 1.0 - (1.0 - LATE) * late
+        weight: Array = 1.0 - (1.0 - LATE) * lateness
         return label, middle, weight
 
     def _measured(self, responses: Floats) -> Floats:

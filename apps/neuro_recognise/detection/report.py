@@ -116,15 +116,15 @@ ENDINGS = (".html", ".png", ".csv")
 """Formats of boxes: a page, a picture, a table."""
 
 
-def check_classes(known: tuple[str, ...], scenes: Scenes) -> None:
+def check_classes(own_classes: tuple[str, ...], scenes: Scenes) -> None:
     """Check that a recogniser has the classes of the scenes.
 
     Raises:
         ModelError: the classes or their order differ.
     """
-    if known != scenes.classes:
+    if own_classes != scenes.classes:
         raise ModelError(
-            f"the scenes have classes {', '.join(scenes.classes)}, expected those of the recogniser: {', '.join(known)}"
+            f"the scenes have classes {', '.join(scenes.classes)}, expected those of the recogniser: {', '.join(own_classes)}"
         )
 
 
@@ -184,22 +184,22 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     console().print(table(("object", "class", ">score", ">seen", ">boxes", "middle, px"), rows))
 
 
-def show_tried(detector: Detector, tried: DetectionTrial, as_json: bool) -> None:
+def show_tried(detector: Detector, result: DetectionTrial, as_json: bool) -> None:
     """Print the measures of a test as a table or as JSON."""
     classes = detector.recogniser.classes
     if as_json:
         method = detector.recogniser.method.called()
-        print(json.dumps({"format": FORMAT, "method": method, **tried.as_words(classes)}, indent=1))
+        print(json.dumps({"format": FORMAT, "method": method, **result.as_words(classes)}, indent=1))
         return
-    switches, average = tried.switches, tried.precision
+    switches, average = result.switches, result.precision
     rows = [
         ("mAP at IoU 0.5", f"{average.mean:.3f}"),
         ("AP of boxes, ignoring the class", f"{average.box:.3f}"),
         ("boxes missed", f"{switches.missed} of {switches.boxes}"),
         ("identity switches", f"{switches.switches} of {switches.objects} objects"),
-        ("processor time per scene", f"{tried.ms:.0f} ms"),
+        ("processor time per scene", f"{result.ms:.0f} ms"),
     ]
-    console().print(table(("all scenes", ">"), rows, title=f"{tried.scenes} scenes"))
+    console().print(table(("all scenes", ">"), rows, title=f"{result.scenes} scenes"))
     of_class = [
         (name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, average.of_class, strict=True)
     ]

@@ -147,8 +147,8 @@ def compose(
         if box is None:
             raise ModelError(f"{name}: a recording of {len(events)} events shows nothing that a scene could have")
     objects = [_Object(e, b, np.zeros(2), np.zeros(2)) for e, b in zip(recordings, boxes, strict=True) if b is not None]
-    placed = _placed(name, objects, scenery, rng)
-    moved = [_moved(one, scenery) for one in placed]
+    placed_objects = _placed(name, objects, scenery, rng)
+    moved = [_moved(one, scenery) for one in placed_objects]
     rows = [
         (start, stop, who, label, 1.0, box.tolist())
         for start, stop in scenery.slices()
@@ -208,15 +208,15 @@ def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.
 def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
     """Place each object next to an earlier one in a random direction, so that their boxes touch."""
     velocity = _velocity(scenery, rng)
-    placed = [replace(objects[0], start=rng.uniform(0, scenery.sensor), velocity=velocity)]
+    objects_so_far = [replace(objects[0], start=rng.uniform(0, scenery.sensor), velocity=velocity)]
     for one in objects[1:]:
-        beside = placed[rng.integers(len(placed))]
+        neighbour = objects_so_far[rng.integers(len(objects_so_far))]
         angle = rng.uniform(0, 2 * np.pi)
         direction = np.array([np.cos(angle), np.sin(angle)])
-        apart = (one.box[2:] - one.box[:2] + beside.box[2:] - beside.box[:2]) / 2.0
-        distance = np.min(apart / np.maximum(np.abs(direction), 1e-9))
-        placed.append(replace(one, start=beside.start + distance * direction, velocity=velocity))
-    return placed
+        half_sides = (one.box[2:] - one.box[:2] + neighbour.box[2:] - neighbour.box[:2]) / 2.0
+        distance = np.min(half_sides / np.maximum(np.abs(direction), 1e-9))
+        objects_so_far.append(replace(one, start=neighbour.start + distance * direction, velocity=velocity))
+    return objects_so_far
 
 
 def _velocity(scenery: Scenery, rng: np.random.Generator) -> Floats:

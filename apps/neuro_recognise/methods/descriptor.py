@@ -1,6 +1,6 @@
-"""Methods that describe a recording or its segments by a vector and classify it: HATS, TAR-HATS and BOE.
+"""Methods that describe a recording or its segments by a vector, and classify the vector: HATS, TAR-HATS and BOE.
 
-These methods have no network, and only the readout learns.
+None of the methods has a network. Only the readout learns.
 """
 
 from __future__ import annotations

@@ -264,9 +264,9 @@ class Framewise(Method):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.representation.remembers and not self.bank.shown:
-            bank, seen = self.bank.called(), self.representation.called()
+            bank, representation = self.bank.called(), self.representation.called()
             raise ModelError(
-                f"{self.place()}: bank '{bank}' sees each event by itself: found representation '{seen}'",
+                f"{self.place()}: bank '{bank}' sees each event by itself: found representation '{representation}'",
                 hint="representation=counts, or bank=gabors",
             )
 
@@ -313,11 +313,11 @@ class Framewise(Method):
             frame is known to be complete, us after the first event; ``lasts`` (1,) us from the first event to the last.
         """
         first = int(events.t[0]) if len(events) else 0
-        seen = self.inside(events)
-        bounds = self.segmenter.bounds(seen.t)
-        responses = self.bank.responses(seen, bounds, self.pool.side, self.representation)
+        inside = self.inside(events)
+        bounds = self.segmenter.bounds(inside.t)
+        responses = self.bank.responses(inside, bounds, self.pool.side, self.representation)
         codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
-        ends = self.segmenter.complete_at(seen.t, bounds) - first
+        ends = self.segmenter.complete_at(inside.t, bounds) - first
         fitting = np.min_scalar_type(int(np.prod(self.front_end.shape)))
         lasts = events.t[-1:] - events.t[:1]
         return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends, "lasts": lasts}

@@ -194,9 +194,9 @@ class Layers:
         Raises:
             ModelError: the state has other settings.
         """
-        learnt, seen, seed = (int(number) for number in state["place"])
+        learnt, position, seed = (int(number) for number in state["place"])
         layers = cls(settings, sensor_size, seed=seed)
-        layers.learnt, layers.seen = learnt, seen
+        layers.learnt, layers.seen = learnt, position
         for k in range(sum(name.startswith("centres_") for name in state)):
             centres = np.array(state[f"centres_{k}"], np.float64)
             if centres.shape != layers._shape(k):
