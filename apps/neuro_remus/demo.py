@@ -57,7 +57,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     print(f"learning from {len(learning)} recordings of {len(learning.classes)} classes")
     with LearningBar() as bar:
         recogniser = fit(learning, "remus", seed=seed, out=out / "model.h5", cache=out / "c1", report=bar.show)
-    print(f"{out / 'model.h5'}: {report.learnt(recogniser)}\n\ntesting on {len(unseen)} unseen recordings\n")
+    print(f"{out / 'model.h5'}: {report.training_summary(recogniser)}\n\ntesting on {len(unseen)} unseen recordings\n")
     test = try_out(recogniser, unseen)
     report.show(recogniser, test)
     write_text(out / "results.json", report.figures(recogniser, test) + "\n", FIGURES)

@@ -116,15 +116,16 @@ ENDINGS = (".html", ".png", ".csv")
 """Formats of boxes: a page, a picture, a table."""
 
 
-def check_classes(own_classes: tuple[str, ...], scenes: Scenes) -> None:
+def check_classes(classes: tuple[str, ...], scenes: Scenes) -> None:
     """Check that a recogniser has the classes of the scenes.
 
     Raises:
         ModelError: the classes or their order differ.
     """
-    if own_classes != scenes.classes:
+    if classes != scenes.classes:
         raise ModelError(
-            f"the scenes have classes {', '.join(scenes.classes)}, expected those of the recogniser: {', '.join(own_classes)}"
+            f"the scenes have classes {', '.join(scenes.classes)}, "
+            f"expected those of the recogniser: {', '.join(classes)}"
         )
 
 
