@@ -1,4 +1,4 @@
-"""A page in a browser on a network while it runs; needs the extra `live`."""
+"""A browser page that shows and controls a running network; needs the extra `live`."""
 
 from __future__ import annotations
 

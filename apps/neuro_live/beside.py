@@ -1,6 +1,6 @@
-"""What takes long, computed in a process beside the simulation: the curve of a neuron, and joules on chips.
+"""Slow computations in a second process: the F-I curve of a neuron, and joules on chips.
 
-That process knows the network from a file, which it compiles itself.
+The second process loads the network from a file and compiles it.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from neuro.chips import Chip, Placement, chip, chips, place, price
 from neuro.extend import EngineCounts, Neuron, Program
 
 CURRENTS = 24
-"""Points of a curve."""
+"""Number of currents of an F-I curve."""
 CURVE_MS = 1000.0
 LARGEST = 3_000_000
-"""Synapses of a network that is compiled once more to be priced."""
+"""Largest number of synapses of a network that is compiled a second time for its energy."""
 MOST_WAITING = 2
 NICE = 10
 
@@ -42,7 +42,7 @@ Job = dict[str, Any]
 
 
 class Beside:
-    """The process, which starts with the first job.
+    """The second process, which starts with the first job.
 
     Args:
         sim: the simulation.
@@ -57,12 +57,12 @@ class Beside:
         self.refused = self._refusal()
 
     def _refusal(self) -> str:
-        """Why the network cannot be priced, "" if it can."""
+        """Return the reason why the network has no energy figures, or ""."""
         if all(part.kind != "neuron" for part in self._sim.program.populations):
-            return "no population computes"
+            return "no population of neurons"
         synapses = sum(part.size for part in self._sim.program.projections)
         if synapses > LARGEST:
-            return f"{synapses:,} synapses: a run is priced while it goes on up to {LARGEST:,}"
+            return f"{synapses:,} synapses: energy is shown up to {LARGEST:,}"
         try:
             save(without_recordings(self._sim), self._path)
         except ModelError as error:
@@ -74,11 +74,11 @@ class Beside:
         return Path(self._folder.name) / "network.yaml"
 
     def begin(self) -> None:
-        """Count anew from now on."""
+        """Restart the counts at the present time."""
         self._before = self._sim.taken().raw_counts
 
     def price(self) -> None:
-        """Ask what has happened since the last time costs on each chip."""
+        """Request the energy of the operations since the last request, on each chip."""
         if self.refused or self._pool.busy:
             return
         now = self._sim.taken().raw_counts
@@ -88,13 +88,13 @@ class Beside:
             self._pool.put({"do": "price", "counts": difference(now, before), **about})
 
     def curve(self, population: str, neuron: int) -> None:
-        """Ask for the rates of a neuron at constant currents.
+        """Request the rates of a neuron at constant currents.
 
         Raises:
-            ModelError: it takes no current, its model cannot be written, or several curves are asked for already.
+            ModelError: the neuron accepts no current, its model cannot be written, or too many curves are requested.
         """
         if self._pool.waiting > MOST_WAITING:
-            raise ModelError("curves are computed one after the other: try again when the last one is shown")
+            raise ModelError("too many curves requested: try again when the last one is shown")
         net = curve_of(self._sim, population, neuron)
         self._curves += 1
         path = Path(self._folder.name) / f"curve-{self._curves}.yaml"
@@ -102,21 +102,21 @@ class Beside:
         self._pool.put({"do": "curve", "path": str(path), "population": population, "neuron": neuron})
 
     def found(self) -> list[tuple[Job, Any]]:
-        """Jobs that have ended, and what came of them, an error as text; without waiting."""
+        """Return the finished jobs with their results, or the error text of failed jobs, without waiting."""
         try:
             events = self._pool.hear(0.0) if self._pool.busy else []
         except ModelError as error:
             self.refused = str(error)
             return []
-        ended: list[tuple[Job, Any]] = []
+        results: list[tuple[Job, Any]] = []
         for event in events:
             if isinstance(event, Done):
-                ended.append((event.job, event.result))
+                results.append((event.job, event.result))
             elif isinstance(event, Raised):
-                ended.append((event.job, getattr(event.error, "message", str(event.error))))
+                results.append((event.job, getattr(event.error, "message", str(event.error))))
             elif isinstance(event, Lost):
-                ended.append((event.job, f"its process {event.how}"))
-        return ended
+                results.append((event.job, f"its process {event.how}"))
+        return results
 
     def close(self) -> None:
         """End the process."""
@@ -125,7 +125,7 @@ class Beside:
 
 
 def without_recordings(sim: Simulation) -> Network:
-    """The network with cameras that play nothing: what they have emitted is counted already."""
+    """Return the network with cameras without recordings; the counts already contain the cameras' spikes."""
     net = copy(sim._net)
     shapes = {part.name: part.shape for part in sim.program.populations}
     net.populations = {
@@ -138,7 +138,7 @@ def without_recordings(sim: Simulation) -> Network:
 
 
 def begin() -> Work:
-    """Be the process: what does a job."""
+    """Set up the second process; return its function that executes a job."""
     os.nice(NICE)
     work = {"price": _price, "curve": _curve}
 
@@ -149,27 +149,30 @@ def begin() -> Work:
 
 
 @lru_cache(1)
-def _placed(path: str, seed: int) -> tuple[Program, list[tuple[Chip, Placement | None] | tuple[Chip, str]]]:
-    """The network, and where it lies on each chip that has costs, or why it does not."""
+def _placements(path: str, seed: int) -> tuple[Program, list[tuple[Chip, Placement | None] | tuple[Chip, str]]]:
+    """Compile the network; return it with its placement, or the reason why it does not fit, for each priced chip."""
     program = compile_network(load(path), seed, 1)
-    found: list[Any] = []
+    placements: list[Any] = []
     for name in chips():
         each = chip(name)
         if each.costs:
             try:
-                found.append((each, place(program, each) if each.mesh is not None else None))
+                placements.append((each, place(program, each) if each.mesh is not None else None))
             except ModelError as error:
-                found.append((each, error.message))
-    return program, found
+                placements.append((each, error.message))
+    return program, placements
 
 
 def _price(job: Job) -> list[dict[str, Any]]:
-    program, placed = _placed(job["path"], job["seed"])
-    return [_bill(program, job["counts"], *each) for each in placed]
+    program, placements = _placements(job["path"], job["seed"])
+    return [_bill(program, job["counts"], *each) for each in placements]
 
 
 def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) -> dict[str, Any]:
-    """Joules of a second of the network on a chip in real time; a chip that is late is on for longer."""
+    """Return the joules per second of network time on a chip in real time.
+
+    If the chip is slower than real time, `late` is the chip's time in units of network time.
+    """
     about = {"chip": chip.name, "title": chip.title}
     if isinstance(placement, str):
         return about | {"refused": placement}
@@ -187,35 +190,33 @@ def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) ->
 
 
 def curve_of(sim: Simulation, population: str, neuron: int) -> Network:
-    """A network of copies of a neuron as it is now, each of which is to have a current of its own.
+    """Return a network of copies of a neuron with its present parameters, each with a current generator.
 
     Raises:
-        ModelError: there is no such neuron, or it takes no current.
+        ModelError: there is no such neuron, or the neuron accepts no current.
     """
     neurons = sim.handles.neurons(population)
     ids, model = settable.neuron_ids([neuron], neurons.part.size), neurons.part.model
     if not isinstance(model, Neuron) or not has_curve(model):
-        raise ModelError(
-            f"'{population}' is {neurons.part.model_name}: expected a neuron to which a current can be given"
-        )
-    words = model.parameters()
-    for word in words:
-        if word in neurons.part.parameters and model.quantities()[word].kind == "number":
-            words[word] = float(sim._engine.get(neurons.index, word, ids)[0])
+        raise ModelError(f"'{population}' is {neurons.part.model_name}: expected a neuron that accepts a current")
+    parameters = model.parameters()
+    for name in parameters:
+        if name in neurons.part.parameters and model.quantities()[name].kind == "number":
+            parameters[name] = float(sim._engine.get(neurons.index, name, ids)[0])
     net = Network("curve", resolution=sim.program.resolution)
-    cells = net.population("cells", CURRENTS, type(model).from_words(words))
+    cells = net.population("cells", CURRENTS, type(model).from_words(parameters))
     currents = net.population("currents", CURRENTS, dc_generator(amplitude=np.zeros(CURRENTS)))
     net.connect(currents, cells, one_to_one(), delay=sim.program.resolution)
     return net
 
 
 def has_curve(model: Neuron) -> bool:
-    """Whether copies of a neuron can be given currents."""
+    """Return whether an F-I curve of the model can be computed."""
     return model.takes_current and not model.chip and not model.most
 
 
 def _curve(job: Job) -> dict[str, Any]:
-    """Rates at currents from 0 to three times that of the first spikes."""
+    """Return the rates at currents from 0 to three times the smallest current with spikes, found on a coarse scale."""
     sim = compiled(load(job["path"]))
     rates = partial(_rates, sim)
     coarse = np.concatenate(([0.0], np.geomspace(1.0, 1e5, CURRENTS - 1)))
@@ -229,7 +230,7 @@ def _curve(job: Job) -> dict[str, Any]:
 
 
 def _rates(sim: Simulation, currents: Any) -> Any:
-    """Spikes in a second of neurons with these currents."""
+    """Return the rates of the neurons in Hz at these currents."""
     sim.reset()
     sim.set("currents", amplitude=currents)
     sim.run(CURVE_MS)

@@ -1,7 +1,7 @@
-"""Messages between the process that runs a network and the one that serves its page: a head of JSON, and bytes.
+"""Messages between the process that runs a network and the process that serves its page: a JSON head and bytes.
 
-The process of the network never waits for the other: what the socket does not take stays in a queue, and what it has
-not sent is not read.
+The process of the network never blocks. Bytes that the socket does not accept stay in a queue, and a message is read
+only when it has arrived completely.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from struct import Struct
 from typing import Any
 
 SIZES = Struct("<II")
-"""Before each message: the bytes of its head, and those that follow it."""
+"""Header of a message: the size of the head and of the body in bytes."""
 _READ = 1 << 16
 
 Head = dict[str, Any]
 
 
 def packed(head: Head, body: bytes = b"") -> bytes:
-    """A message as bytes."""
+    """Serialise a message."""
     text = json.dumps(head, separators=(",", ":")).encode()
     return SIZES.pack(len(text), len(body)) + text + body
 
 
 class Channel:
-    """The end of the network's process.
+    """The endpoint in the network's process.
 
     Args:
-        end: of a pair of sockets.
+        end: one end of a pair of sockets.
 
     Attributes:
-        open: whether the other process is there.
+        open: whether the other process is running.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -45,16 +45,16 @@ class Channel:
 
     @property
     def idle(self) -> bool:
-        """Whether all was sent."""
+        """Whether the queue of unsent messages is empty."""
         return not self._out
 
     def send(self, head: Head, body: bytes = b"") -> None:
-        """Send as much as the socket takes; the rest follows with `flush`."""
+        """Send as much as the socket accepts; `flush` sends the rest."""
         self._out.append(memoryview(packed(head, body)))
         self.flush()
 
     def flush(self) -> None:
-        """Send more of what waits."""
+        """Send as much of the queue as the socket accepts."""
         while self._out:
             message = self._out[0]
             try:
@@ -71,7 +71,7 @@ class Channel:
                 self._out.popleft()
 
     def receive(self) -> Iterator[Head]:
-        """The heads of the messages that have come, without waiting."""
+        """Yield the heads of the messages that have arrived, without waiting."""
         try:
             data = self._end.recv(_READ)
             self.open = bool(data)
@@ -91,6 +91,6 @@ class Channel:
             yield json.loads(text)
 
     def close(self) -> None:
-        """Close the socket, by which the other process ends."""
+        """Close the socket; the other process then exits."""
         self.open = False
         self._end.close()

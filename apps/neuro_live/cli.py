@@ -1,4 +1,4 @@
-"""A network in real time: `neuro live`."""
+"""Running a network in real time: `neuro live`."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 
 
 MOST_STEPS = 2**31 - 1
-"""Control steps of a run in a world that ends by Ctrl-C."""
+"""Number of control steps of a run in a world without a time limit."""
 
 
 class Late(StrEnum):
-    """What to do when an action comes too late, as of `neuro.realtime.LATE`."""
+    """Reaction to a missed deadline; see `neuro.realtime.LATE`."""
 
     catch_up = "catch_up"
     skip = "skip"
@@ -53,7 +53,7 @@ _LONG = {"min": 60_000.0, "h": 3_600_000.0}
 
 
 def long_time(text: str) -> float:
-    """A time > 0 ms: a number, or one with its unit, also minutes and hours."""
+    """Parse a time > 0, such as "20" (ms), "10 s", "5 min" or "1 h"; return ms."""
     for unit, ms in _LONG.items():
         if text.endswith(unit):
             return ms * milliseconds(text.removesuffix(unit).strip())
@@ -61,7 +61,7 @@ def long_time(text: str) -> float:
 
 
 def times_real_time(text: str) -> float:
-    """A number > 0, "inf" as fast as possible."""
+    """Parse a speed > 0 as a multiple of real time; "inf" is as fast as possible."""
     try:
         number = float(text)
     except ValueError:
@@ -71,14 +71,14 @@ def times_real_time(text: str) -> float:
     return number
 
 
-Tick = Annotated[float, typer.Option("--tick", metavar="MS", parser=milliseconds, help="The length of a tick, in ms.")]
+Tick = Annotated[float, typer.Option("--tick", metavar="MS", parser=milliseconds, help="Length of a tick, in ms.")]
 Long = Annotated[
     float | None,
     typer.Option(
         "--for",
         metavar="MS",
         parser=long_time,
-        help="How long: in ms, or 10 s, 5 min, 1 h; 10 s if not given, for ever where a page keeps time.",
+        help="Duration in ms, or e.g. 10 s, 5 min, 1 h; by default 10 s, or with --page alone until Ctrl-C.",
     ),
 ]
 Input = Annotated[
@@ -86,32 +86,40 @@ Input = Annotated[
     typer.Option(
         "--input",
         metavar="NAME=FROM",
-        help="What an event camera sees: what comes to udp://HOST:PORT, or from tcp://HOST:PORT, or a file, which is "
-        "played at its own pace; repeatable.",
+        help="Source of an event camera NAME: udp://HOST:PORT (receive), tcp://HOST:PORT (connect), or a recording, "
+        "which is played in real time; repeatable.",
     ),
 ]
 From = Annotated[
-    str | None, typer.Option("--from", metavar="FORMAT", help="What comes by UDP: spif, faery8, faery13 or raw-evt3.")
+    str | None, typer.Option("--from", metavar="FORMAT", help="Format of UDP events: spif, faery8, faery13, raw-evt3.")
 ]
 WhenLate = Annotated[
-    Late, typer.Option("--late", metavar="catch_up|skip|stop", help="What to do when an action comes too late.")
+    Late, typer.Option("--late", metavar="catch_up|skip|stop", help="Reaction to an action after its deadline.")
 ]
 LiveOut = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="The HDF5 file to write; none if not given.")
+    Path | None, typer.Option("--out", metavar="FILE", help="HDF5 file of the results and the input; by default none.")
 ]
 ShowPage = Annotated[
-    bool, typer.Option("--page", help="Show the run in the browser; without --input and --out the page keeps time.")
+    bool, typer.Option("--page", help="Show the run in the browser; alone, the page also controls the speed.")
 ]
-Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Where the page listens.")]
-Port = Annotated[int, typer.Option("--port", metavar="N", parser=at_least(0), help="Of the page; 0: any free one.")]
+Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Name or address at which the page listens.")]
+Port = Annotated[
+    int, typer.Option("--port", metavar="N", parser=at_least(0), help="Port of the page; 0 for any free port.")
+]
 Speed = Annotated[
     float | None,
-    typer.Option("--speed", metavar="X", parser=times_real_time, help="With --page: times real time, or inf."),
+    typer.Option(
+        "--speed",
+        metavar="X",
+        parser=times_real_time,
+        help="Speed with --page, as a multiple of real time or inf; by default 1.",
+    ),
 ]
 
 REPORT_S = 10.0
+"""Interval between two printed lines, s."""
 STREAM_TICK = 10.0
-"""ms between two looks at a stream that is shown only."""
+"""Interval between two reads of a stream that is only displayed, ms."""
 
 
 def live(
@@ -134,7 +142,7 @@ def live(
     speed: Speed = None,
     no_browser: NoBrowser = False,
 ) -> None:
-    """Run a network in real time on live events; report latencies, misses and drops, and keep what it saw."""
+    """Run a network in real time on live events; report latencies, missed deadlines and dropped events."""
     from neuro import compile as compiled, load
     from neuro.apps import KIND, check_output
     from neuro.realtime import Loop
@@ -153,7 +161,7 @@ def live(
     if net.world_section is not None:
         if not page or input or out is not None:
             message = f"{file}: the network has a world: expected --page, and neither --input nor --out"
-            raise ModelError(message, hint="neuro run writes what it does there")
+            raise ModelError(message, hint="neuro run writes the results of a network with a world")
         _show_world(net, host, port, speed or 1.0, no_browser, duration, backend=backend, seed=seed, threads=threads)
         return
 
@@ -167,24 +175,24 @@ def live(
         if paced:
             refuse_unused(context, "--input, --out or a stream", "tick", "late")
         sim = simulation(seed)
-        shown = None
+        live_page = None
         if page:
             from neuro_live import Page
 
-            words = {"speed": speed or 1.0, "restart": simulation} if paced else {"figures": lambda: lines.figures}
-            shown = stack.enter_context(Page(sim, host, port, **words))
-            announce(shown, no_browser)
-        if shown is not None and paced:
-            with stoppable(lambda: f"at {shown.sim.time:g} ms"):
-                shown.run(math.inf if duration is None else duration)
+            options = {"speed": speed or 1.0, "restart": simulation} if paced else {"figures": lambda: lines.figures}
+            live_page = stack.enter_context(Page(sim, host, port, **options))
+            announce(live_page, no_browser)
+        if live_page is not None and paced:
+            with stoppable(lambda: f"at {live_page.sim.time:g} ms"):
+                live_page.run(math.inf if duration is None else duration)
             return
         inputs = sources(sim, streams, input, from_format, stack)
-        watch = None if shown is None else shown.tick
+        watch = None if live_page is None else live_page.tick
         loop = Loop(sim, tick=tick, inputs=inputs, late=late.value, watch=watch)
         run = loop.run(duration or 10_000.0, out=out, record=record, threads=threads, report=lines)
     typer.echo(str(run))
     if out is not None:
-        typer.echo(f"{out}: {sim.time:g} ms; neuro rerun {out} makes it again")
+        typer.echo(f"{out}: {sim.time:g} ms; neuro rerun {out} repeats the run")
     if run.ended:
         typer.echo(f"ended early: {run.ended}", err=True)
         raise typer.Exit(130 if run.ended == "interrupted" else 1)
@@ -193,7 +201,7 @@ def live(
 def _show_world(
     net: Network, host: str, port: int, speed: float, no_browser: bool, duration: float | None, **words: Any
 ) -> None:
-    """Let a network act and learn in its world, in one block, and show it on a page at a pace."""
+    """Run a network in its world as one block, with learning, and show the run on a page at a speed."""
     from neuro import closed_loop
     from neuro_live import Page
     from neuro_live.page import KEPT_MS
@@ -205,7 +213,7 @@ def _show_world(
         return {"episodes": f"{len(loop.log):,}", "mean return of the last 100": f"{loop.log.mean(100):.5g}"}
 
     def watch() -> None:
-        if not pages:  # the simulation of the block is there once it has begun
+        if not pages:  # the block's simulation exists only after the block has begun
             pages.append(stack.enter_context(Page(loop.sim, host, port, speed=speed, figures=figures)))
             announce(pages[0], no_browser)
         pages[0].tick()
@@ -219,14 +227,17 @@ def _show_world(
 
 
 def announce(page: Page, no_browser: bool, err: bool = False) -> None:
-    """Print the address of a page, on stderr if asked, and open it."""
+    """Print the address of a page, to stderr if `err`, and open the page unless `no_browser`."""
     typer.echo(f"page: {page.url}", err=err)
     if not no_browser:
         page.open()
 
 
 def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
-    """Show the events of a stream on a page, as those of a camera that drives nothing, for so long or until Ctrl-C."""
+    """Show the events of a stream on a page for `ms` milliseconds or until Ctrl-C.
+
+    The events are those of a camera population without synapses.
+    """
     from neuro import Network, compile as compiled, event_camera
     from neuro.realtime import Loop
     from neuro_live import Page
@@ -242,8 +253,12 @@ def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
 
 
 def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) -> bool:
-    """Whether a page keeps the time, as nothing else does."""
-    others = [word for word, given in real_time.items() if given]
+    """Return whether the page controls the speed, i.e. no option in `real_time` needs real time.
+
+    Raises:
+        ModelError: there is a speed without a page that controls it.
+    """
+    others = [name for name, value in real_time.items() if value]
     if speed is not None and (others or not page):
         expected = f"no {others[0]}, which runs in real time" if others else "--page, which keeps the speed"
         raise ModelError(f"--speed {speed:g}: expected {expected}")
@@ -251,42 +266,53 @@ def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) 
 
 
 def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
-    """The streams that cameras of a network name, which become inputs of its loop; the stack closes them."""
+    """Open the streams named by the cameras of a network and return them by camera; the stack closes them.
+
+    The cameras are replaced by cameras without a stream, because the loop reads the streams.
+    """
     from neuro import event_camera
     from neuro.apps import AUTO
 
-    made: dict[str, Source] = {}
+    streams: dict[str, Source] = {}
     for name, part in net.populations.items():
         model = part.model
         if isinstance(model, event_camera) and model.stream is not None:
-            found = stack.enter_context(_listen(model.stream, format=model.format, sensor=model.sensor))
-            made[name] = found
-            shape = model.visible_shape(found.sensor_size) if AUTO in part.shape else part.shape
+            stream = stack.enter_context(_listen(model.stream, format=model.format, sensor=model.sensor))
+            streams[name] = stream
+            shape = model.visible_shape(stream.sensor_size) if AUTO in part.shape else part.shape
             model = replace(model, stream=None, format=None, sensor=None)
             net.populations[name] = replace(part, model=model, shape=shape)
-    return made
+    return streams
 
 
 def sources(
     sim: Simulation, streams: Mapping[str, Source], texts: list[str], format: str | None, stack: ExitStack
 ) -> dict[str, Source]:
-    """The streams and the sources of NAME=FROM, by the names of cameras; the stack closes those that are open."""
+    """Open the sources of the texts NAME=FROM and return all sources by camera; the stack closes them.
+
+    Args:
+        sim: the simulation with the cameras.
+        streams: sources that are already open.
+        texts: values of `--input`.
+        format: format of UDP events; None for the default.
+        stack: context that closes the sources.
+    """
     from neuro.apps import CameraInput
 
-    made = dict(streams)
+    inputs = dict(streams)
     for text in texts:
-        name, equals, what = text.partition("=")
-        if not equals or not name or not what:
+        name, equals, origin = text.partition("=")
+        if not equals or not name or not origin:
             raise typer.BadParameter(f"'{text}': expected NAME=FILE or NAME=udp://HOST:PORT", param_hint="'--input'")
-        if name in made:
+        if name in inputs:
             raise typer.BadParameter(f"'{text}': '{name}' has an input already", param_hint="'--input'")
         camera = sim.handles.neurons(name).part.stream
-        if "://" not in what:
-            made[name] = app("neuro_events.player", "--input: the reader of recordings").Player(what)
+        if "://" not in origin:
+            inputs[name] = app("neuro_events.player", "--input: the reader of recordings").Player(origin)
         else:
-            size = camera.sensor_size if isinstance(camera, CameraInput) and what.startswith("udp") else None
-            made[name] = stack.enter_context(_listen(what, format=format, sensor=size))
-    return made
+            size = camera.sensor_size if isinstance(camera, CameraInput) and origin.startswith("udp") else None
+            inputs[name] = stack.enter_context(_listen(origin, format=format, sensor=size))
+    return inputs
 
 
 def _listen(url: str, **words: Any) -> Any:
@@ -294,7 +320,7 @@ def _listen(url: str, **words: Any) -> Any:
 
 
 class _Lines:
-    """A line about a live run now and then, on stderr: a bar that moves would take time from the ticks."""
+    """Prints a line about a live run every 10 s to stderr. A moving progress bar would delay the ticks."""
 
     def __init__(self) -> None:
         self._next = 0.0
@@ -310,9 +336,9 @@ class _Lines:
 
 
 def _figures(run: LiveRun) -> Iterator[tuple[str, str]]:
-    """What a page shows of a live run."""
-    for name, found in (("event to action", run.latency), ("tick to action", run.response), ("empty loop", run.empty)):
-        yield f"{name}: p50, p99, largest", f"{', '.join(found.texts)} ms"
+    """Yield the figures of a live run for its page, as pairs of name and text."""
+    for name, times in (("event to action", run.latency), ("tick to action", run.response), ("empty loop", run.empty)):
+        yield f"{name}: p50, p99, largest", f"{', '.join(times.texts)} ms"
     yield "ticks missed", f"{run.misses:,} of {run.ticks:,}"
     yield "events dropped", f"{run.drops:,}"
     yield "lost by sources", f"{run.losses:,}"

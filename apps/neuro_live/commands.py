@@ -1,6 +1,6 @@
-"""Requests of browsers, and the pace that they set.
+"""Requests of browsers, and the speed of the run.
 
-A request has numbers and names of parts, each checked; nothing of it is code or a path.
+A request contains only numbers and names of parts, all of which are checked, and neither code nor paths.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from neuro_live.facts import is_signal, present, settable_words, sliders
 from neuro_live.frames import Frames
 
 LATE_S = 0.2
-"""A run that is later than this is not caught up with: it goes on from where it is."""
+"""Delay in s above which a run does not catch up but continues from the present time."""
 SPEED = Quantity(doc="times real time", above=0.0, infinite=True)
 
 
 class Pace:
-    """Says how long to wait.
+    """Computes the waiting times of a run at a given speed.
 
     Args:
-        speed: times real time; infinite as fast as it can.
+        speed: multiple of real time; infinite for as fast as possible.
 
     Attributes:
-        paused: whether it waits for `pause(False)` or `step`.
+        paused: whether the run waits for `pause(False)` or `step`.
     """
 
     def __init__(self, speed: float) -> None:
@@ -44,25 +44,25 @@ class Pace:
         self._began: tuple[float, float] | None = None
 
     def set(self, speed: float) -> None:
-        """Go on at another speed."""
+        """Change the speed."""
         self.speed, self._began = speed, None
 
     def pause(self, paused: bool) -> None:
-        """Wait, or go on."""
+        """Pause or resume the run."""
         self.paused, self._steps, self._began = paused, 0, None
 
     def step(self) -> None:
-        """Pause, but let one stretch more be run."""
+        """Pause after one more piece of the run."""
         if not self.paused:
             self.pause(True)
         self._steps += 1
 
     def begin(self) -> None:
-        """The time of the network was set."""
+        """Restart the clock after the network's time was changed."""
         self._began = None
 
     def wait_s(self, ms: float) -> float:
-        """How long to wait, at most, before the network runs on from a time; 0 or less: not at all."""
+        """Return the longest wait in s before the network may run on from time `ms`; 0 or less for no wait."""
         if self.paused:
             if not self._steps:
                 return math.inf
@@ -81,9 +81,9 @@ Asked = dict[str, Any]
 Answer = tuple[dict[str, Any], bytes]
 
 LARGEST_FILE = 256 << 20
-"""Bytes of a state that a browser may fetch."""
+"""Largest state that a browser may download, bytes."""
 MOST_OWED_S, PAID = 1.0, 0.2
-"""Seconds that commands may take at once, and the share of the time in which that is made up for."""
+"""Limit of the time used by requests: a budget of 1 s, which refills by 0.2 s per second."""
 _NAME = Quantity(kind="name")
 _NUMBER = Quantity()
 _NEURON = Quantity(kind="integer", at_least=0)
@@ -92,7 +92,7 @@ _FLAG = Quantity(kind="boolean")
 
 
 class Steered(Protocol):
-    """What of a page is asked for here."""
+    """The methods and attributes of a page that requests use."""
 
     sim: Simulation
     pace: Pace | None
@@ -101,29 +101,29 @@ class Steered(Protocol):
     beside: Beside
 
     def begin(self) -> None:
-        """The simulation is at another time."""
+        """Restart all displays."""
 
     def show_again(self, seed: int) -> None:
-        """Begin anew with another seed."""
+        """Replace the simulation by one with another seed."""
 
     def look_again(self, *projections: int) -> None:
-        """Read weights anew."""
+        """Schedule new reads of weights."""
 
-    def keep(self, key: str, what: dict[str, Any]) -> None:
-        """Tell all browsers."""
+    def keep(self, key: str, content: dict[str, Any]) -> None:
+        """Send a message to all browsers."""
 
     def tell_value(self, part: str, word: str, values: Floats) -> None:
-        """Tell what a parameter is now."""
+        """Send the values of a parameter."""
 
     def tell_state(self) -> None:
-        """Tell what can be changed of the run."""
+        """Send the state of the run."""
 
 
 class Commands:
-    """Does what browsers ask for, between two stretches of a run.
+    """Executes the requests of browsers between two pieces of a run.
 
     Args:
-        page: has the simulation.
+        page: the page of the simulation.
     """
 
     def __init__(self, page: Steered) -> None:
@@ -149,19 +149,19 @@ class Commands:
 
     @property
     def silenced(self) -> list[str]:
-        """The populations that were silenced."""
+        """Names of the silenced populations."""
         return list(self._before)
 
     def answer(self, asked: Asked) -> Answer:
-        """Do it; the reply, and a file if one is asked for."""
-        number, began = asked.get("id", 0), time.monotonic()
-        self._owed = max(0.0, self._owed - (began - self._since) * PAID)
+        """Execute a request; return the reply, and the content of a file or b""."""
+        number, start = asked.get("id", 0), time.monotonic()
+        self._owed = max(0.0, self._owed - (start - self._since) * PAID)
         try:
             name = check(_NAME, asked.get("do"), "do")
             if name not in self._known:
                 raise unknown("command", name, self._known)
             if self._owed > MOST_OWED_S:
-                raise ModelError("too much was asked for at once, which holds the simulation up: try again later")
+                raise ModelError("too many requests, which slow down the simulation: try again later")
             head, body = self._known[name](asked) or ({}, b"")
             return {"id": number, **head}, body
         except ModelError as error:
@@ -169,17 +169,17 @@ class Commands:
             return {"id": number, "error": f"{error.message}{hint}"}, b""
         finally:
             self._since = time.monotonic()
-            self._owed = min(2.0 * MOST_OWED_S, self._owed + self._since - began)
+            self._owed = min(2.0 * MOST_OWED_S, self._owed + self._since - start)
 
     # the run
 
     def _pause(self, asked: Asked) -> None:
-        self._paused(True)
+        self._set_paused(True)
 
     def _resume(self, asked: Asked) -> None:
-        self._paused(False)
+        self._set_paused(False)
 
-    def _paused(self, paused: bool) -> None:
+    def _set_paused(self, paused: bool) -> None:
         assert self._page.pace is not None
         self._page.pace.pause(paused)
         self._page.tell_state()
@@ -212,14 +212,14 @@ class Commands:
         return {"sliders": sliders(self._sim, self._part(asked))}, b""
 
     def _set(self, asked: Asked) -> None:
-        """A parameter of a part, its weight, or a signal."""
+        """Set a parameter of a part, the weight of a projection, or a signal."""
         part, word, sim = self._part(asked), self._text(asked, "word"), self._sim
         value = asked.get("value")
         if not isinstance(value, bool):
             value = check(_NUMBER, value, f"{part}.{word}")
-        known = settable_words(sim, part)
-        if word not in known:
-            raise unknown("parameter", word, known).at(None, f"'{part}'")
+        words = settable_words(sim, part)
+        if word not in words:
+            raise unknown("parameter", word, words).at(None, f"'{part}'")
         if is_signal(sim, part):
             sim.signal(part, value)
             self._page.tell_value(part, word, np.array([value]))
@@ -233,15 +233,15 @@ class Commands:
         part = self._population(asked)
         if part in self._before:
             return
-        concerned = outgoing(self._sim.program, self._sim.handles.neurons(part))
-        before = {index: self._sim._engine.get_synapses(index, "weight") for index in concerned}
+        indices = outgoing(self._sim.program, self._sim.handles.neurons(part))
+        before = {index: self._sim._engine.get_synapses(index, "weight") for index in indices}
         self._sim.silence(part)
         self._before[part] = before
-        self._page.look_again(*concerned)
+        self._page.look_again(*indices)
         self._page.tell_state()
 
     def _restore(self, asked: Asked) -> None:
-        """The weights that they had when they were silenced."""
+        """Restore the weights from before the population was silenced."""
         part = self._population(asked)
         for index, weights in self._before.pop(part, {}).items():
             self._sim.set_weights(self._sim.program.projections[index].name, weights)
@@ -270,39 +270,39 @@ class Commands:
             self._sim.save(path)
             if path.stat().st_size > LARGEST_FILE:
                 message = f"the state has {path.stat().st_size:,} bytes: expected at most {LARGEST_FILE:,}"
-                raise ModelError(message, hint="sim.save(path) writes it where the simulation runs")
+                raise ModelError(message, hint="sim.save(path) in the program writes the state to a file")
             return {"file": f"{self._sim.program.name}-{self._sim.time:g}ms.h5"}, path.read_bytes()
 
     def _network(self, asked: Asked) -> Answer:
-        """As YAML, with what it has learnt; where it has large arrays a zip of both files."""
+        """Return the network with its learnt weights as YAML, or as a zip of YAML and arrays if arrays are large."""
         name = self._sim.program.name
         with tempfile.TemporaryDirectory(prefix="neuro-live-") as folder:
             self._sim.network().save(Path(folder) / "network.yaml")
             files = sorted(Path(folder).iterdir())
             if len(files) == 1:
                 return {"file": f"{name}.yaml"}, files[0].read_bytes()
-            packed = io.BytesIO()
-            with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+            content = io.BytesIO()
+            with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
                 for file in files:
                     archive.write(file, file.name)
-            return {"file": f"{name}.zip"}, packed.getvalue()
+            return {"file": f"{name}.zip"}, content.getvalue()
 
-    # what was sent
+    # fields of a request
 
     def _text(self, asked: Asked, word: str) -> str:
         name: str = check(_NAME, asked.get(word), word)
         return name
 
     def _population(self, asked: Asked) -> str:
-        name, known = self._text(asked, "population"), [part.name for part in self._sim.program.populations]
-        if name not in known:
-            raise unknown("population", name, known)
+        name, names = self._text(asked, "population"), [part.name for part in self._sim.program.populations]
+        if name not in names:
+            raise unknown("population", name, names)
         return name
 
     def _part(self, asked: Asked) -> str:
-        """The name of a population, projection or signal: no view, which is written as a text, too."""
+        """Return the name of a population, projection or signal. The text of a view is refused."""
         program, name = self._sim.program, self._text(asked, "part")
-        known = [part.name for part in (*program.populations, *program.projections, *program.signals)]
-        if name not in known:
-            raise unknown("part", name, known)
+        names = [part.name for part in (*program.populations, *program.projections, *program.signals)]
+        if name not in names:
+            raise unknown("part", name, names)
         return name

@@ -1,4 +1,4 @@
-"""What a page says of a network: its parts, once; what can be set of a part, when it is chosen."""
+"""Descriptions for the page: the parts of a network, and the sliders of a selected part."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from neuro_live.beside import has_curve
 KINDS = ("number", "integer", "boolean")
 NOT_SHOWN = ("tau_minus", "start", "stop")
 WIDE = {"Hz": 100.0, "pA": 500.0, "mV": 20.0, "ms": 20.0, "pF": 250.0, "nS": 10.0}
-"""How far a slider goes by the unit, where neither bounds nor the present value give it."""
+"""Range of a slider for each unit, if neither bounds nor the present value determine the range."""
 PLACES = 500
-"""Places of a slider, at most."""
+"""Largest number of positions of a slider."""
 LARGEST = 1e300
-"""Of what a slider can reach, so that no difference is infinite."""
+"""Bound of the ends of a slider, so that their difference is finite."""
 
 
 def about(sim: Simulation) -> dict[str, Any]:
-    """The network in the words of the page."""
+    """Describe a network for the page."""
     program = sim.program
     return {
         "name": program.name,
@@ -39,7 +39,7 @@ def about(sim: Simulation) -> dict[str, Any]:
 
 
 def population(sim: Simulation, part: Population) -> dict[str, Any]:
-    """A population."""
+    """Describe a population for the page."""
     computes = isinstance(part.model, Neuron)
     return {
         "name": part.name,
@@ -64,7 +64,7 @@ def _is_driven(sim: Simulation, part: Population) -> bool:
 
 
 def projection(sim: Simulation, index: int) -> dict[str, Any]:
-    """A projection."""
+    """Describe a projection for the page."""
     part = sim.program.projections[index]
     source, target = (sim.program.populations[end] for end in (part.source, part.target))
     weight = part.weight
@@ -82,74 +82,74 @@ def projection(sim: Simulation, index: int) -> dict[str, Any]:
 
 
 def is_signal(sim: Simulation, name: str) -> bool:
-    """Whether a part is a signal."""
+    """Return whether a name is that of a signal."""
     return name in [part.name for part in sim.program.signals]
 
 
 def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
-    """What can be set of a population, projection or signal, by word."""
+    """Return the settable quantities of a population, projection or signal by name."""
     if is_signal(sim, name):
         if next(part for part in sim.program.signals if part.name == name).values is not None:
             return {}
         return {"value": Quantity(unit="1/ms", doc="one for all neurons")}
-    found = sim.handles.neurons_or_projection(name)
-    if isinstance(found, int):
-        rule = sim._run.rules[found]
+    part = sim.handles.neurons_or_projection(name)
+    if isinstance(part, int):
+        rule = sim._run.rules[part]
         words = {word: rule.quantities()[word] for word in settable.settable_numbers(rule)}
-        if sim.program.projections[found].size:
+        if sim.program.projections[part].size:
             words = {
-                "weight": Quantity(unit=sim._values.synapses.weight_unit(found), doc="one for all synapses"),
+                "weight": Quantity(unit=sim._values.synapses.weight_unit(part), doc="one for all synapses"),
                 **words,
             }
     else:
-        each = {word: settable.quantity_of(found.part, word) for word in found.part.parameters}
-        words = {word: q for word, q in each.items() if q is not None and word not in NOT_SHOWN}
+        quantities = {word: settable.quantity_of(part.part, word) for word in part.part.parameters}
+        words = {word: q for word, q in quantities.items() if q is not None and word not in NOT_SHOWN}
     return {word: q for word, q in words.items() if q.kind in KINDS}
 
 
 def present(sim: Simulation, name: str, word: str) -> Floats:
-    """The values of what can be set of a part; of a signal 0, since it has none between two settings."""
+    """Return the present values of a settable quantity; 0 for a signal, which has no present value."""
     if is_signal(sim, name):
         return np.zeros(1)
-    found = sim.handles.neurons_or_projection(name)
-    if isinstance(found, int) and word != "weight":
-        return np.atleast_1d(np.asarray(sim._run.rules[found].parameters()[word], dtype=np.float64))
+    part = sim.handles.neurons_or_projection(name)
+    if isinstance(part, int) and word != "weight":
+        return np.atleast_1d(np.asarray(sim._run.rules[part].parameters()[word], dtype=np.float64))
     values: Floats = sim.get(name, word)
     return values
 
 
 def sliders(sim: Simulation, name: str) -> list[dict[str, Any]]:
-    """What can be set of a part: what it is now, its bounds, and how far its slider goes."""
-    found = []
+    """Return a slider for each settable quantity of a part: present value, bounds, ends and step."""
+    rows = []
     for word, q in settable_words(sim, name).items():
         now = shown_value(present(sim, name, word))
         signs = {">": q.above, "≥": q.at_least, "<": q.below, "≤": q.at_most}
         bounds = ", ".join(f"{sign} {bound:g}" for sign, bound in signs.items() if bound is not None)
         low, high, step = slider_ends(q, now["value"] or 0.0, sim.program.resolution, partial(accepts, sim, name, word))
         about = {"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "bounds": bounds}
-        found.append({**about, **now, "low": low, "high": high, "step": step})
-    return found
+        rows.append({**about, **now, "low": low, "high": high, "step": step})
+    return rows
 
 
 def accepts(sim: Simulation, name: str, word: str, value: float) -> bool:
-    """Whether a parameter of a part may have a value, beside those that the others have now; nothing is set."""
+    """Return whether a value is valid together with the present values of the other parameters, without setting it."""
     if is_signal(sim, name):
         return True
-    found = sim.handles.neurons_or_projection(name)
+    part = sim.handles.neurons_or_projection(name)
     try:
-        if not isinstance(found, int):
-            sim._values.cells.checked(found, {word: value})
+        if not isinstance(part, int):
+            sim._values.cells.checked(part, {word: value})
         elif word == "weight":
-            sim._values.synapses.checked_weights(found, value)
+            sim._values.synapses.checked_weights(part, value)
         else:
-            sim._values.synapses.checked_rule(found, {word: value})
+            sim._values.synapses.checked_rule(part, {word: value})
     except ModelError:
         return False
     return True
 
 
 def shown_value(values: Floats) -> dict[str, Any]:
-    """The mean of values, None where it is infinite, and whether all are the same."""
+    """Return the mean of the values, or None if it is not finite, and whether all values are equal."""
     with np.errstate(over="ignore"):
         mean = float(values.mean()) if values.size else 0.0
     return {
@@ -161,7 +161,14 @@ def shown_value(values: Floats) -> dict[str, Any]:
 def slider_ends(
     q: Quantity, value: float, resolution: float, accepted: Callable[[float], bool]
 ) -> tuple[float, float, float]:
-    """The ends of a slider, which are accepted, and its step, of which they are multiples."""
+    """Return the ends and the step of a slider. The ends are valid values and multiples of the step.
+
+    Args:
+        q: the quantity.
+        value: present value.
+        resolution: resolution of the network, ms.
+        accepted: function that returns whether a value is valid.
+    """
     low, high = (max(-LARGEST, min(end, LARGEST)) for end in span(q, value))
     ten = 10.0 ** math.floor(math.log10((high - low) / PLACES))
     step = 1.0 if q.kind == "integer" else next(n * ten for n in (1, 2, 5, 10) if n * ten * PLACES >= high - low)
@@ -171,7 +178,10 @@ def slider_ends(
 
 
 def furthest(value: float, end: float, step: float, accepted: Callable[[float], bool]) -> float:
-    """Of the multiples of a step between a value and an end the furthest that is accepted, or the value."""
+    """Return the valid multiple of a step between a value and an end that is closest to the end, or the value.
+
+    Validity is assumed to end at one point on the way, which is found by bisection.
+    """
     sign = 1 if end > value else -1
     near, far = math.ceil(sign * value / step - 1e-6), math.floor(sign * end / step + 1e-6)
 
@@ -180,7 +190,7 @@ def furthest(value: float, end: float, step: float, accepted: Callable[[float], 
 
     if far < near or not accepted(at(near)):
         return value
-    for last in (far, far - 1):  # the bound itself is accepted, or what is next to it, or the others have a say
+    for last in (far, far - 1):  # usually the bound itself is valid, or, if it is exclusive, the value next to it
         if accepted(at(last)):
             return at(last)
     while far - near > 1:
@@ -190,7 +200,7 @@ def furthest(value: float, end: float, step: float, accepted: Callable[[float], 
 
 
 def span(q: Quantity, value: float) -> tuple[float, float]:
-    """How far a slider is to go: to the bounds, or as far again as the value is from 0."""
+    """Return the desired ends of a slider: the bounds, or the value plus and minus its distance from 0."""
     least = q.at_least if q.at_least is not None else q.above
     most = q.at_most if q.at_most is not None else q.below
     reach = abs(value) if abs(value) > 1.0 / LARGEST else WIDE.get(q.unit, 1.0)

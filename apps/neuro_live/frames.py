@@ -1,9 +1,12 @@
-"""Messages to the page: weights, and the spikes, rates, traces and pictures of cameras since the last frame.
+"""Messages to the page: weights, and frames with the spikes, rates, traces and camera pictures since the last frame.
 
-A frame is a head of JSON and arrays of 4-byte numbers behind each other, little-endian: for each entry of `spikes` the
-steps since the frame before and the neurons (uint32), for each of `traces` the times in ms since then and the values by
-column (float32), likewise for `watched`, for each of `cameras` the events of each pixel (uint8, OFF then ON where they
-are apart).
+A frame is a JSON head and little-endian arrays one after another:
+
+- for each entry of `spikes` the steps since the previous frame and the neurons (uint32),
+- for each entry of `traces`, and for `watched`, the times in ms since the previous frame and the values by column
+  (float32),
+- for each entry of `cameras` the number of events of each pixel (uint8), first OFF and then ON if the camera separates
+  polarities.
 """
 
 from __future__ import annotations
@@ -19,25 +22,25 @@ from neuro.apps import Clock, Fired, settable, unknown
 from neuro.extend import Floats, Ints, Population, Projection
 
 MOST_SPIKES = 2000
-"""Of a population in a frame; of more an even choice, and all are counted."""
+"""Largest number of spikes of a population in a frame. Of more spikes every n-th is sent; rates count all."""
 MOST_READ = 8 * MOST_SPIKES
-"""Of a population in a frame that are looked at; of more about so many of the last."""
+"""Approximate largest number of spikes of a population that are read for a frame; of more, the last ones."""
 MOST_COLUMNS = 4
 MOST_SAMPLES = 500
 WIDEST = 200
-"""Pixels of a camera's picture along a side; of a larger sensor squares of pixels are summed."""
+"""Largest side of a camera's picture in pixels. Larger sensors are reduced by sums over squares of pixels."""
 
 
 class Frames:
-    """Makes frames of a simulation.
+    """Builds the frames of a simulation.
 
     Args:
         sim: the simulation.
 
     Attributes:
-        step: up to which the last frame went.
-        traces: what probes record: names and units.
-        watched: the population, neuron and state that `sample` takes; empty for none.
+        step: end of the last frame.
+        traces: names, states and units of the probes' recordings.
+        watched: population, neuron and state that `sample` reads; empty for none.
     """
 
     def __init__(self, sim: Simulation) -> None:
@@ -50,7 +53,7 @@ class Frames:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was before: the simulation went back, or to another state."""
+        """Discard all data after the simulation was reset or restored to another state."""
         self.step = self._gathered = self._engine.step
         self._totals = {k: self._total(k) for k, p in self._populations if p.kind != "current"}
         self._rate = [0.0] * len(self._populations)
@@ -60,10 +63,10 @@ class Frames:
         self._samples: dict[int, list[tuple[Ints, Floats]]] = {k: [] for k in range(len(self.traces))}
 
     def watch(self, population: str, neuron: int, state: str) -> None:
-        """Show a state of a neuron, as it is when `sample` is called.
+        """Select a state of a neuron, whose value `sample` reads.
 
         Raises:
-            ModelError: there is no such neuron or state.
+            ModelError: the neuron or the state does not exist.
         """
         neurons = self._sim.handles.neurons(population)
         settable.neuron_ids([neuron], neurons.part.size)
@@ -73,11 +76,11 @@ class Frames:
 
     @property
     def time(self) -> float:
-        """Up to which the last frame went, in ms."""
+        """End of the last frame, ms."""
         return self._clock.ms(self.step)
 
     def sample(self) -> None:
-        """Take the value of the state that is watched."""
+        """Read the watched state."""
         if self.watched and len(self._sampled) < MOST_SAMPLES:
             population, neuron, state = self.watched.values()
             index = self._sim.handles.neurons(population).index
@@ -85,14 +88,14 @@ class Frames:
             self._sampled.append((self._sim.time, float(value[0])))
 
     def gather(self) -> None:
-        """Take what was recorded since the last time, before it is forgotten."""
+        """Copy the recordings since the last call, before the simulation deletes them."""
         since, now = self._gathered, self._engine.step
         self._gathered = now
         for k, spikes in self._spikes.items():
             expected = self._rate[k] * self._populations[k][1].size * (now - since) * self._clock.resolution * 1e-3
-            found = self._engine.spikes(k, max(since, now - int((now - since) * MOST_READ / max(expected, 1.0))))
-            if found.ids.size:
-                spikes.append((found.steps, found.ids))
+            train = self._engine.spikes(k, max(since, now - int((now - since) * MOST_READ / max(expected, 1.0))))
+            if train.ids.size:
+                spikes.append((train.steps, train.ids))
         for k, samples in self._samples.items():
             steps, values = self._sim._records.recorder.series[self.traces[k]["name"]].after(since, MOST_SAMPLES)
             if steps.size:
@@ -100,17 +103,17 @@ class Frames:
 
     @property
     def is_forgotten(self) -> bool:
-        """Whether what is recorded is not kept until the next frame."""
+        """Whether the simulation deletes recordings before the next frame."""
         records = self._sim._records
         return records.recording is not None or records.held >= max(self.step, 1)
 
     @property
     def went_back(self) -> bool:
-        """Whether the simulation was reset meanwhile, or took over an earlier state."""
+        """Whether the simulation was reset or restored to an earlier state since the last call of `gather`."""
         return self._engine.step < self._gathered
 
     def take(self) -> tuple[dict[str, Any], bytes]:
-        """The next frame."""
+        """Return the head and the body of the next frame."""
         self.gather()
         since, now = self.step, self._engine.step
         self._began, body = self._clock.ms(since), list[bytes]()
@@ -127,7 +130,7 @@ class Frames:
         return head, b"".join(body)
 
     def _rates(self, steps: int) -> list[float]:
-        """Of each population the mean rate of a neuron in Hz, also where spikes are not recorded."""
+        """Return the mean rate of each population's neurons in Hz, also of populations without recorded spikes."""
         seconds = steps * self._clock.resolution * 1e-3
         rates = dict.fromkeys(range(len(self._populations)), 0.0)
         for k, before in self._totals.items():
@@ -145,29 +148,29 @@ class Frames:
         return int(self._fired(index).sum())
 
     def _of_spikes(self, index: int, since: int, body: list[bytes]) -> list[int]:
-        """Population, and of how many spikes steps and neurons are in the body; nothing where there is none."""
-        found, self._spikes[index] = self._spikes[index], []
-        if not found:
+        """Append a population's spikes to the body; return the population and the number of spikes, or []."""
+        pieces, self._spikes[index] = self._spikes[index], []
+        if not pieces:
             return []
-        steps, ids = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        steps, ids = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
         every = -(-ids.size // MOST_SPIKES)
         steps, ids = steps[::every], ids[::every]
         body += [(steps - since).astype("<u4").tobytes(), ids.astype("<u4").tobytes()]
         return [index, ids.size]
 
     def _of_samples(self, index: int, since: int, body: list[bytes]) -> list[int]:
-        """Trace, samples and columns of what a probe has recorded; nothing where there is none."""
-        found, self._samples[index] = self._samples[index], []
-        if not found:
+        """Append a probe's samples to the body; return the trace and the numbers of samples and columns, or []."""
+        pieces, self._samples[index] = self._samples[index], []
+        if not pieces:
             return []
-        steps, values = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        steps, values = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
         every = -(-steps.size // MOST_SAMPLES)
         steps, values = steps[::every], values[::every]
         body += [((steps - since) * self._clock.resolution).astype("<f4").tobytes(), values.T.astype("<f4").tobytes()]
         return [index, steps.size, values.shape[1]]
 
     def _picture(self, index: int, part: Population, body: list[bytes]) -> list[int]:
-        """Population, sides and layers of the events of a camera since the last frame."""
+        """Append a camera's events since the last frame to the body; return the population and the picture's shape."""
         now = self._fired(index)
         events = (now - self._seen[index]).reshape(-1, *part.shape[-2:])
         self._seen[index] = now
@@ -178,66 +181,69 @@ class Frames:
 
 
 def smaller(events: Ints) -> NDArray[np.int64]:
-    """Pictures, shape (layers, rows, columns), whose squares of pixels are summed until they are small enough."""
+    """Reduce pictures, shape (layers, rows, columns), to sides of at most `WIDEST` by sums over squares of pixels."""
     layers, height, width = events.shape
     side = -(-max(height, width) // WIDEST)
     if side == 1:
         return events
     padded = np.pad(events, ((0, 0), (0, -height % side), (0, -width % side)))
     rows, columns = padded.shape[1] // side, padded.shape[2] // side
-    summed: NDArray[np.int64] = padded.reshape(layers, rows, side, columns, side).sum(axis=(2, 4))
-    return summed
+    sums: NDArray[np.int64] = padded.reshape(layers, rows, side, columns, side).sum(axis=(2, 4))
+    return sums
 
 
 def _recorded(sim: Simulation) -> list[dict[str, Any]]:
-    """The probes that record every so many steps."""
-    program, found = sim.program, list[dict[str, Any]]()
+    """Return the name, part, state and unit of each probe that records at regular intervals."""
+    program, traces = sim.program, list[dict[str, Any]]()
     for probe in program.probes:
         if probe.record == "spikes":
             continue
         part = program.populations[probe.population]
         unit = "Hz" if probe.record == "rate" else {s.name: s.unit for s in part.model.states}.get(probe.record, "")
-        found.append({"name": probe.name, "of": part.name, "state": probe.record, "unit": unit})
+        traces.append({"name": probe.name, "of": part.name, "state": probe.record, "unit": unit})
     for synapses in program.synapse_probes:
         if synapses.every:
             part_ = program.projections[synapses.projection]
-            found.append({"name": synapses.name, "of": part_.name, "state": synapses.record, "unit": ""})
-    return found
+            traces.append({"name": synapses.name, "of": part_.name, "state": synapses.record, "unit": ""})
+    return traces
 
 
 BINS = 48
 SIDE = 40
-"""Rows and columns of the matrix at most; of more neurons the mean of several."""
+"""Largest number of rows and columns of the matrix; with more neurons an entry is the mean of several."""
 MOST_MAPS = 12
 LARGEST = 1_000_000
-"""Synapses of a projection that is read while the network runs."""
+"""Largest number of synapses of a projection whose weights are read during the run."""
 CHOSEN = 50_000
-"""Synapses of which histogram and matrix are; of more an even choice."""
+"""Approximate number of synapses for the histogram and the matrix; of more synapses every n-th is used."""
 
 
 def weights_of(sim: Simulation, index: int) -> dict[str, Any]:
-    """A histogram and a matrix of the weights of a projection, by its index."""
+    """Return the range, mean, histogram and matrix of the weights of a projection, or the reason for their absence."""
     part = sim.program.projections[index]
-    found: dict[str, Any] = {"projection": part.name, "size": part.size}
+    message: dict[str, Any] = {"projection": part.name, "size": part.size}
     if part.size > LARGEST:
-        return found | {"refused": f"{part.size:,} synapses: weights are shown up to {LARGEST:,}"}
+        return message | {"refused": f"{part.size:,} synapses: weights are shown up to {LARGEST:,}"}
     values = sim._engine.get_synapses(index, "weight")
     every = -(-part.size // CHOSEN) or 1
     finite = values[np.isfinite(values)]
     if not finite.size:
-        return found | {"refused": "no synapse" if not values.size else "no weight is finite"}
+        return message | {"refused": "no synapse" if not values.size else "no weight is finite"}
     low, high = float(finite.min()), float(finite.max())
     bins = np.histogram(finite[::every], BINS, (low, high))[0] if high > low else np.array([finite.size])
     with np.errstate(over="ignore"):
         mean = float(finite.mean())
-    found |= {"low": low, "high": high, "mean": mean if math.isfinite(mean) else None, "bins": bins.tolist()}
+    message |= {"low": low, "high": high, "mean": mean if math.isfinite(mean) else None, "bins": bins.tolist()}
     matrix = _kernels(part, values) if part.grid is not None else _matrix(sim, index, values, every)
-    plain = [[None if np.isnan(v) else float(f"{v:.4g}") for v in row] for row in matrix]
-    return found | {"matrix": plain, "kernels": part.grid is not None}
+    rounded = [[None if np.isnan(v) else float(f"{v:.4g}") for v in row] for row in matrix]
+    return message | {"matrix": rounded, "kernels": part.grid is not None}
 
 
 def _matrix(sim: Simulation, index: int, values: Floats, every: int) -> Floats:
-    """Mean weights of some synapses by blocks of sources, rows, and targets, columns; NaN where there is no synapse."""
+    """Return the mean weights of every n-th synapse by blocks of sources (rows) and targets (columns).
+
+    A block without a synapse is NaN.
+    """
     part, populations = sim.program.projections[index], sim.program.populations
     ends = sim.handles.ends(index)
     sides = [min(SIDE, populations[end].size) for end in (part.source, part.target)]
@@ -245,17 +251,17 @@ def _matrix(sim: Simulation, index: int, values: Floats, every: int) -> Floats:
         ids[::every] * side // populations[end].size
         for ids, side, end in zip(ends, sides, (part.source, part.target), strict=True)
     ]
-    places = blocks[0] * sides[1] + blocks[1]
-    room = sides[0] * sides[1]
-    count = np.bincount(places, minlength=room)
-    total = np.bincount(places, weights=values[::every], minlength=room)
+    cells = blocks[0] * sides[1] + blocks[1]
+    n_cells = sides[0] * sides[1]
+    count = np.bincount(cells, minlength=n_cells)
+    total = np.bincount(cells, weights=values[::every], minlength=n_cells)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     matrix: Floats = mean.reshape(sides[0], sides[1])
     return matrix
 
 
 def _kernels(part: Projection, values: Floats) -> Floats:
-    """The kernels of some maps beside each other, their channels below each other."""
+    """Return a mosaic of the first kernels: a column of the mosaic for each map, a row for each channel."""
     assert part.grid is not None
     kernels = values.reshape(part.grid.kernels)[:MOST_MAPS, :4]
     framed = np.pad(kernels, ((0, 0), (0, 0), (0, 1), (0, 1)), constant_values=np.nan)

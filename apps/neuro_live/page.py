@@ -1,4 +1,4 @@
-"""A page on a simulation: it is served by a process of its own, and looked after between two stretches of the run."""
+"""A browser page of a simulation, which is served by a second process and updated between two pieces of the run."""
 
 from __future__ import annotations
 
@@ -26,22 +26,26 @@ from neuro_live.facts import about, shown_value
 from neuro_live.frames import Frames, weights_of
 
 FRAME_S = 1 / 40
+"""Shortest interval between two frames, s."""
 POLL_S = 5e-3
-"""How often messages are looked for."""
+"""Interval between two checks for messages, s."""
 SAMPLE_S = 1e-3
 STRETCH_S, LONGEST_MS = 2e-3, 20.0
+"""Duration of a piece of the run in s of real time, and its upper bound in ms of network time."""
 WATCH_MS = 0.5
-"""Time between two samples of the watched state: a window of 1 s on 1,000 pixels shows each spike and its reset."""
+"""Interval between two samples of the watched state: a window of 1 s on 1,000 pixels shows each spike and its reset."""
 KEPT_MS = 500.0
+"""Time for which recordings are kept in memory, ms."""
 BESIDE_S = 0.05
 SEEN_S = 1.0
-"""So long after a frame somebody is taken to look."""
+"""Time after the last request for a frame for which a browser counts as watching, s."""
 SLOW_S = 0.25
 PRICE_S = 1.0
 SHARE, SAMPLE_SHARE, SLOW_SHARE = 0.025, 0.005, 0.005
-"""Of the time that the run takes and waits: what frames may take, the state that is watched, and all that is made
-seldom. Where they take more, they come less often."""
+"""Share of the time of the run that may be used for frames, for samples of the watched state, and for slow updates.
+Updates that need more time become rarer."""
 START_S = 20.0
+"""Longest time for the start of the second process, s."""
 REDIRECT = """<!doctype html>
 <meta charset="utf-8">
 <meta name="referrer" content="no-referrer">
@@ -55,28 +59,29 @@ HOST = Quantity(kind="name")
 
 
 class Page:
-    """A page in a browser that shows a simulation while it runs, and steers it; needs the extra `live`.
+    """A browser page that shows and controls a simulation while it runs; needs the extra `live`.
 
-    Whoever runs the simulation calls `tick` between two stretches. The page is served by a process of its own, which
-    the simulation never waits for: frames that are not fetched in time are dropped. Who knows `url` can steer the
-    simulation, and nothing else: the page passes numbers and names of parts, no code and no path.
+    The code that runs the simulation calls `tick` between two pieces of the run. A second process serves the page. The
+    simulation never waits for this process: frames that no browser fetches in time are dropped. Everyone who knows
+    `url` can control the simulation but nothing else, because requests contain only numbers and names of parts, never
+    code or paths.
 
     Args:
         sim: the simulation.
-        host: the name or address to listen at; others than 127.0.0.1 can be reached from other machines.
-        port: 0 for any that is free.
-        speed: times real time that `tick` keeps, waiting where the run is ahead; then the page can pause, step and
-            change the speed. `math.inf`: as fast as it can. None: `tick` never waits, whoever calls it keeps time.
-        restart: makes the simulation anew with another seed, from which on `sim` is that; without it the page shows the
-            seed only.
-        figures: gives figures that the page shows beside its own, such as latencies, as texts by name.
+        host: name or address to listen at. Other machines can reach every address except 127.0.0.1.
+        port: port to listen at; 0 for any free port.
+        speed: multiple of real time to which `tick` slows the run; the page can then pause, step and change the speed.
+            `math.inf` is as fast as possible. With None, `tick` never waits, and its caller controls the speed.
+        restart: function that returns a new simulation with another seed, which replaces `sim`. Without it the page
+            displays the seed but cannot change it.
+        figures: function that returns further figures for the page, such as latencies, as texts by name.
 
     Attributes:
-        sim: the simulation that is shown.
-        url: the address for the browser, with a random token.
+        sim: the simulation on the page.
+        url: address for the browser, with a random token.
 
     Raises:
-        ModelError: the port cannot be listened at, or the extra is not installed.
+        ModelError: the port is not available, or the extra is not installed.
     """
 
     def __init__(
@@ -92,9 +97,9 @@ class Page:
         needed("websockets", "live", "a page is served by websockets, which is not installed")
         if not isinstance(sim, Simulation):
             raise ModelError(f"Page: found {sim!r}: expected a Simulation")
-        for word, call in (("restart", restart), ("figures", figures)):
-            if call is not None and not callable(call):
-                raise ModelError(f"Page: {word} = {call!r:.60}: expected a function")
+        for name, function in (("restart", restart), ("figures", figures)):
+            if function is not None and not callable(function):
+                raise ModelError(f"Page: {name} = {function!r:.60}: expected a function")
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
@@ -126,10 +131,10 @@ class Page:
         return f"Page({self.sim!r}, {self.url!r})"
 
     def open(self) -> None:
-        """Open the page in the browser of this user.
+        """Open the page in the user's browser.
 
-        The browser is given a file that leads to the page. Only this user can read the file, while every user of the
-        machine can read the words that a program is started with. The file is removed when the page is closed.
+        The browser opens a file that redirects to the page. Only this user can read the file, whereas every user of the
+        machine can read the command lines of programs. The file is deleted when the page is closed.
         """
         import webbrowser
 
@@ -140,7 +145,7 @@ class Page:
         webbrowser.open(file.as_uri())
 
     def close(self) -> None:
-        """End the page and its processes; the simulation stays. A second call does nothing."""
+        """Close the page and its processes, but not the simulation. A second call has no effect."""
         self._files.close()
         self._channel.close()
         beside: Beside | None = getattr(self, "beside", None)
@@ -153,9 +158,9 @@ class Page:
             self._process.wait()
 
     def tick(self) -> None:
-        """Do what the browsers ask for, and show them what is new; with a speed, wait until the run may go on.
+        """Execute the browsers' requests and send updates; with a speed, wait until the run is due to continue.
 
-        Without a browser this takes a microsecond or two, with some at most 4 % of the time.
+        A call takes 1 to 2 us without a browser. With browsers, all calls together take at most 4 % of the time.
         """
         now = time.perf_counter()
         if now >= self._due and self._channel.open:
@@ -170,24 +175,24 @@ class Page:
         self._ahead = False
         while self._channel.open and not self._stopped and (wait := self.pace.wait_s(self.sim.time)) > 0.0:
             self._ahead = True
-            began = time.perf_counter()
+            wait_start = time.perf_counter()
             time.sleep(min(wait, POLL_S))
             now = time.perf_counter()
-            self._waited += now - began
+            self._waited += now - wait_start
             if now >= self._due:
                 self._attend(now)
 
     def run(self, ms: float = math.inf) -> None:
-        """Run the simulation until a time of the network, and keep no more than a second of what is recorded.
+        """Run the simulation until a network time, and keep at most a second of the recordings.
 
-        A numerical instability pauses the run, and the page says so.
+        A numerical instability pauses the run and is reported on the page.
 
         Args:
-            ms: the time, a multiple of the resolution; for ever if not given.
+            ms: end of the run, a multiple of the resolution; by default no end.
 
         Raises:
-            ModelError: the page has no speed, the time is no such multiple, or the process that serves the page has
-                ended.
+            ModelError: the page has no speed, the time is not a multiple of the resolution, or the process that serves
+                the page has ended.
         """
         if self.pace is None:
             raise ModelError("Page.run: found no speed: expected Page(sim, speed=1.0)")
@@ -201,7 +206,7 @@ class Page:
                 raise ModelError("the process that serves the page has ended")
 
     def stop(self) -> None:
-        """Let `run` end after the present stretch, from any thread."""
+        """End `run` after its present piece; may be called from any thread."""
         self._stopped = True
 
     def _advance(self, ms: float, pace: Pace) -> None:
@@ -221,7 +226,7 @@ class Page:
             self.sim.forget(self.sim.time - KEPT_MS)
 
     def _parts(self, ms: float) -> Iterator[float]:
-        """Divide a stretch of the run, ms; a watched state is sampled every `WATCH_MS` where there is time to wait."""
+        """Divide a piece of the run, in ms, for samples of a watched state every `WATCH_MS` if the run is ahead."""
         clock = Clock(self.sim.program.resolution)
         steps = clock.step(ms, "run")
         is_watched = bool(self.frames.watched) and self._ahead and time.perf_counter() < self._seen_until
@@ -231,15 +236,15 @@ class Page:
 
     @property
     def _stretch_ms(self) -> float:
-        """How long a stretch is: short enough for frames to be smooth, and a multiple of the resolution."""
+        """Length of a piece of the run in ms, short enough for smooth frames and a multiple of the resolution."""
         assert self.pace is not None
         resolution: float = self.sim.program.resolution
         return max(1, int(min(STRETCH_S * 1e3 * self.pace.speed, LONGEST_MS) / resolution)) * resolution
 
-    # --- the process that serves it
+    # --- the process that serves the page
 
     def _begin(self, settings: dict[str, Any]) -> int:
-        """Tell the process what to serve, and wait until it does; the port."""
+        """Send the settings to the second process, wait until it listens, and return the port."""
         self._channel.send(settings)
         until = time.monotonic() + START_S
         while self._channel.open and time.monotonic() < until:
@@ -252,10 +257,10 @@ class Page:
         raise ModelError(f"the process that serves the page has ended, or has not begun within {START_S:g} s")
 
     def _show(self, sim: Simulation) -> None:
-        """Show a simulation from its beginning."""
+        """Make the page show another simulation."""
         self.sim = sim
-        if (former := getattr(self, "beside", None)) is not None:
-            former.close()
+        if (previous := getattr(self, "beside", None)) is not None:
+            previous.close()
         self.frames, self.beside = Frames(sim), Beside(sim)
         self.commands = Commands(self)
         self._learning = [k for k, part in enumerate(sim.program.projections) if part.synapse.learns]
@@ -270,13 +275,13 @@ class Page:
         self.tell_state()
 
     def show_again(self, seed: int) -> None:
-        """Begin anew with another seed."""
+        """Replace the simulation by one with another seed."""
         assert self.restart is not None
         self._show(self.restart(seed))
         self.begin()
 
     def begin(self) -> None:
-        """The simulation is at another time or in another state: what is shown begins anew."""
+        """Restart all displays after the simulation was reset or restored to another state."""
         self.frames.begin()
         self.beside.begin()
         if self.pace is not None:
@@ -287,30 +292,36 @@ class Page:
         self.look_again()
 
     def look_again(self, *projections: int) -> None:
-        """Read the weights of projections, or of all, anew."""
+        """Schedule new reads of the weights of some projections, or of all."""
         every = range(len(self.sim.program.projections))
         self._unread += [k for k in projections or every if k not in self._unread]
 
-    def keep(self, key: str, what: dict[str, Any], fresh: bool = False) -> None:
-        """Tell all browsers, also those to come, until another message of that key; `fresh`: forget all others."""
-        self._channel.send({"keep": key, "fresh": fresh, **what})
+    def keep(self, key: str, content: dict[str, Any], fresh: bool = False) -> None:
+        """Send a message to all present and future browsers, until another message with the key replaces it.
+
+        Args:
+            key: name of the message.
+            content: fields of the message.
+            fresh: whether to delete the messages of all keys first.
+        """
+        self._channel.send({"keep": key, "fresh": fresh, **content})
 
     def tell_value(self, part: str, word: str, values: Floats) -> None:
-        """Tell what a parameter of a part is now."""
+        """Send the present values of a parameter of a part."""
         self.keep(f"value/{part}/{word}", {"part": part, "word": word, **shown_value(values)})
 
     def tell_state(self) -> None:
-        """Tell what the page can change of the run."""
+        """Send the watched state, the silenced populations, and whether and how fast the run goes on."""
         pace = self.pace
         state: dict[str, Any] = {"watched": self.frames.watched or None, "silenced": self.commands.silenced}
         if pace is not None:
             state |= {"paused": pace.paused, "speed": min(pace.speed, 1e9)}
         self.keep("state", state)
 
-    # --- between two stretches
+    # --- between two pieces of the run
 
     def _attend(self, now: float) -> None:
-        """Do what is asked for, and send a frame if one is wanted."""
+        """Execute requests, and send a frame if a browser is waiting for one."""
         self._due = now + POLL_S
         if self.frames.went_back:
             self.begin()
@@ -326,8 +337,8 @@ class Page:
         self._channel.flush()
         if now >= self._beside_due:
             self._beside_due = now + BESIDE_S
-            for job, found in self.beside.found():
-                self._found(job, found)
+            for job, result in self.beside.found():
+                self._show_result(job, result)
         if self._wanted and self._channel.idle and (self._ahead or self._used() >= self._frame_due):
             if self.sim.time != self.frames.time or (self._unseen and self._is_paused):
                 self._send_frame(now)
@@ -339,17 +350,17 @@ class Page:
         return self.pace is not None and self.pace.paused
 
     def _used(self) -> float:
-        """Seconds that the run took and waited; of one that others pace, those on the wall."""
+        """Return the time of the run in s: CPU time and waits, or wall time if the page does not control the speed."""
         return time.perf_counter() if self.pace is None else time.thread_time() + self._waited
 
     def _sample(self, now: float) -> None:
-        began, used = time.thread_time(), self._used()
+        start, used = time.thread_time(), self._used()
         self.frames.sample()
         self._sample_due = now + SAMPLE_S
-        self._sample_used = used + (time.thread_time() - began) / SAMPLE_SHARE
+        self._sample_used = used + (time.thread_time() - start) / SAMPLE_SHARE
 
     def _send_frame(self, now: float) -> None:
-        began, used = time.thread_time(), self._used()
+        start, used = time.thread_time(), self._used()
         head, body = self.frames.take()
         since, ms = self._measured
         if now - since > 0.5:
@@ -357,13 +368,13 @@ class Page:
             self._measured = now, head["time"]
         self._channel.send(head | {"speed": round(self._speed, 4)}, body)
         self._wanted, self._unseen, self._seen_until = False, False, now + SEEN_S
-        before, self._taken = self._taken, time.thread_time() - began
+        before, self._taken = self._taken, time.thread_time() - start
         self._due = now + FRAME_S
         self._frame_due = used + 0.5 * (before + self._taken) / SHARE
 
     def _seldom(self, now: float) -> None:
-        """What is made a few times a second: the weights of one projection, joules, figures."""
-        began, used = time.thread_time(), self._used()
+        """Send the slow updates, a few times a second: the weights of one projection, the energy, the figures."""
+        start, used = time.thread_time(), self._used()
         if self._unread or self._learning:
             if self._unread:
                 index = self._unread.pop(0)
@@ -384,29 +395,29 @@ class Page:
                 self.keep("joules", {"refused": self.beside.refused})
         if self._figures is not None:
             self.keep("figures", {"figures": dict(self._figures())})
-        self._slow_due = used + max(SLOW_S, (time.thread_time() - began) / SLOW_SHARE)
+        self._slow_due = used + max(SLOW_S, (time.thread_time() - start) / SLOW_SHARE)
 
-    def _found(self, job: dict[str, Any], found: Any) -> None:
-        """Show what the process beside has computed."""
+    def _show_result(self, job: dict[str, Any], result: Any) -> None:
+        """Send the result of a slow computation; a text is its error."""
         if job["do"] == "price":
-            if isinstance(found, str):
-                self.beside.refused = found
+            if isinstance(result, str):
+                self.beside.refused = result
             else:
-                self.keep("joules", {"chips": found})
+                self.keep("joules", {"chips": result})
         else:
-            of = {"population": job["population"], "neuron": job["neuron"]}
-            self.keep("curve", of | ({"refused": found} if isinstance(found, str) else found))
+            neuron = {"population": job["population"], "neuron": job["neuron"]}
+            self.keep("curve", neuron | ({"refused": result} if isinstance(result, str) else result))
 
 
 def _serve() -> tuple[subprocess.Popen[bytes], Channel]:
-    """The process that serves the page, and the way to it."""
-    mine, its = socket.socketpair()
+    """Start the process that serves the page, and return it with the channel to it."""
+    own_end, other_end = socket.socketpair()
     paths = [os.path.abspath(path) for path in sys.path]
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "neuro_live.serving", str(its.fileno())],
+        [sys.executable, "-P", "-m", "neuro_live.serving", str(other_end.fileno())],
         stdin=subprocess.DEVNULL,
-        pass_fds=[its.fileno()],
+        pass_fds=[other_end.fileno()],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
     )
-    its.close()
-    return process, Channel(mine)
+    other_end.close()
+    return process, Channel(own_end)

@@ -1,8 +1,8 @@
 """The process that serves the page: `python -m neuro_live.serving DESCRIPTOR`, started by `neuro_live.page`.
 
-It knows nothing of networks. To browsers it gives four files and the messages of the network's process; from them it
-takes small messages, which it passes on. Everything is bounded: a browser that reads slowly misses frames, one that
-sends too much is closed, and the network's process is sent no more than it reads.
+This process does not interpret the messages. It serves four files, forwards the messages of the network's process to
+the browsers, and forwards small requests of the browsers. All queues are bounded: a browser that reads slowly misses
+frames, a browser that sends too much is disconnected, and requests are refused while the network's process is busy.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from neuro_live.channel import SIZES, Head, packed
 
 MOST_CLIENTS = 16
 LONGEST_MESSAGE = 4096
-"""Bytes of a message from a browser."""
+"""Largest message from a browser, bytes."""
 MESSAGES_PER_S = 60.0
 BURST = 120.0
 WAITING = 1 << 16
-"""Bytes that may wait for the network's process; beyond, a browser is asked to try again."""
+"""Bytes that may wait for the network's process; above, requests are answered by an error."""
 REPLIES, MOST_WAITING = 64, 64 << 20
-"""Answers, and bytes of these, that wait for a browser."""
+"""Largest number of replies that wait for a browser, and their largest size in bytes."""
 OPEN_S = 5.0
 
 _FOLDER = Path(__file__).parent
@@ -57,11 +57,11 @@ _HEADERS = {
 
 
 class Client:
-    """A browser: what it is to be sent, and how much it has sent of late.
+    """A connected browser, with the messages to send and the limit of its requests.
 
     Args:
         connection: the WebSocket.
-        kept: the messages that hold now, by key.
+        kept: the present messages by key.
     """
 
     def __init__(self, connection: ServerConnection, kept: dict[str, str]) -> None:
@@ -73,25 +73,25 @@ class Client:
         self._allowed, self._since = BURST, time.monotonic()
 
     def keep(self, key: str, text: str, fresh: bool) -> None:
-        """Send a message in the place of the one of that key which waits, or of all."""
+        """Queue a message, which replaces a waiting message with the same key, or all messages if `fresh`."""
         if fresh:
             self._kept.clear()
         self._kept[key] = text
         self._wake.set()
 
     def frame(self, frame: bytes) -> None:
-        """Send a frame in the place of the one that waits."""
+        """Queue a frame, which replaces a waiting frame."""
         self._frame = frame
         self._wake.set()
 
     def reply(self, reply: str | bytes) -> None:
-        """Send an answer to what it asked, unless those before it are not fetched."""
+        """Queue a reply, unless too many bytes of replies are waiting."""
         if sum(map(len, self._replies)) < MOST_WAITING:
             self._replies.append(reply)
         self._wake.set()
 
     async def send(self) -> None:
-        """Send what there is, as fast as the browser reads, until it is gone."""
+        """Send all queued messages as fast as the browser reads, until the connection is closed."""
         with suppress(ConnectionClosed):
             while True:
                 await self._wake.wait()
@@ -105,7 +105,7 @@ class Client:
                     await self.connection.send(frame)
 
     def too_many(self) -> bool:
-        """Whether one message more is more than may come."""
+        """Count a message; return whether the browser exceeds `MESSAGES_PER_S`."""
         now = time.monotonic()
         self._allowed = min(BURST, self._allowed + (now - self._since) * MESSAGES_PER_S) - 1.0
         self._since = now
@@ -113,12 +113,12 @@ class Client:
 
 
 class Server:
-    """Serves one network to several browsers.
+    """Serves the page of one network to several browsers.
 
     Args:
         settings: host, port and token.
-        reader: messages of the network's process.
-        writer: to it.
+        reader: messages from the network's process.
+        writer: messages to the network's process.
     """
 
     def __init__(self, settings: Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -194,7 +194,7 @@ class Server:
     # to and from browsers
 
     def _judge(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The file that is asked for, a refusal, or None for what may become a WebSocket."""
+        """Return the requested file, an error, or None to accept a WebSocket."""
         if not self._is_here(request.headers):
             return _response(HTTPStatus.FORBIDDEN)
         path = request.path.encode()
@@ -211,7 +211,10 @@ class Server:
         return _response(HTTPStatus.OK, f"{kind}; charset=utf-8", content)
 
     def _is_here(self, headers: Headers) -> bool:
-        """Whether a request names this server: by its host, or by an address, which no name server can give away."""
+        """Return whether the header Host is this server's host, or an address.
+
+        Any other name may come from a name server that an attacker controls (DNS rebinding).
+        """
         hosts = headers.get_all("Host")
         name, _, port = hosts[0].rpartition(":") if len(hosts) == 1 else ("", "", "")
         return port == str(self._port) and (name in ("localhost", self._host) or _is_address(name.strip("[]")))
@@ -238,7 +241,7 @@ class Server:
             del self._clients[number]
 
     def _take(self, number: int, client: Client, message: str | bytes) -> None:
-        """Pass on what a browser asks for, if it is a small object of JSON."""
+        """Forward a request of a browser if it is a flat JSON object."""
         try:
             asked = json.loads(message) if isinstance(message, str) else None
         except (ValueError, RecursionError):

@@ -51,7 +51,7 @@ def predict(
     seed: Seed = 0,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Show recordings to a network and print the class of the output's decision, with scores and joules.
+    """Show recordings to a network and print the class that it decides for each, with scores and energy.
 
     Options that are left out come from the section 'readout' of the network's file, or from the network. With
     --labels the command prints accuracy and confusion instead of a row for each recording.

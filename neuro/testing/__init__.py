@@ -1,6 +1,6 @@
-"""The conformance suite: every feature of the language as a small case, compared with the reference backend.
+"""The conformance suite: a small case for each feature of the language, compared with the reference backend.
 
-A third-party backend is tested by `check_backend(backend)`, or case by case in pytest:
+`check_backend(backend)` tests a third-party backend. In pytest each case can be a test:
 
     from neuro.testing import CASES, check_case
 
@@ -8,14 +8,15 @@ A third-party backend is tested by `check_backend(backend)`, or case by case in 
     def test_conformance(name):
         check_case(backend, name)
 
-A backend that cannot do something says so in its attribute `unsupported`, a dict from the name of a case to the
-reason. It is held to that: `problems` must refuse the case, or the run must; one that passes is a failure.
+A backend declares the cases that it does not support in its attribute `unsupported`, a dict from the name of a case to
+the reason. The suite checks the declaration: a declared case must be refused or must deviate. A declared case that
+passes is a failure.
 
-A backend that computes in integers says so in its attribute `arithmetic = "integer"`. Cases whose values only floats
-hold exactly are then not run; `check_case` returns `NEEDS_FLOATS` for them. Those that integers hold exactly, too,
-and the laws of cutting, saving, seeds and counts must pass on every backend.
+A backend that computes in integers declares `arithmetic = "integer"`. Cases whose values are exact only in floats are
+then skipped, and `check_case` returns `NEEDS_FLOATS` for them. Every backend must pass the cases that are also exact in
+integers, and the laws about divided runs, saved states, seeds and counts.
 
-A third-party model or rule is tried by `check_part`, in networks of its own, on a backend beside the reference.
+`check_part` tests a third-party model or rule: it runs generated networks on a backend and on the reference.
 """
 
 from __future__ import annotations

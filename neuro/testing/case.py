@@ -1,4 +1,4 @@
-"""What a conformance case is, and how two outcomes are compared."""
+"""Conformance cases, and the comparison of two outcomes."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ LIMIT = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One feature of the language.
+    """A test of one feature of the language.
 
     Attributes:
-        name: the name of the function that defines it.
-        about: what it shows, one line.
-        run: makes a simulation by calling `start(net, seed=..., threads=...)`, uses it, and returns what to compare.
-        exact: whether `run` returns two outcomes that must agree bit for bit, instead of one that is
-            compared with the reference.
-        floats: whether its values are exact in floats only, so that a backend that computes in integers must
-            round them; such a backend does not run it.
+        name: name of the function that defines the case.
+        about: one-line description of the feature.
+        run: function that calls `start(net, seed=..., threads=...)` for a simulation, runs it, and returns the values
+            to compare.
+        exact: whether `run` returns two outcomes that must agree bit for bit. Otherwise its one outcome is compared
+            with the reference.
+        floats: whether the values are exact in floats only. A backend with integer arithmetic skips the case.
     """
 
     name: str
@@ -46,42 +46,42 @@ CASES: dict[str, Case] = {}
 
 
 def case(function: Callable[[Start], Found]) -> Callable[[Start], Found]:
-    """Enter a function as a case that is compared with the reference."""
+    """Register a function as a case whose outcome is compared with the reference."""
     CASES[function.__name__] = Case(function.__name__, about(function), function)
     return function
 
 
 def law(function: Callable[[Start], tuple[Found, Found]]) -> Callable[[Start], tuple[Found, Found]]:
-    """Enter a function as a case whose two outcomes must agree bit for bit."""
+    """Register a function as a case whose two outcomes must agree bit for bit."""
     CASES[function.__name__] = Case(function.__name__, about(function), function, exact=True)
     return function
 
 
 def integers_too(function: Function) -> Function:
-    """Mark a case as one that integers run without rounding: every backend must pass it."""
+    """Mark a case as exact in integers, so that every backend must pass it."""
     CASES[function.__name__] = replace(CASES[function.__name__], floats=False)
     return function
 
 
 def about(function: Callable[..., Any]) -> str:
-    """The first line of a function's documentation."""
+    """Return the first line of a function's docstring."""
     return (function.__doc__ or "").strip().partition("\n")[0]
 
 
 def network(resolution: float = 0.1) -> Network:
-    """An empty network."""
+    """Return an empty network."""
     return Network("case", resolution=resolution)
 
 
 def after(start: Start, net: Network, ms: float = 60.0) -> Found:
-    """Run for a while and read everything."""
+    """Run a network for `ms` milliseconds and return everything that can be read."""
     sim = start(net)
     sim.run(ms)
     return observe(sim)
 
 
 def run_on(sim: Simulation, ms: float) -> None:
-    """Run; a state that runs away is compared like any other, so the error that tells it is none here."""
+    """Run a simulation and ignore a numerical instability, because unstable states are compared like any others."""
     try:
         sim.run(ms)
     except ModelError as error:
@@ -90,7 +90,7 @@ def run_on(sim: Simulation, ms: float) -> None:
 
 
 def observe(sim: Simulation) -> Found:
-    """All that can be read: spikes, states, weights, traces and counts."""
+    """Return everything that can be read: spikes, states, weights, traces and counts."""
     found: Found = {"time": np.array(round(sim.time / sim.program.resolution))}
     for population in sim.program.populations:
         name = population.name
@@ -115,7 +115,7 @@ def observe(sim: Simulation) -> Found:
 
 
 def counted(sim: Simulation) -> Found:
-    """The counts of a simulation by population and projection, as whole numbers."""
+    """Return the counts of a simulation for each population and projection."""
     counts = sim.counts()
     found: Found = {"steps": np.array(counts.steps)}
     for name, cells in counts.populations.items():
@@ -126,7 +126,10 @@ def counted(sim: Simulation) -> Found:
 
 
 def differences(expected: Mapping[str, NDArray[Any]], found: Mapping[str, NDArray[Any]], exact: bool) -> list[str]:
-    """What two outcomes differ in: whole numbers must be equal, others within 1e-9 (or equal where `exact`)."""
+    """Return the differences of two outcomes, a line each.
+
+    Whole numbers must be equal. Floats must be equal within 1e-9, or exactly if `exact`.
+    """
     messages = [f"'{name}' is missing" for name in expected if name not in found]
     messages += [f"'{name}' is not expected" for name in found if name not in expected]
     for name in expected:
@@ -138,21 +141,21 @@ def differences(expected: Mapping[str, NDArray[Any]], found: Mapping[str, NDArra
 def _difference(name: str, expected: NDArray[Any], found: NDArray[Any], exact: bool) -> list[str]:
     if expected.shape != found.shape:
         return [f"{name}: {found.size} values, expected {expected.size}"]
-    bad = (expected != found) & ~((expected != expected) & (found != found))  # NaN equals NaN
+    unequal = (expected != found) & ~((expected != expected) & (found != found))  # NaN equals NaN
     if not exact and expected.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
-            bad &= ~(np.abs(found - expected) <= LIMIT)
-    if not bad.any():
+            unequal &= ~(np.abs(found - expected) <= LIMIT)
+    if not unequal.any():
         return []
-    first = int(np.flatnonzero(bad.ravel())[0])
+    first = int(np.flatnonzero(unequal.ravel())[0])
     value, right = found.ravel()[first].item(), expected.ravel()[first].item()
-    return [f"{name}: {int(bad.sum())} differ, first [{first}] = {value!r}, expected {right!r}"]
+    return [f"{name}: {int(unequal.sum())} differ, first [{first}] = {value!r}, expected {right!r}"]
 
 
 def expected_counts(sim: Simulation) -> Found:
-    """What `counted` must be by the definitions: every spike is followed along every synapse.
+    """Compute the counts of `counted` from their definitions, by following each spike along each synapse.
 
-    The spikes of all populations must be recorded, and there must be no trials.
+    The spikes of all populations must be recorded, and the network must have no trials.
     """
     program = sim.program
     now = round(sim.time / program.resolution)
@@ -180,7 +183,7 @@ def expected_counts(sim: Simulation) -> Found:
 
 
 def _steps(sim: Simulation, name: str, size: int) -> list[Ints]:
-    """The steps of the spikes of each neuron; several in one step are listed as often."""
+    """Return the steps of each neuron's spikes; a step with several spikes is repeated."""
     if isinstance(next(p for p in sim.program.populations if p.name == name).model, dc_generator):
         return [np.zeros(0, dtype=np.int64)] * size
     times, ids = sim.spikes(name)
@@ -189,14 +192,14 @@ def _steps(sim: Simulation, name: str, size: int) -> list[Ints]:
 
 
 def _synapses(sim: Simulation, index: int) -> tuple[Ints, Ints, Ints]:
-    """Source, target and delay of every synapse; of a grid, of every place of a kernel."""
+    """Return source, target and delay of each synapse; in a grid each application of a kernel weight is a synapse."""
     part: Projection = sim.program.projections[index]
     pre, post = sim.program.connections(index) if part.grid is None else _under_kernels(part.grid)
     return pre, post, np.broadcast_to(part.delay, pre.size).astype(np.int64)
 
 
 def _under_kernels(g: Grid) -> tuple[Ints, Ints]:
-    """Source and target of every place of every kernel that lies on the source."""
+    """Return source and target of each application of a kernel weight that is not in the padding."""
     maps, depth, height, width = g.kernels
     m, r, c, k, i, j = np.indices((maps, g.rows, g.columns, depth, height, width)).reshape(6, -1)
     y, x = r * g.stride + i - g.top, c * g.stride + j - g.left

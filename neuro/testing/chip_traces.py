@@ -1,6 +1,6 @@
-"""Golden cases of chips as networks in registers, compared bit for bit.
+"""Golden cases of chips: the registers of a network, compared bit for bit.
 
-| kind | known by | compared |
+| kind | recognised by | compared |
 | --- | --- | --- |
 | loihi2 | cases by name | see `neuro.testing.loihi2_traces` |
 | loihi, single neurons | `cases` with `du` | u, v and spikes of every case |
@@ -8,10 +8,10 @@
 | spinnaker | `cases` with `registers` | v, g_exc, g_inh and spikes of every case |
 | spinnaker, learning | `cases` with `rows` | weights and all other states after every call of the machine's programs |
 
-Step k of a file, from 0, is step k + 1 of a simulation. Where the emulators that made a case disagree it is compared
-with those that this project follows: for Loihi weights are shifted one by one and lose their lowest bits towards 0, as
-in Brian2Loihi and nengo-loihi, so the arrays of nengo-loihi are taken where there are any; `u_wrap` and `v_clip_low`
-follow lava and nengo-loihi.
+Step k of a file, from 0, is step k + 1 of a simulation. If the emulators that recorded a case disagree, the case is
+compared with the emulator whose rules this project follows. On Loihi each weight is shifted separately and its lowest
+bits are dropped towards 0, as in Brian2Loihi and nengo-loihi, so arrays of nengo-loihi have precedence. `u_wrap` and
+`v_clip_low` follow lava and nengo-loihi.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FOLLOWED = "nengo_loihi"
 
 
 def chip_of(facts: Mapping[str, Any]) -> str:
-    """The chip whose traces a file holds, "" if it is of none."""
+    """Return the name of the chip whose traces a file has, or ""."""
     cases = facts.get("cases")
     if is_of_loihi2(facts):
         return "loihi2"
@@ -51,11 +51,11 @@ def chip_of(facts: Mapping[str, Any]) -> str:
 
 
 def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Result]:
-    """Run every case of a chip's file and compare all recorded registers.
+    """Run each case of a chip's file and compare all recorded registers.
 
     Raises:
         ModelError: a network cannot be built.
-        KeyError, TypeError, ValueError, IndexError, AttributeError: a part of the file is missing or of another form.
+        KeyError, TypeError, ValueError, IndexError, AttributeError: a part of the file is missing or malformed.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", neuro.run.compiled.ApproximationWarning)
@@ -125,7 +125,7 @@ def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], back
 
 
 def _replayed(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
-    """Compare what the calls of a machine's programs leave, one after another; no network is run."""
+    """Replay the calls of SpiNNaker's programs and compare the states after each call; no network is run."""
     replayer = find_backend(backend) if isinstance(backend, str) else backend
     if not isinstance(replayer, Replays):
         raise ModelError(f"backend '{replayer.name}' replays no calls of programs", hint="use backend 'spinnaker'")
@@ -136,7 +136,7 @@ def _replayed(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backe
 
 
 def _add_sources(net: Network, spikes: Any, n: int) -> None:
-    """Generators with the listed (neuron, step) spikes."""
+    """Add generators that emit the listed (neuron, step) spikes."""
     times: list[list[float]] = [[] for _ in range(n)]
     for neuron, step in spikes:
         times[int(neuron)].append(int(step) + 1.0)
@@ -150,7 +150,7 @@ def _synapse(case: Mapping[str, Any]) -> Synapse:
 
 
 def _connect(net: Network, source: str, target: str, weights: Floats, synapse: Synapse, delay: Any) -> None:
-    """Connect by a matrix [post, pre] of mantissas in which 0 is no synapse."""
+    """Connect by a matrix [post, pre] of mantissas; 0 means no synapse."""
     post, pre = np.nonzero(weights)
     delays = delay[pre] if np.ndim(delay) else delay
     net.connect(source, target, pairs(pre=pre, post=post), synapse, weight=weights[post, pre], delay=delays)
@@ -168,7 +168,7 @@ def _run(
 
 
 def _found(sim: neuro.run.simulation.Simulation, population: str, name: str, steps: int) -> NDArray[np.int64]:
-    """A register, or the spikes as 0 and 1, shape (steps, neurons)."""
+    """Return a register, or the spikes as 0 and 1, shape (steps, neurons)."""
     if name != "s":
         register: NDArray[np.int64] = np.rint(sim.trace(f"{population}.{name}")[1]).astype(np.int64)
         return register
@@ -180,5 +180,5 @@ def _found(sim: neuro.run.simulation.Simulation, population: str, name: str, ste
 
 
 def _expected(arrays: Mapping[str, NDArray[Any]], case: str, name: str) -> NDArray[Any]:
-    """The recorded array, or that of the emulator that is followed where they disagree."""
+    """Return the recorded array, or the array of the preferred emulator if the emulators disagree."""
     return arrays.get(f"{case}__{name}__{FOLLOWED}", arrays[f"{case}__{name}"])

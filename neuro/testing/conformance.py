@@ -1,4 +1,4 @@
-"""Run the cases on a backend and compare."""
+"""Run the conformance cases on a backend and compare the outcomes with the reference."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from neuro.testing.case import CASES as CASES, Found, Start, differences
 
 ARITHMETIC = ("float", "integer")
 NEEDS_FLOATS = "its values are exact in floats only, and this backend computes in integers"
-"""Why a case is not run on a backend whose `arithmetic` is "integer"."""
+"""Reason for skipping a case on a backend whose `arithmetic` is "integer"."""
 
 
 def check_backend(backend: str | Backend, cases: Iterable[str] = CASES) -> None:
-    """Run every case, or some, on a backend.
+    """Run all cases, or some of them, on a backend.
 
     Args:
-        backend: its name, or the backend itself.
-        cases: their names.
+        backend: name of the backend, or the backend itself.
+        cases: names of the cases.
 
     Raises:
-        AssertionError: some cases fail; all of them are reported, with what was found and what was expected.
+        AssertionError: at least one case fails; the message lists each failed case with found and expected values.
     """
     chosen = find_backend(backend) if isinstance(backend, str) else backend
     failures = []
@@ -56,15 +56,15 @@ def check_case(backend: str | Backend, name: str) -> str:
     """Run one case on a backend.
 
     Args:
-        backend: its name, or the backend itself.
-        name: of the case.
+        backend: name of the backend, or the backend itself.
+        name: name of the case.
 
     Returns:
-        "" if it passes; the reason if it is declared unsupported and indeed refused or failed, or if it needs floats
-        and the backend computes in integers. What `refusal` tells is not built.
+        "" if the case passes. The declared reason if the case is declared unsupported and is refused or fails.
+        `NEEDS_FLOATS` if the case needs floats and the backend computes in integers.
 
     Raises:
-        AssertionError: it fails, or passes although it is declared unsupported, or the declarations are wrong.
+        AssertionError: the case fails, or passes although it is declared unsupported, or the declarations are wrong.
     """
     chosen = find_backend(backend) if isinstance(backend, str) else backend
     declared: dict[str, str] = getattr(chosen, "unsupported", {})
@@ -72,21 +72,21 @@ def check_case(backend: str | Backend, name: str) -> str:
     for other in declared:
         assert other in CASES, f"backend '{chosen.name}' declares an unknown case '{other}' as unsupported"
         assert not (integer and CASES[other].floats), (
-            f"case '{other}' is declared unsupported but needs floats, which says as much: take it off the list"
+            f"case '{other}' is declared unsupported, but is skipped because it needs floats: take it off the list"
         )
     if integer and CASES[name].floats:
         return NEEDS_FLOATS
     if name in declared:
-        unlike = refusal(chosen, name) or deviations(chosen, name)
-        assert unlike, f"case '{name}' is declared unsupported but passes: take it off the list"
+        fails = refusal(chosen, name) or deviations(chosen, name)
+        assert fails, f"case '{name}' is declared unsupported but passes: take it off the list"
         return declared[name]
-    found = deviations(chosen, name)
-    assert not found, f"case '{name}' ({CASES[name].about})\n  " + "\n  ".join(found)
+    messages = deviations(chosen, name)
+    assert not messages, f"case '{name}' ({CASES[name].about})\n  " + "\n  ".join(messages)
     return ""
 
 
 def _computes_in_integers(backend: Backend) -> bool:
-    """Whether a backend says that it rounds; one that says nothing computes in floats."""
+    """Return whether a backend declares integer arithmetic; the default is float."""
     arithmetic = getattr(backend, "arithmetic", "float")
     message = f"backend '{backend.name}': arithmetic = {arithmetic!r}: expected one of {ARITHMETIC}"
     assert arithmetic in ARITHMETIC, message
@@ -94,11 +94,11 @@ def _computes_in_integers(backend: Backend) -> bool:
 
 
 class _Accepted(Exception):
-    """The backend would build the network."""
+    """Raised instead of building a network, when the backend has not refused it."""
 
 
 class _Checked:
-    """A backend that tells its problems and builds nothing."""
+    """A backend with the problems of another, which builds nothing."""
 
     def __init__(self, backend: Backend) -> None:
         self.name, self.problems, self.description = backend.name, backend.problems, backend.description
@@ -108,7 +108,7 @@ class _Checked:
 
 
 def refusal(backend: Backend, name: str) -> str:
-    """The message by which a backend refuses the first network of a case; "" if it would build it."""
+    """Return the message with which a backend refuses the first network of a case, or ""."""
     try:
         CASES[name].run(_starting(_Checked(backend), unreadable(backend)))
     except ModelError as error:
@@ -119,7 +119,7 @@ def refusal(backend: Backend, name: str) -> str:
 
 
 def _starting(backend: Backend, hidden: frozenset[str]) -> Start:
-    """The `start` of a case on a backend, without probes of states that it does not show."""
+    """Return the function `start` of a case; it removes probes of states that the backend cannot read."""
 
     def start(net: Network, seed: int = 1, threads: int = 1, **options: Any) -> Simulation:
         net.probes = {name: probe for name, probe in net.probes.items() if probe.record not in hidden}
@@ -132,20 +132,20 @@ def _starting(backend: Backend, hidden: frozenset[str]) -> Start:
 
 
 def deviations(backend: Backend, name: str) -> list[str]:
-    """What a backend does otherwise than the reference in one case.
+    """Return the deviations of a backend from the reference in one case, a line each.
 
-    A refusal counts as one deviation; what is approximated is judged by its outcome, not by its warning.
+    A refusal is one deviation. Warnings about approximations are ignored, because the outcome is compared.
     """
     case, hidden = CASES[name], unreadable(backend)
     try:
-        found = case.run(_starting(backend, hidden))
+        outcome = case.run(_starting(backend, hidden))
     except ModelError as error:
         return [f"it is refused: {error}"]
     if case.exact:
-        first, second = found
+        first, second = outcome
         return differences(first, second, exact=True)
-    shown = {what: values for what, values in _expected(name).items() if not any(word in what for word in hidden)}
-    return differences(shown, found, exact=False)
+    expected = {key: values for key, values in _expected(name).items() if not any(state in key for state in hidden)}
+    return differences(expected, outcome, exact=False)
 
 
 @cache
@@ -153,5 +153,5 @@ def _expected(name: str) -> Found:
     def start(net: Network, seed: int = 1, threads: int = 1, **options: Any) -> Simulation:
         return compile(net, "reference", seed=seed)
 
-    found: Found = CASES[name].run(start)
-    return found
+    outcome: Found = CASES[name].run(start)
+    return outcome

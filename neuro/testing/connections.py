@@ -47,7 +47,7 @@ INF = float("inf")
 
 
 def connected(rule: Rule, n_pre: int = 6, n_post: int = 5, resolution: float = 0.1) -> Network:
-    """Neurons that receive Poisson spikes by one rule with drawn weights and delays."""
+    """Return neurons that receive Poisson spikes by one rule with random weights and delays."""
     net = network(resolution)
     net.population("source", n_pre, poisson_generator(rate=1500.0))
     net.population("cells", n_post, iaf_psc_exp(I_e=300.0))
@@ -59,13 +59,13 @@ def connected(rule: Rule, n_pre: int = 6, n_post: int = 5, resolution: float = 0
 
 @case
 def rule_one_to_one(start: Start) -> Found:
-    """one_to_one with weights and delays of their own."""
+    """one_to_one with a weight and a delay for each synapse."""
     return after(start, connected(one_to_one(), 5, 5))
 
 
 @case
 def rule_pairs(start: Start) -> Found:
-    """Every rule that lists or draws pairs, each onto neurons of its own, one of them without synapses."""
+    """Every rule with listed or random pairs, each onto neurons of its own; one rule has no synapses."""
     net = network()
     net.population("source", 6, poisson_generator(rate=1500.0))
     listed = pairs(pre=[2, 0, 1, 0, 2, 0], post=[1, 3, 0, 0, 1, 3])

@@ -30,18 +30,18 @@ INF = float("inf")
 
 
 def cell(**words: Any) -> iaf_psc_delta:
-    """A neuron that adds up whole numbers: no leak, from 0 mV to a threshold of 6 mV."""
+    """Return a neuron without leak that sums whole numbers from 0 mV to a threshold of 6 mV."""
     return iaf_psc_delta(**({"tau_m": INF, "C_m": 1.0, "E_L": 0.0, "V_reset": 0.0, "V_th": 6.0} | words))
 
 
 def times(n: int, share: float = 0.15, seed: int = 3, until: int = 120) -> list[list[float]]:
-    """Random spike times of n neurons in ms, each at most once in a step of 1 ms."""
-    fired = np.random.default_rng(seed).random((n, until)) < share
-    return [(np.flatnonzero(row) + 1.0).tolist() for row in fired]
+    """Return random spike times of n neurons in ms, at most one for each neuron and step of 1 ms."""
+    is_spike = np.random.default_rng(seed).random((n, until)) < share
+    return [(np.flatnonzero(row) + 1.0).tolist() for row in is_spike]
 
 
 def driven(n: int = 8, share: float = 0.15, **words: Any) -> Network:
-    """Listed spikes, and cells that nothing reaches yet."""
+    """Return a network of sources with listed spikes, and cells without connections."""
     net = network(1.0)
     net.population("source", n, spike_generator(spike_times=times(n, share)))
     net.population("cells", n, cell(**words))
@@ -49,7 +49,7 @@ def driven(n: int = 8, share: float = 0.15, **words: Any) -> Network:
 
 
 def whole(low: int, high: int, shape: int | tuple[int, ...], seed: int = 4) -> np.ndarray:
-    """Random whole numbers from low to high."""
+    """Return random whole numbers from low to high."""
     return np.random.default_rng(seed).integers(low, high + 1, shape).astype(np.float64)
 
 
@@ -104,7 +104,7 @@ def exact_grid(start: Start) -> Found:
 @integers_too
 @case
 def exact_depthwise(start: Start) -> Found:
-    """Kernels of whole weights that each see one channel, with borders of unequal width, and pooling map by map."""
+    """Depthwise kernels of whole weights with borders of unequal width, and pooling of each map."""
     net = network(1.0)
     net.population("sheet", (2, 6, 7), spike_generator(spike_times=times(84, 0.06)))
     net.population("maps", (4, "auto", "auto"), cell(V_th=7.0, t_ref=1.0))
@@ -118,7 +118,7 @@ def exact_depthwise(start: Start) -> Found:
 @integers_too
 @case
 def exact_delays(start: Start) -> Found:
-    """Every delay from 1 to 60 steps: a spike acts then, and neither earlier nor later."""
+    """Every delay from 1 to 60 steps: a spike acts exactly after its delay."""
     net = network(1.0)
     net.population("source", 60, spike_generator(spike_times=[[5.0, 6.0, 70.0]] * 60))
     net.population("cells", 60, cell(V_th=2.0, t_ref=0.0))
@@ -143,7 +143,7 @@ def exact_recurrence(start: Start) -> Found:
 @integers_too
 @case
 def exact_parrots(start: Start) -> Found:
-    """Chains of parrots with delays, whose weights do not matter, and what they reach."""
+    """Chains of parrots with delays, which ignore weights, and their targets."""
     net = driven(5)
     net.population("first", 5, parrot_neuron())
     net.population("second", 5, parrot_neuron())
@@ -156,7 +156,7 @@ def exact_parrots(start: Start) -> Found:
 @integers_too
 @law
 def exact_weights_set_at_an_emission(start: Start) -> tuple[Found, Found]:
-    """What generators emit in a step keeps the weights of that step; what neurons emit takes those set after it."""
+    """Spikes of generators keep the weights of their step; spikes of neurons use weights set after the step."""
     net = network(1.0)
     net.population("source", 6, spike_generator(spike_times=[[4.0, 5.0]] * 6))
     net.population("parrots", 6, parrot_neuron())
@@ -196,20 +196,20 @@ def exact_network_again(start: Start) -> Found:
     sim = start(net)
     sim.run(20.0)
     sim.set_weights("own", whole(-1, 2, 64, seed=9))
-    learnt = sim.network()
-    del sim  # a backend may run one simulation at a time
-    again = start(learnt)
-    again.run(100.0)
-    return observe(again)
+    net_of_run = sim.network()
+    del sim  # some backends run one simulation at a time
+    second = start(net_of_run)
+    second.run(100.0)
+    return observe(second)
 
 
 HALVED = float(1.0 / np.log(2.0))
-"""Time constant in ms with which half is left after 1 ms."""
+"""Time constant in ms of a decay to one half in 1 ms."""
 
 
-def spikes_and_counts(found: Found) -> Found:
-    """What does not depend on how values are rounded."""
-    return {name: values for name, values in found.items() if values.dtype.kind != "f"}
+def spikes_and_counts(outcome: Found) -> Found:
+    """Return the values that do not depend on rounding."""
+    return {name: values for name, values in outcome.items() if values.dtype.kind != "f"}
 
 
 @integers_too
@@ -238,7 +238,7 @@ def exact_refractory_periods(start: Start) -> Found:
 @integers_too
 @case
 def exact_thresholds(start: Start) -> Found:
-    """Thresholds and resting potentials of their own; V_m = V_th fires, one below does not."""
+    """A threshold for each neuron, equal to a reachable V_m: V_m = V_th fires, 1 mV less does not."""
     net = driven(8, V_th=np.arange(-65.0, -57.0), E_L=-70.0, V_reset=-70.0)
     net.connect("source", "cells", one_to_one(), weight=2.0)
     net.connect("source", "cells", all_to_all(), weight=np.tile([0.0, 1.0], (8, 4)), name="more")
@@ -249,7 +249,7 @@ def exact_thresholds(start: Start) -> Found:
 @integers_too
 @case
 def exact_currents(start: Start) -> Found:
-    """Currents of whole mV a step, switched and set while they flow, beside a constant one."""
+    """Currents of whole mV per step, which are switched and set while they flow, and a constant current."""
     net = network(1.0)
     net.population("source", 2, dc_generator(amplitude=np.array([2.0, 5.0]), start=3.0, stop=60.0))
     net.population("cells", 3, cell(V_th=40.0, I_e=np.array([0.0, 1.0, 3.0])))
@@ -264,7 +264,7 @@ def exact_currents(start: Start) -> Found:
 @integers_too
 @case
 def exact_noise(start: Start) -> Found:
-    """A poisson_generator of a low rate, in its window: the same draws everywhere."""
+    """A poisson_generator of a low rate between start and stop: the same random numbers on all backends."""
     net = network(1.0)
     net.population("noise", 6, poisson_generator(rate=np.linspace(0.0, 15.0, 6), start=10.0, stop=350.0))
     net.population("cells", 3, cell(V_th=3.0))
@@ -287,7 +287,7 @@ def exact_best_of_each_step(start: Start) -> Found:
 @integers_too
 @case
 def exact_lateral_reset(start: Start) -> Found:
-    """lateral_reset along each axis, with ties: a spike resets its rivals and holds them."""
+    """lateral_reset along each axis, with ties: a spike resets its rivals and keeps them at rest."""
     found: Found = {}
     for axis in range(3):
         net = network(1.0)
@@ -302,7 +302,7 @@ def exact_lateral_reset(start: Start) -> Found:
 @integers_too
 @case
 def exact_changes(start: Start) -> Found:
-    """States, parameters and weights that are set, spikes that are injected, and a reset."""
+    """Changes of states, parameters and weights, injected spikes, and a reset."""
     net = driven(8)
     net.connect("source", "cells", all_to_all(), weight=np.tile([2.0, -1.0], (8, 4)), name="shared")
     net.connect("source", "cells", all_to_all(), weight=whole(-1, 3, (8, 8)), delay=4.0, name="own")
@@ -328,7 +328,7 @@ def exact_changes(start: Start) -> Found:
 @integers_too
 @case
 def exact_halving(start: Start) -> Found:
-    """Potentials and currents of which half is left after a step; spikes and counts are compared."""
+    """Potentials and currents that halve in each step; only spikes and counts are compared."""
     net = driven(8, 0.3, tau_m=HALVED, V_th=5.3)
     exponential: dict[str, Any] = {"tau_m": HALVED, "tau_syn_ex": HALVED, "tau_syn_in": HALVED}
     net.population("currents", 8, iaf_psc_exp(**exponential, C_m=1000.0, E_L=0.0, V_reset=0.0, V_th=5.3))

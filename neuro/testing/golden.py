@@ -1,4 +1,4 @@
-"""Golden traces as they were read, and how far a backend is from them."""
+"""Golden traces, and the deviations of a backend from them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from neuro.core.clock import Clock
 
 LIMIT = 1e-9
-"""Deviation that is accepted of values that two simulators compute in the same way."""
+"""Largest accepted deviation of values that two simulators compute by the same formulas."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Golden:
-    """A case as it was read: what was simulated and what came out."""
+    """A case of golden traces: `facts` describe the simulation, `arrays` are its recorded results."""
 
     facts: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
@@ -33,12 +33,12 @@ class Result:
     """Deviation of one quantity of one case.
 
     Attributes:
-        case: the name of the files, and of one case where they hold several.
-        quantity: "spikes", a state such as "V_m", or "case" where the case could not be compared.
-        error: largest deviation in the unit of the quantity; of whole numbers how many are wrong.
-        limit: the largest deviation that is accepted.
+        case: name of the files, followed by the name of the case if the files have several.
+        quantity: "spikes", a state such as "V_m", or "case" if the case could not be compared.
+        error: largest deviation in the unit of the quantity; for whole numbers, how many differ.
+        limit: largest accepted deviation.
         ok: whether the deviation is within the limit.
-        message: what is wrong, "" if nothing is.
+        message: description of the deviation, "" if `ok`.
     """
 
     case: str
@@ -61,22 +61,22 @@ def failure(message: str, case: str = "") -> Result:
 
 
 def equal(case: str, quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> Result:
-    """Compare whole numbers, which must be equal; the message names the first that differs."""
+    """Compare whole numbers, which must be equal; the message describes the first difference."""
     name = "spikes" if quantity == "s" else quantity
     if found.shape != expected.shape:
-        return _of_other_shape(case, name, found, expected, 0.0)
-    wrong = np.argwhere(found != expected)
-    if not wrong.size:
+        return _shape_result(case, name, found, expected, 0.0)
+    unequal = np.argwhere(found != expected)
+    if not unequal.size:
         return Result(case, name, 0.0)
-    at = tuple(int(i) for i in wrong[0])
-    text = f"{len(wrong)} differ, first {list(at)}: {found[at]}: expected {expected[at]}"
-    return Result(case, name, float(len(wrong)), message=text)
+    first = tuple(int(i) for i in unequal[0])
+    text = f"{len(unequal)} differ, first {list(first)}: {found[first]}: expected {expected[first]}"
+    return Result(case, name, float(len(unequal)), message=text)
 
 
 def close(quantity: str, found: NDArray[Any], expected: NDArray[Any], limit: float = LIMIT) -> Result:
-    """Compare values, which may differ by a limit; the message names the one that differs most."""
+    """Compare values, which may differ by at most a limit; the message describes the largest deviation."""
     if found.shape != expected.shape:
-        return _of_other_shape("", quantity, found, expected, limit)
+        return _shape_result("", quantity, found, expected, limit)
     if not found.size:
         return Result("", quantity, 0.0, limit)
     error = np.abs(found - expected)
@@ -86,6 +86,6 @@ def close(quantity: str, found: NDArray[Any], expected: NDArray[Any], limit: flo
     return Result("", quantity, float(error[worst]), limit, text)
 
 
-def _of_other_shape(case: str, name: str, found: NDArray[Any], expected: NDArray[Any], limit: float) -> Result:
+def _shape_result(case: str, name: str, found: NDArray[Any], expected: NDArray[Any], limit: float) -> Result:
     text = f"shape {list(found.shape)}: expected {list(expected.shape)}"
     return Result(case, name, float("inf"), limit, text)

@@ -1,4 +1,4 @@
-"""Cases that hold on one backend by itself: cutting, saving, threads, seeds, reset."""
+"""Cases that compare two runs on one backend: divided runs, saved states, threads, seeds and resets."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ from neuro.testing.trials import recogniser, simulation_after_trials
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A network that laws are tried on; it has populations "relay" and "exp" that spike by chance.
+    """A network on which laws are tested; its populations "relay" and "exp" spike at random.
 
     Attributes:
-        suffix: of the names of its cases.
-        about: what it has.
-        make: makes it.
-        steer: changes all that may change between runs; called with 0 at the start of a run and with 1 in the middle.
-        floats: whether a backend that computes in integers cannot run it.
+        suffix: suffix of the names of its cases.
+        about: description of the network.
+        make: function that returns the network.
+        steer: function that changes parameters and states; called with 0 at the start of a run, with 1 in the middle.
+        floats: whether the network needs floats, so that a backend with integer arithmetic skips it.
     """
 
     suffix: str
@@ -66,7 +66,7 @@ class Subject:
 
 
 def rich() -> Network:
-    """A recurrent network of all models and rules, with noise, dopamine and a signal."""
+    """Return a recurrent network of all models and rules, with noise, dopamine and a signal."""
     net = network()
     net.population("noise", 12, poisson_generator(rate=700.0))
     net.population("relay", 12, parrot_neuron())
@@ -88,14 +88,14 @@ def rich() -> Network:
 
 
 def steer_rich(sim: Simulation, half: int) -> None:
-    """Another rate, another learning rate and a signal."""
+    """Change a rate, a learning rate and a signal."""
     sim.set("noise", rate=(500.0, 900.0)[half])
     sim.set("exp_delta", lambda_=(0.1, 0.02)[half])
     sim.signal("reward", 0.05 * half)
 
 
 def wired() -> Network:
-    """A recurrent network of what a chip has, with fixed weights, noise, listed spikes, currents and a group."""
+    """Return a recurrent network for chips, with fixed weights, noise, listed spikes, currents and a group."""
     net = network(1.0)
     net.population("noise", 12, poisson_generator(rate=50.0))
     times = [np.arange(3.0 + k, 200.0, 17.0 + k) for k in range(3)]
@@ -116,7 +116,7 @@ def wired() -> Network:
 
 
 def steer_wired(sim: Simulation, half: int) -> None:
-    """Other rates, currents, parameters, states and weights, and spikes that are injected."""
+    """Change rates, currents, parameters, states and weights, and inject spikes."""
     sim.set("noise", rate=(40.0, np.linspace(0.0, 90.0, 12))[half])
     sim.set("current", amplitude=(150.0, 60.0)[half])
     sim.set("exp", V_th=(-55.0, -56.5)[half], tau_m=(10.0, np.linspace(8.0, 14.0, 12))[half])
@@ -126,7 +126,7 @@ def steer_wired(sim: Simulation, half: int) -> None:
 
 
 def learning() -> Network:
-    """Spikes and a signal that teach: stdp, and stdp_dopa by a signal and by spikes."""
+    """Return a network that learns by stdp, and by stdp_dopa with a signal and with dopamine spikes."""
     net = network(1.0)
     net.population("noise", 12, poisson_generator(rate=40.0))
     net.population("relay", 12, parrot_neuron())
@@ -138,7 +138,7 @@ def learning() -> Network:
     net.connect("noise", "relay", one_to_one(), delay=1.0)
     rule = stdp(Wmax=900.0, lambda_=0.1)
     net.connect("relay", "exp", all_to_all(), rule, weight=uniform(low=200.0, high=800.0), delay=2.0)
-    # SpiNNaker takes eligibilities without a sign, and a single rule onto a population.
+    # SpiNNaker accepts only eligibilities without a sign, and only one rule for each target population.
     taught: dict[str, Any] = {"Wmax": 9.0, "A_plus": 0.1, "A_minus": 0.0, "tau_n": 30.0, "tau_c": 100.0}
     net.connect("relay", "delta", fixed_indegree(n=5), stdp_dopa(signal="reward", **taught), weight=4.0, delay=3.0)
     by_spikes = stdp_dopa(dopamine="exp", dopamine_delay=4, **taught)
@@ -148,7 +148,7 @@ def learning() -> Network:
 
 
 def steer_learning(sim: Simulation, half: int) -> None:
-    """Another rate, threshold and weights, and a signal."""
+    """Change a rate, a threshold, weights and a signal."""
     sim.set("noise", rate=(40.0, 60.0)[half])
     sim.set("exp", V_th=(-55.0, -57.0)[half])
     if half:
@@ -164,35 +164,35 @@ SUBJECTS = (
 
 
 CUTS = (1, 33, 5, 121, 1, 1, 238)
-"""Steps of the pieces in which a run is cut."""
+"""Lengths in steps of the pieces of a divided run."""
 
 HALVES = (200, 200)
 Law = Callable[[Start, Subject], tuple[Found, Found]]
 
 
 def networks_law(function: Law) -> Law:
-    """Enter a law for each of the networks that laws are tried on."""
+    """Register a law as a case for each network of `SUBJECTS`."""
     for subject in SUBJECTS:
         name = function.__name__ + subject.suffix
         text = f"{about(function).removesuffix('.')}: {subject.about}."
-        CASES[name] = Case(name, text, partial(_tried, function, subject), exact=True, floats=subject.floats)
+        CASES[name] = Case(name, text, partial(_without_warnings, function, subject), exact=True, floats=subject.floats)
     return function
 
 
-def _tried(function: Law, subject: Subject, start: Start) -> tuple[Found, Found]:
-    """What overflows must overflow alike: an overflow is no reason to warn here."""
+def _without_warnings(function: Law, subject: Subject, start: Start) -> tuple[Found, Found]:
+    """Evaluate a law without warnings about overflows, which must occur equally in both runs."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OverflowWarning)
         return function(start, subject)
 
 
 def steps(sim: Simulation, n: int) -> None:
-    """Run for some steps."""
+    """Run for n steps."""
     sim.run(n * sim.program.resolution)
 
 
 def steered(sim: Simulation, subject: Subject, cuts: tuple[int, ...] = HALVES) -> Found:
-    """Run in pieces, 400 steps in all, steered at the start and in the middle, and read everything."""
+    """Run in pieces with changes at the start and in the middle, and return everything that can be read."""
     for half, pieces in enumerate((cuts[: len(cuts) // 2], cuts[len(cuts) // 2 :])):
         subject.steer(sim, half)
         for n in pieces:
@@ -202,27 +202,27 @@ def steered(sim: Simulation, subject: Subject, cuts: tuple[int, ...] = HALVES) -
 
 @networks_law
 def cutting_does_not_matter(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """Running in pieces, with reads between them, gives the same bits as running at once."""
+    """A run in pieces, with reads between them, gives the same bits as an undivided run."""
 
     def cut(sim: Simulation, cuts: tuple[int, ...]) -> Found:
         for n in cuts:
             steps(sim, n)
-            found = observe(sim)
-        return found
+            outcome = observe(sim)
+        return outcome
 
     return cut(start(subject.make()), (sum(CUTS),)), cut(start(subject.make()), CUTS)
 
 
 @networks_law
 def cutting_does_not_matter_when_steered(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """The same with changes on the way."""
+    """A run in pieces gives the same bits also when parameters and states are changed during the run."""
     pieces = (40, 1, 159, 100, 99, 1)
     return steered(start(subject.make()), subject), steered(start(subject.make()), subject, pieces)
 
 
 @networks_law
 def probes_do_not_matter(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """A probe cuts the run at its steps and changes nothing."""
+    """A probe divides the run at its steps and changes no bit."""
 
     def run(sim: Simulation) -> Found:
         steps(sim, 300)
@@ -249,13 +249,13 @@ def seeds_differ(start: Start, subject: Subject) -> tuple[Found, Found]:
     """Another seed gives another run."""
     a, b = (steered(start(subject.make(), seed=seed), subject) for seed in (7, 8))
     message = "spikes of {}: steps"
-    alike = [name for name in ("relay", "exp") if np.array_equal(a[message.format(name)], b[message.format(name)])]
-    return {"populations that spike alike": np.array(0)}, {"populations that spike alike": np.array(len(alike))}
+    equal = [name for name in ("relay", "exp") if np.array_equal(a[message.format(name)], b[message.format(name)])]
+    return {"populations with equal spikes": np.array(0)}, {"populations with equal spikes": np.array(len(equal))}
 
 
 @networks_law
 def threads_do_not_matter(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """Two threads give the bits of one."""
+    """Two threads give the same bits as one."""
     return steered(start(subject.make()), subject), steered(start(subject.make(), threads=2), subject)
 
 
@@ -270,7 +270,7 @@ def a_reset_repeats(start: Start, subject: Subject) -> tuple[Found, Found]:
 
 @networks_law
 def a_reset_keeps_weights(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """A reset without weights keeps what was learnt or set."""
+    """A reset without weights keeps learnt weights and weights that were set."""
     sim = start(subject.make())
     steered(sim, subject)
     names = [part.name for part in sim.program.projections]
@@ -281,7 +281,7 @@ def a_reset_keeps_weights(start: Start, subject: Subject) -> tuple[Found, Found]
 
 @networks_law
 def another_population_does_not_matter(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """A population that is added changes no draw of the others."""
+    """An additional population changes no random number of the others."""
     plain = subject.make()
     more = network(plain.resolution)
     more.population("unrelated", 3, poisson_generator(rate=100.0))
@@ -289,13 +289,13 @@ def another_population_does_not_matter(start: Start, subject: Subject) -> tuple[
     more.signals.update(plain.signals)
     more.groups.update(plain.groups)
     more.projections.update(plain.projections)
-    found = steered(start(more), subject)
-    return steered(start(plain), subject), {name: v for name, v in found.items() if "unrelated" not in name}
+    outcome = steered(start(more), subject)
+    return steered(start(plain), subject), {name: v for name, v in outcome.items() if "unrelated" not in name}
 
 
 @networks_law
 def counts_follow_from_spikes(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """The counts that all backends share are what the recorded spikes and the connections say."""
+    """The counts that all backends share agree with the recorded spikes and the connections."""
     net = subject.make()
     for part in subject.make().populations.values():
         if isinstance(part.model, Generator) and not isinstance(part.model, dc_generator):
@@ -306,7 +306,7 @@ def counts_follow_from_spikes(start: Start, subject: Subject) -> tuple[Found, Fo
 
 
 def _resumed(start: Start, net: Callable[[], Network], use: Callable[[Simulation], Found]) -> tuple[Found, Found]:
-    """Use a simulation twice; and use it once, save, restore elsewhere, use that."""
+    """Return the outcomes of two uses in one simulation, and of the second use after saving and restoring."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "state.h5"
         through, saved, resumed = start(net()), start(net()), start(net())
@@ -324,13 +324,13 @@ def _later(found: Found) -> Found:
 
 @networks_law
 def a_saved_state_continues(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """A state saved and restored elsewhere reads the same and continues bit for bit, probes included."""
+    """A state restored in another simulation reads the same and continues bit for bit, including probes."""
     return _resumed(start, lambda: _probed(subject), lambda sim: steered(sim, subject))
 
 
 @networks_law
 def a_state_saved_after_a_change_continues(start: Start, subject: Subject) -> tuple[Found, Found]:
-    """A state saved and restored before the changes of this moment have acted continues bit for bit."""
+    """A state that is saved directly after changes, before their effect, continues bit for bit when restored."""
 
     def use(sim: Simulation) -> Found:
         steps(sim, 57)
@@ -343,14 +343,14 @@ def a_state_saved_after_a_change_continues(start: Start, subject: Subject) -> tu
 @integers_too
 @law
 def saved_trials_continue(start: Start) -> tuple[Found, Found]:
-    """Trials saved and restored continue bit for bit, dropout included."""
+    """Trials continue bit for bit from a saved state, including dropout."""
     return _resumed(start, lambda: recogniser(dropout={"of": "maps", "p": 0.4}), simulation_after_trials)
 
 
 @integers_too
 @law
 def cutting_a_batch_does_not_matter(start: Start) -> tuple[Found, Found]:
-    """Trials in two batches give the bits of one batch."""
+    """Trials in two batches give the same bits as in one batch."""
     from neuro.testing.trials import batch
 
     times, ids, offsets, labels = batch(12)

@@ -20,7 +20,7 @@ from neuro.testing.case import Found, Start, after, case, network, observe
 
 
 def learner(synapse: Synapse, rule: Rule | None = None, delay: object = 1.0, weight: object = 60.0) -> Network:
-    """Poisson spikes onto neurons over plastic synapses; the neurons are driven, too."""
+    """Return a network of Poisson sources with plastic synapses to neurons, which have a further Poisson input."""
     net = network()
     net.population("source", 6, poisson_generator(rate=120.0))
     net.population("drive", 4, poisson_generator(rate=400.0))
@@ -44,7 +44,7 @@ def stdp_additive(start: Start) -> Found:
 
 @case
 def stdp_between(start: Start) -> Found:
-    """Stdp with powers between, drawn delays and weights, over listed random pairs."""
+    """Stdp with powers between 0 and 1, and random delays and weights of random pairs."""
     rule = stdp(lambda_=0.1, mu_plus=0.4, mu_minus=0.3, tau_plus=12.0)
     net = learner(rule, fixed_indegree(n=5), uniform(low=0.1, high=4.0), uniform(low=0.0, high=100.0))
     return after(start, net, 200.0)
@@ -52,7 +52,7 @@ def stdp_between(start: Start) -> Found:
 
 @case
 def stdp_within_a_population(start: Start) -> Found:
-    """Recurrent stdp, where every neuron is pre and post, with spikes at equal times."""
+    """Recurrent stdp, in which each neuron is both pre and post, with simultaneous spikes."""
     net = network()
     net.population("drive", 5, poisson_generator(rate=600.0))
     net.population("cells", 5, iaf_psc_delta(t_ref=0.5))
@@ -64,7 +64,7 @@ def stdp_within_a_population(start: Start) -> Found:
 
 @case
 def stdp_onto_parrots(start: Start) -> Found:
-    """Plastic synapses from spikes of multiplicity above one, which act as often, onto parrots."""
+    """Plastic synapses onto parrots, with spikes of multiplicity above 1, which act as several spikes."""
     net = network(1.0)
     net.population("source", 3, poisson_generator(rate=900.0))
     net.population("cells", 3, parrot_neuron())
@@ -76,7 +76,7 @@ def stdp_onto_parrots(start: Start) -> Found:
 
 @case
 def stdp_changes(start: Start) -> Found:
-    """The rule's numbers and the weights are set between runs."""
+    """Changes of the rule's parameters and of the weights between runs."""
     sim = start(learner(stdp(lambda_=0.05)))
     sim.run(60.0)
     sim.set("plastic", lambda_=0.2, alpha=0.5)
@@ -90,7 +90,7 @@ def stdp_changes(start: Start) -> Found:
 
 @case
 def synapses_that_differ(start: Start) -> Found:
-    """Rules with a value for each synapse: drawn, listed in any order, of both signs of Wmax; states that start so."""
+    """Rules with a parameter value for each synapse: random, listed in any order, with Wmax of both signs."""
     net = network()
     net.population("source", 6, poisson_generator(rate=120.0))
     net.population("cells", 4, iaf_psc_exp(I_e=450.0))
@@ -117,7 +117,7 @@ def synapses_that_differ(start: Start) -> Found:
 
 @case
 def synapses_that_come_to_differ(start: Start) -> Found:
-    """Numbers of a rule that are set between runs: for each synapse, for those of a view, for all again."""
+    """Changes of a rule's parameters between runs: for each synapse, for the synapses of a view, and for all."""
     net = learner(stdp(lambda_=0.05))
     sim = start(net)
     sim.run(50.0)
@@ -133,7 +133,7 @@ def synapses_that_come_to_differ(start: Start) -> Found:
 
 @case
 def dopamine_by_signal(start: Start) -> Found:
-    """stdp_dopa with n written by a signal, of both signs, one for each neuron."""
+    """stdp_dopa whose n is set by a signal of both signs, with a value for each neuron."""
     net = learner(stdp_dopa(signal="reward", tau_c=200.0, tau_n=50.0, A_plus=0.5, A_minus=0.6, Wmax=120.0))
     net.signal("reward", to="cells")
     sim = start(net)
@@ -172,7 +172,7 @@ def dopamine_without_a_source(start: Start) -> Found:
 
 @case
 def dopamine_from_the_target(start: Start) -> Found:
-    """The post neurons release the dopamine themselves, over listed pairs."""
+    """Dopamine from the post neurons themselves, with listed pairs."""
     net = network()
     net.population("source", 3, poisson_generator(rate=300.0))
     net.population("cells", 2, izhikevich(I_e=8.0))
@@ -183,7 +183,7 @@ def dopamine_from_the_target(start: Start) -> Found:
 
 @case
 def dopamine_changes(start: Start) -> Found:
-    """The rule's numbers and the weights are set while dopamine acts."""
+    """Changes of the rule's parameters and of the weights while dopamine acts."""
     net = learner(stdp_dopa(signal="reward", tau_c=200.0, tau_n=50.0, Wmax=150.0))
     net.signal("reward", to="cells")
     sim = start(net)

@@ -1,16 +1,17 @@
 """Golden cases of lava's fixed-point processes as networks of Loihi 2, compared bit for bit.
 
-A file holds many cases by name, arrays `CASE__NAME`, time first. Step k of a file, from 0, is step k + 1 of a
-simulation; what a case gives as the input `a_in` of a neuron is emitted one step before, so all steps are one later.
+A file has several cases by name. Its arrays are named `CASE__NAME`, with time as the first axis. Step k of a file, from
+0, is step k + 1 of a simulation. The input `a_in` of a neuron must be emitted one step before it arrives, which delays
+the simulation by a further step.
 
-| kind | known by | compared |
+| kind | recognised by | compared |
 | --- | --- | --- |
-| connections | array `a` | what arrives: `graded_vector` sends it |
+| connections | array `a` | sums of arriving messages, which `graded_vector` emits |
 | LIF, with reset, ternary | `du` | u, v and spikes |
 | RF, RF_IZ | `sin_decay` | real, imag and spikes |
 | SigmaDelta, Delta, Sigma | `act_mode`; `spike_exp`; the name | all states and messages |
 | graded vectors, product | the name | messages |
-| learning | `dw` | weights, tags, traces, and what arrives |
+| learning | `dw` | weights, tags, traces, and sums of arriving messages |
 """
 
 from __future__ import annotations
@@ -47,12 +48,12 @@ Array = NDArray[Any]
 
 
 def is_of_loihi2(facts: Mapping[str, Any]) -> bool:
-    """Whether a file has cases of lava's processes by name."""
+    """Return whether a file has cases of lava's processes by name."""
     return bool(facts) and "cases" not in facts and all(isinstance(case, Mapping) for case in facts.values())
 
 
 def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[Result]:
-    """Run every case of a file and compare all that it recorded."""
+    """Run each case of a file and compare all its recorded arrays."""
     for name, case in golden.facts.items():
         prefix = f"{name}__"
         arrays = {k.removeprefix(prefix): v for k, v in golden.arrays.items() if k.startswith(prefix)}
@@ -66,7 +67,7 @@ def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[Result]:
 def _connections(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[Result]:
-    expected, arrays = arrays["a"], _heard(case, arrays)
+    expected, arrays = arrays["a"], _with_messages(case, arrays)
     net = Network("connections", resolution=1.0)
     if "padding" in case:
         pre, post, weight = _convolution(case, arrays)
@@ -74,9 +75,9 @@ def _connections(
         expected = expected.transpose(0, 3, 2, 1).reshape(len(expected), -1)
         x = arrays["x"].transpose(0, 3, 2, 1).reshape(len(arrays["x"]), -1)
         delay: Any = 1.0
-    elif arrays["W"].ndim == 3:  # a convolution in time: the last of its kernels acts first
-        late, post, pre = np.nonzero(arrays["W"][::-1])
-        weight, x, delay = arrays["W"][::-1][late, post, pre], arrays["x"], late + 1.0
+    elif arrays["W"].ndim == 3:  # a convolution in time: the last kernel acts first
+        lag, post, pre = np.nonzero(arrays["W"][::-1])
+        weight, x, delay = arrays["W"][::-1][lag, post, pre], arrays["x"], lag + 1.0
         synapse = loihi2_convolution(wraps=False)
     else:
         post, pre = np.nonzero(arrays["W"])
@@ -85,12 +86,12 @@ def _connections(
     _add_input(net, x)
     net.population("out", expected.shape[1], graded_vector())
     net.connect("in", "out", pairs(pre=pre, post=post), synapse, weight=weight.astype(np.float64), delay=delay)
-    found = _run(net, len(expected), (), backend)
-    yield equal(name, "a", found["s"], expected)
+    recordings = _run(net, len(expected), (), backend)
+    yield equal(name, "a", recordings["s"], expected)
 
 
 def _convolution(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[Array, Array, Array]:
-    """Synapses of a convolution with arrays in lava's order: width, height, channels; kernels are flipped."""
+    """Return the synapses of a convolution from arrays in lava's order (width, height, channels); flip the kernels."""
     kernel = arrays["W"][:, ::-1, ::-1, :].transpose(0, 3, 2, 1).astype(np.float64)
     _, width, height, channels = arrays["x"].shape
     stride, padding, dilation = ((case[w][1], case[w][0]) for w in ("stride", "padding", "dilation"))
@@ -110,17 +111,17 @@ def _neurons(
             _add_input(net, arrays[word], word)
             net.connect(word, "out", one_to_one(), static(receptor=receptor), weight=1.0, delay=1.0)
     if not late:
-        _add_input(net, _heard(case["dense"], arrays)["x"])
+        _add_input(net, _with_messages(case["dense"], arrays)["x"])
         post, pre = np.nonzero(arrays["W"])
         weights = arrays["W"][post, pre].astype(np.float64)
         net.connect(
             "in", "out", pairs(pre=pre, post=post), _synapse(case["dense"], arrays["W"]), weight=weights, delay=1.0
         )
-    known = [each.name for each in net.populations["out"].model.states]
-    found = _run(net, steps + late, [word for word in expected if word in known], backend, late)
+    states = [each.name for each in net.populations["out"].model.states]
+    recordings = _run(net, steps + late, [word for word in expected if word in states], backend, late)
     for word, array in expected.items():
-        if word in found:
-            yield equal(name, word, found[word][late:], array)
+        if word in recordings:
+            yield equal(name, word, recordings[word][late:], array)
 
 
 INPUTS = {"a_in": None, "a_real_in": "real", "a_imag_in": "imag", "a_in1": "first", "a_in2": "second"}
@@ -130,16 +131,16 @@ INPUTS = {"a_in": None, "a_real_in": "real", "a_imag_in": "imag", "a_in1": "firs
 def _learning(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[Result]:
-    """Weights, tags and traces after each step, and what arrives.
+    """Compare weights, tags and traces after each step, and the sums of arriving messages.
 
-    A teacher makes the targets fire as in the file: it takes away what should arrive, and adds what makes them fire.
-    So u is what was not expected to arrive.
+    A teacher makes the targets fire as in the file: its messages cancel the expected input and add a strong input for
+    each expected spike. The state u is therefore the deviation from the expected input.
     """
-    post, x, due = arrays["post"], arrays["x"], arrays["a"].astype(np.int64)
+    post, x, expected_input = arrays["post"], arrays["x"], arrays["a"].astype(np.int64)
     n_post, n_pre = post.shape[1], x.shape[1]
     net = Network("learning", resolution=1.0)
     _add_input(net, x)
-    _add_input(net, (post * FIRES - due)[1:], "teacher")
+    _add_input(net, (post * FIRES - expected_input)[1:], "teacher")
     net.population("out", n_post, loihi2_lif(du=4095, dv=4096, vth=FIRES // 2))
     net.connect("teacher", "out", one_to_one(), static(), weight=1.0, delay=1.0)
     words = {"epoch": case["t_epoch"], "graded": GRADED[case["graded"]]}
@@ -151,19 +152,20 @@ def _learning(
     net.probe("u", "out", "u")
     recorded = {"weights": "weight", "tag_1": "t"} | {word: word for word in (*PRE, *POST)}
     sim = neuro.run.compiled.compile(net, backend)
-    found: dict[str, list[Array]] = {word: [] for word in recorded if word in arrays}
+    series: dict[str, list[Array]] = {word: [] for word in recorded if word in arrays}
     for _ in range(len(x)):
         sim.run(1.0)
-        for word, each in found.items():
+        for word, rows in series.items():
             values = sim.get("rule", recorded[word]).reshape(n_pre, n_post).T
-            each.append(values[0] if word in PRE else values[:, 0] if word in POST else values)
-    for word, each in found.items():
-        yield equal(name, word, np.array(each).astype(np.int64), arrays[word])
-    yield equal(name, "a", np.rint(sim.trace("u")[1]).astype(np.int64) // 64 - post * FIRES + due, due)
+            rows.append(values[0] if word in PRE else values[:, 0] if word in POST else values)
+    for word, rows in series.items():
+        yield equal(name, word, np.array(rows).astype(np.int64), arrays[word])
+    arrived = np.rint(sim.trace("u")[1]).astype(np.int64) // 64 - post * FIRES + expected_input
+    yield equal(name, "a", arrived, expected_input)
 
 
 FIRES = 1000
-"""What makes a neuron fire that has a threshold of half of it and remembers nothing."""
+"""Input that makes a neuron without memory fire; its threshold is half of this value."""
 GRADED = {
     "USE_REGULAR_IMPULSE": "impulse",
     "OVERWRITE": "overwrite",
@@ -179,7 +181,7 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
         words: dict[str, Any] = {word: case[word] for word in model.quantities() if word in case}
         words |= {word: arrays[word].astype(np.float64) for word in model.quantities() if word in arrays}
         if "reset_offset" in words and "x" not in arrays:
-            words["reset_offset"] += 1  # as all steps are one later
+            words["reset_offset"] += 1  # the simulation is delayed by a step
         return model(**words)
     if "sin_decay" in case:
         resonator = loihi2_rf_iz if "iz" in name else loihi2_rf
@@ -204,41 +206,44 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
 
 
 def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:
-    """Without a sign mode it is that of the weights."""
+    """Return the synapse model of a case; a missing sign mode follows from the signs of the weights."""
     words = {word: case[word] for word in ("weight_exp", "num_weight_bits") if word in case}
-    found = "EXCITATORY" if weights.min() >= 0 else "INHIBITORY" if weights.max() <= 0 else "MIXED"
-    return loihi2_static(**words, sign_mode=case.get("sign_mode", found).lower())
+    sign_mode = "EXCITATORY" if weights.min() >= 0 else "INHIBITORY" if weights.max() <= 0 else "MIXED"
+    return loihi2_static(**words, sign_mode=case.get("sign_mode", sign_mode).lower())
 
 
-def _heard(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """Arrays with the input as a connection hears it: without bits for messages a spike is 1."""
+def _with_messages(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the arrays with the messages that a connection receives as `x`: without message bits a spike is 1."""
     binary = case.get("num_message_bits") == 0
     return {**arrays, "x": (arrays["x"] != 0).astype(np.int64) if binary else arrays["x"]}
 
 
 def _add_input(net: Network, values: Array, name: str = "in") -> None:
-    """Values by step and neuron as payloads."""
+    """Add a generator that emits the values, shape (steps, neurons), as payloads; 0 is no spike."""
     steps, ids = np.nonzero(values)
     rows = np.stack([steps + 1, ids, values[steps, ids]], axis=1).astype(np.float64)
     net.population(name, values.shape[1], graded_spike_train(spikes=rows))
 
 
 def _run(net: Network, steps: int, states: Any, backend: str | Backend, late: bool = False) -> dict[str, Array]:
-    """Registers by name, and payloads as "s", shape (steps, neurons); if `late` no bias acts in the first step."""
+    """Run a network and return the states by name, and the payloads as "s", all of shape (steps, neurons).
+
+    If `late`, the bias is 0 in the first step.
+    """
     for state in states:
         net.probe(state, "out", state)
     sim = neuro.run.compiled.compile(net, backend)
     biases = [word for word in ("bias", "bias_mant") if late and word in net.populations["out"].model.quantities()]
     if biases:
-        none: dict[str, Any] = dict.fromkeys(biases, 0.0)
-        kept: dict[str, Any] = {word: sim.get("out", word) for word in biases}
-        sim.set("out", **none)
+        zeros: dict[str, Any] = dict.fromkeys(biases, 0.0)
+        values: dict[str, Any] = {word: sim.get("out", word) for word in biases}
+        sim.set("out", **zeros)
         sim.run(1.0)
-        sim.set("out", **kept)
+        sim.set("out", **values)
     sim.run(float(steps) - sim.time)
-    found = {state: np.rint(sim.trace(state)[1]).astype(np.int64) for state in states}
+    recordings = {state: np.rint(sim.trace(state)[1]).astype(np.int64) for state in states}
     out = net.populations["out"]
-    sent: Array = np.zeros((steps, int(net.populations["out"].shape[0])), dtype=np.int64)
+    messages: Array = np.zeros((steps, int(net.populations["out"].shape[0])), dtype=np.int64)
     times, ids, payloads = sim.payloads("out") if out.model.graded else (*sim.spikes("out"), 1)
-    sent[np.rint(times).astype(np.int64) - 1, ids] = payloads
-    return found | {"s": sent}
+    messages[np.rint(times).astype(np.int64) - 1, ids] = payloads
+    return recordings | {"s": messages}

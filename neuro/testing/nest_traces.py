@@ -1,6 +1,6 @@
-"""Golden cases as networks: build what was simulated, run it, and say how far the result is from what came out.
+"""Golden cases of NEST: build the network of a case, run it, and compare the results.
 
-| kind | known by | compared |
+| kind | recognised by | compared |
 | --- | --- | --- |
 | neuron | `neuron` and `inputs` | spikes and every recorded state |
 | network | `neuron` and the array `src` | spikes and V_m of the first neurons |
@@ -10,8 +10,8 @@
 
 Files of chips are recognised and compared by `neuro.testing.chip_traces`.
 
-In a case with `deliver_interval` > 1 NEST brings a synapse up to date at delivery points only, so between them
-its rows show a state that is out of date. Rows are compared at the delivery points.
+With `deliver_interval` > 1, NEST updates a synapse only at delivery points and records an old state between them. Rows
+are therefore compared at the delivery points only.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from neuro.testing.chip_traces import chip_of, compare_chip
 from neuro.testing.golden import LIMIT, Golden, Result, close
 
 LIMITS = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-3, "mat2_psc_exp": 1e-11}
-"""Accepted deviations other than 1e-9: adaptive steps let rounding grow with each spike, exact ones do not."""
+"""Accepted deviations other than 1e-9; with adaptive steps rounding errors grow with each spike."""
 
 NEST_V_M = -70.0
 STRONG = 1e12
@@ -59,15 +59,15 @@ PAIRS: Mapping[str, type[Synapse]] = {
     "stdp_triplet_synapse": stdp_triplet,
     "vogels_sprekeler_synapse": vogels_sprekeler,
 }
-"""NEST's synapses that learn by spike pairs, and ours."""
+"""Synapse models for NEST's synapses that learn from pairs of spikes."""
 
 
 def compare(golden: Golden, backend: str | Backend) -> list[Result]:
     """Run a case on a backend and compare every quantity.
 
     Raises:
-        ModelError: the case is of no known kind, or its network cannot be built.
-        KeyError, TypeError, ValueError, IndexError, AttributeError: a part of it is missing or of another form.
+        ModelError: the kind of the case is unknown, or its network cannot be built.
+        KeyError, TypeError, ValueError, IndexError, AttributeError: a part of the case is missing or malformed.
     """
     facts = golden.facts
     if chip_of(facts):
@@ -96,14 +96,14 @@ def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     net = Network("neuron", resolution=clock.resolution)
     _add_neurons(net, 1, facts["neuron"])
-    for number, given in enumerate(facts["inputs"].values()):
+    for number, source in enumerate(facts["inputs"].values()):
         name = f"input_{number}"
-        if "amplitude_pA" in given:
-            times = {"start": float(given["start_ms"]), "stop": float(given["stop_ms"])}
-            net.population(name, 1, dc_generator(amplitude=given["amplitude_pA"], **times))
+        if "amplitude_pA" in source:
+            times = {"start": float(source["start_ms"]), "stop": float(source["stop_ms"])}
+            net.population(name, 1, dc_generator(amplitude=source["amplitude_pA"], **times))
         else:
-            net.population(name, 1, spike_generator(spike_times=[_exact(given["spike_times_ms"], clock)]))
-        net.connect(name, "neurons", one_to_one(), weight=given.get("weight", 1.0), delay=given["delay_ms"])
+            net.population(name, 1, spike_generator(spike_times=[_exact(source["spike_times_ms"], clock)]))
+        net.connect(name, "neurons", one_to_one(), weight=source.get("weight", 1.0), delay=source["delay_ms"])
     hidden = unreadable(find_backend(backend) if isinstance(backend, str) else backend)
     recorded = [name for name in arrays if name not in ("times_ms", "spikes_ms", *hidden)]
     for name in recorded:
@@ -111,9 +111,10 @@ def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Result]:
     sim = neuro.run.compiled.compile(net, backend)
     sim.run(facts["t_sim_ms"])
     rows = _steps(arrays["times_ms"], clock) - 1 if recorded else np.zeros(0, dtype=np.int64)
-    found = [_spikes(sim.spikes("neurons"), arrays["spikes_ms"], np.zeros_like(arrays["spikes_ms"], dtype=int), clock)]
+    ids = np.zeros_like(arrays["spikes_ms"], dtype=int)
+    results = [_spikes(sim.spikes("neurons"), arrays["spikes_ms"], ids, clock)]
     limit = LIMITS.get(facts["neuron"]["model"], LIMIT)
-    return found + [close(name, sim.trace(name)[1][rows, 0], arrays[name], limit) for name in recorded]
+    return results + [close(name, sim.trace(name)[1][rows, 0], arrays[name], limit) for name in recorded]
 
 
 def _compare_network(golden: Golden, backend: str | Backend) -> list[Result]:
@@ -143,7 +144,7 @@ def _compare_network(golden: Golden, backend: str | Backend) -> list[Result]:
 
 
 def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
-    """Neurons with NEST's words; words of states and `initial` say where they start."""
+    """Add neurons with NEST's names of parameters; parameters that are states, and `initial`, are initial values."""
     kind = MODELS.get(facts["model"])
     if kind is None or not issubclass(kind, Neuron):
         raise ModelError(f"a neuron of model '{facts['model']}', which is not known")
@@ -237,12 +238,12 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
 
 
 def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
-    """One synapse between a neuron with the listed spikes and one that fires on command, whatever the synapse sends.
+    """Build one synapse between a neuron with listed spikes and a neuron that fires only when a driver commands it.
 
     Args:
         golden: the case.
         rule: the synapse model.
-        shortest: the smallest delay of the network in steps, that of the connection that tells the post neuron.
+        shortest: smallest delay of the network in steps, which is the delay from the driver to the post neuron.
     """
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     h = clock.resolution
@@ -261,7 +262,7 @@ def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
 
 
 def _walk(sim: neuro.run.simulation.Simulation, steps: Iterable[int], clock: Clock) -> Iterable[int]:
-    """Run to each of some ascending steps in turn."""
+    """Run to each of the ascending steps, and yield the step when the simulation has reached it."""
     for step in steps:
         sim.run(clock.ms(int(step) - clock.step(sim.time, "time")))
         yield int(step)
@@ -275,17 +276,17 @@ def _steps(times: NDArray[Any], clock: Clock) -> Ints:
 
 
 def _exact(times: Any, clock: Clock) -> Floats:
-    """The doubles nearest to the grid."""
+    """Round times to the nearest floats on the grid of steps."""
     return clock.array_ms(_steps(np.asarray(times), clock))
 
 
 def _spikes(found: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> Result:
-    mine = set(zip(_steps(found[0], clock).tolist(), found[1].tolist(), strict=True))
-    right = set(zip(_steps(times, clock).tolist(), np.asarray(ids).tolist(), strict=True))
-    wrong = sorted(mine ^ right)
-    if not wrong:
+    actual = set(zip(_steps(found[0], clock).tolist(), found[1].tolist(), strict=True))
+    expected = set(zip(_steps(times, clock).tolist(), np.asarray(ids).tolist(), strict=True))
+    unequal = sorted(actual ^ expected)
+    if not unequal:
         return Result("", "spikes", float(abs(len(found[0]) - len(times))), message="a spike is listed twice")
-    step, neuron = wrong[0]
-    what = "is not expected" if wrong[0] in mine else "is missing"
-    text = f"{len(wrong)} differ, first: neuron {neuron} at {clock.ms(step):g} ms {what}"
-    return Result("", "spikes", float(len(wrong)), message=text)
+    step, neuron = unequal[0]
+    problem = "is not expected" if unequal[0] in actual else "is missing"
+    text = f"{len(unequal)} differ, first: neuron {neuron} at {clock.ms(step):g} ms {problem}"
+    return Result("", "spikes", float(len(unequal)), message=text)

@@ -1,4 +1,4 @@
-"""One neuron, generator, synapse model or connection rule, tried on a backend beside the reference."""
+"""Tests of a neuron, generator, synapse model or connection rule on a backend against the reference."""
 
 from __future__ import annotations
 
@@ -36,61 +36,60 @@ from neuro.testing.trials import batch, trial_results
 
 Part = Model | Synapse | Rule
 
-_N = 70  # more than a block of neurons, and no multiple of one
-_SHEET = (7, 10)  # as many
+_N = 70  # more than a block of neurons, and not a multiple of the block size
+_SHEET = (7, 10)  # also 70 neurons
 _RATES = (5.0, 80.0)
-_DRIVES = ((1.0, 80.0), (20.0, 5.0), (400.0, 80.0))  # weights and rates for neurons of unknown units: some hardly hear
-_LEVELS = np.linspace(-1.0, 1.0, _N)  # of a signal: each neuron has another
+_DRIVES = ((1.0, 80.0), (20.0, 5.0), (400.0, 80.0))  # weights and rates in Hz; a neuron's unit of weight is unknown
+_LEVELS = np.linspace(-1.0, 1.0, _N)  # values of a signal, different for each neuron
 
 
 _USUAL = 40.0
 
 
 def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float = _USUAL) -> None:
-    """Run networks around a part on a backend and on the reference, and compare all that can be read.
+    """Run networks with a part on a backend and on the reference, and compare everything that can be read.
 
-    They are nearly silent and busy, are cut and reset on the way, have all that can be set set to another value, and
-    run on one thread and on two. Neurons are also compared at every step of silences that grow longer.
-    A rule for trials teaches a batch of them; one that is modulated is so by a signal, and by spikes if it has tau_n.
+    Some networks are nearly silent, others are active. The runs are divided and reset, all settable parameters are
+    changed, and each network runs with one and with two threads. Neurons are also compared at each step of increasingly
+    long silences. A rule for trials learns from a batch of trials. A modulated rule is modulated by a signal, and also
+    by spikes if it has the parameter `tau_n`.
 
     Args:
-        part: the name of one that is registered, which is tried with its defaults, or an instance.
-        backend: its name, or the backend itself.
-        ms: how long each network runs; a part that takes long to step as plain Python can be tried for less.
+        part: name of a registered part, which is tested with its defaults, or an instance.
+        backend: name of the backend, or the backend itself.
+        ms: duration of each network's run; a shorter one suits a part that is slow in plain Python.
 
     Raises:
-        AssertionError: they differ; it says in which network, and in what.
-        ModelError: there is no such part, or it cannot be tried so.
+        AssertionError: the backend and the reference differ; the message has the network and the values.
+        ModelError: the part does not exist, or cannot be tested in these networks.
     """
-    chosen = _made(part) if isinstance(part, str) else part
+    chosen = _default_part(part) if isinstance(part, str) else part
     if isinstance(chosen, Neuron):
         check_silences(chosen, backend, ms)
     for net in _networks(chosen):
-        expected = _found(compile(net, "reference", seed=1), chosen, ms)
+        expected = _outcome(compile(net, "reference", seed=1), chosen, ms)
         for threads in (1, 2):
-            found = _found(compile(net, backend, seed=1, threads=threads), chosen, ms)
-            trial_results = differences(expected, found, exact=False)
-            assert not trial_results, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(
-                trial_results
-            )
+            outcome = _outcome(compile(net, backend, seed=1, threads=threads), chosen, ms)
+            messages = differences(expected, outcome, exact=False)
+            assert not messages, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(messages)
 
 
-def _made(name: str) -> Part:
+def _default_part(name: str) -> Part:
     for registry in (MODELS, SYNAPSES, RULES):
         if name in registry:
             try:
-                made: Part = registry[name]()
+                part: Part = registry[name]()
             except TypeError as error:
                 raise ModelError(f"'{name}' has no defaults: {error}", hint="give an instance of it") from None
-            return made
-    known = [*MODELS, *SYNAPSES, *RULES]
-    raise ModelError(f"there is no model, synapse model or connection rule '{name}'", hint=nearest(name, known))
+            return part
+    names = [*MODELS, *SYNAPSES, *RULES]
+    raise ModelError(f"there is no model, synapse model or connection rule '{name}'", hint=nearest(name, names))
 
 
-def _found(sim: Simulation, part: Part, ms: float) -> Found:
-    """What is read after a run, after another in two pieces from the same beginning, and after a change of all."""
+def _outcome(sim: Simulation, part: Part, ms: float) -> Found:
+    """Return all values after a run, during its repetition in two pieces, and after a change of the parameters."""
     if sim.program.trials is not None:
-        return _found_in_trials(sim)
+        return _outcome_of_trials(sim)
     _signal(sim, _LEVELS)
     sim.run(ms)
     first = observe(sim)
@@ -99,23 +98,23 @@ def _found(sim: Simulation, part: Part, ms: float) -> Found:
     sim.run(0.3 * ms)
     middle = observe(sim)
     sim.run(0.7 * ms)
-    trial_results = differences(first, observe(sim), exact=True)
-    assert not trial_results, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(trial_results)
+    messages = differences(first, observe(sim), exact=True)
+    assert not messages, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(messages)
     _change(sim, part)
     _signal(sim, -_LEVELS)
     sim.run(ms)
-    told_at = {f"at {0.3 * ms:g} ms": middle, "after sim.set": observe(sim)}
-    return first | {f"{name}, {when}": value for when, found in told_at.items() for name, value in found.items()}
+    later = {f"at {0.3 * ms:g} ms": middle, "after sim.set": observe(sim)}
+    return first | {f"{name}, {when}": value for when, values in later.items() for name, value in values.items()}
 
 
 def _signal(sim: Simulation, levels: Floats) -> None:
-    """Set all signals of a network."""
+    """Set all signals of a network to these values."""
     for signal in sim.program.signals:
         sim.signal(signal.name, levels)
 
 
 def _change(sim: Simulation, part: Part) -> None:
-    """Give each number of the part another value, where that is possible while it runs."""
+    """Change each parameter of the part that can be set during a run."""
     program = sim.program
     owners = [p.name for p in program.populations if p.model.name == part.name]
     owners += [p.name for p in program.projections if p.synapse.name == part.name]
@@ -123,7 +122,7 @@ def _change(sim: Simulation, part: Part) -> None:
         if isinstance(value, float) and value != 0.0 and np.isfinite(value):
             for owner in owners:
                 changed: dict[str, Any] = {word: 1.05 * value}
-                with suppress(ModelError):  # fixed, or on the grid, or out of its bounds: refused on every backend
+                with suppress(ModelError):  # every backend refuses fixed parameters, times off the grid and bounds
                     sim.set(owner, **changed)
 
 
@@ -157,18 +156,18 @@ def _of_neuron(model: Neuron, weight: float, rate: float) -> Network:
 
 
 _SILENCES = (1, 20, 24, 60, 150, 600)
-"""Steps between spikes where `check_part` has its usual `ms`. The event backend lets neurons sleep after 16."""
+"""Steps between spikes for the default `ms` of `check_part`. The event backend lets neurons sleep after 16 steps."""
 _WEIGHTS = np.array([0.3, 20.0, 500.0, -60.0])
-"""Weights for neurons of unknown units: of some one spike makes them fire, of others it stays below the threshold."""
+"""Weights for neurons of unknown units; in most units some of them make a neuron fire and others do not."""
 
 
 def check_silences(model: Neuron, backend: str | Backend = "event", ms: float = _USUAL) -> None:
-    """Compare all states at every step of silences that grow longer.
+    """Compare all states at each step of increasingly long silences.
 
     Args:
         model: the neuron.
-        backend: its name, or the backend itself.
-        ms: as of `check_part`; with the usual number the longest silence has 600 steps.
+        backend: name of the backend, or the backend itself.
+        ms: duration as in `check_part`; with the default the longest silence has 600 steps.
 
     Raises:
         AssertionError: the backend and the reference differ.
@@ -191,12 +190,12 @@ def check_silences(model: Neuron, backend: str | Backend = "event", ms: float = 
         sim = compile(net, each, seed=1)
         run_on(sim, float(times[-1]))
         runs.append(observe(sim))
-    apart = differences(runs[0], runs[1], exact=False)
-    assert not apart, f"{model.name} in '{net.name}'\n  " + "\n  ".join(apart)
+    messages = differences(runs[0], runs[1], exact=False)
+    assert not messages, f"{model.name} in '{net.name}'\n  " + "\n  ".join(messages)
 
 
 def _connect_by_name(net: Network, model: Neuron, weight: float) -> None:
-    """Noise for each receptor of neurons whose receptors are known by name only."""
+    """Connect noise to each named receptor of the neurons."""
     for name in model.named_receptors():
         low = 0.0 if name in model.conductances else -0.5 * weight
         some = pairwise_bernoulli(p=0.5)
@@ -215,7 +214,7 @@ def _of_generator(model: Model) -> Network:
 
 
 def _sources_of_n(synapse: Synapse) -> Iterator[Synapse]:
-    """A rule that is modulated, by all that can do so; another as it is."""
+    """Yield a modulated rule once for each possible modulator, and any other rule unchanged."""
     if not isinstance(synapse, Modulated):
         yield synapse
         return
@@ -264,11 +263,14 @@ _WIRES = {
     "pairs": (all_to_all(), 20.0),
     "drawn": (fixed_indegree(n=30), 9.0),
 }
-"""How the sheet is connected, and about how many spikes should decide."""
+"""Connection rules from the sheet, and the approximate number of spikes for a decision."""
 
 
 def _trial_networks(rule: Synapse) -> Iterator[Network]:
-    """One of each kind, and one whose trials go on after the decision; in some trials no neuron decides."""
+    """Yield a network for each connection rule, and one whose trials continue after the decision.
+
+    Some trials end without a decision.
+    """
     low, high = _usual_weights(rule)
     for name, (wires, spikes) in _WIRES.items():
         if rule.delays and name == "shared_kernel":
@@ -288,7 +290,7 @@ def _trial_networks(rule: Synapse) -> Iterator[Network]:
 
 
 def _usual_weights(rule: Synapse) -> tuple[float, float]:
-    """The middle of the positive weights that a rule allows."""
+    """Return the 20 % and 80 % points of the rule's range of positive weights."""
     bounds = rule.parameters()
     low, high = max(0.0, float(bounds.get("Wmin", 0.0))), float(bounds.get("Wmax", 1.0))
     if not np.isfinite(high):
@@ -296,8 +298,8 @@ def _usual_weights(rule: Synapse) -> tuple[float, float]:
     return low + 0.2 * (high - low), low + 0.8 * (high - low)
 
 
-def _found_in_trials(sim: Simulation) -> Found:
-    """What a batch teaches, and the same batch in two from the same beginning."""
+def _outcome_of_trials(sim: Simulation) -> Found:
+    """Return the outcome of a batch with learning, and check that the batch in two parts gives the same."""
     times, ids, offsets, labels = batch(_TRIALS)
     whole = trial_results(sim.trials(times, ids, offsets, labels, learn=True)) | observe(sim)
     sim.reset(weights=True)

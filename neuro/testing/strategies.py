@@ -1,7 +1,7 @@
-"""Random small networks whose values are exact in floats and in integers, for tests of backends with hypothesis.
+"""Strategies of hypothesis for small networks whose values are exact in floats and in integers, to test backends.
 
-Weights, thresholds and currents are whole numbers of mV, nothing leaks, and a neuron of a source spikes at most once
-in a step. Needs the package hypothesis.
+Weights, thresholds and currents are whole numbers of mV, no neuron leaks, and a source neuron spikes at most once in a
+step. Requires the package hypothesis.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from neuro.model.rules import (
 from neuro.testing.exact import cell
 
 LONGEST = 60
-"""Steps of the longest delay that is drawn."""
+"""Longest delay, steps."""
 
 
 @st.composite
 def exact_networks(draw: st.DrawFn, largest: int = 7) -> Network:
-    """A network of up to three populations of cells, with listed spikes, parrots, a grid and groups.
+    """Draw a network of up to three populations with listed spikes, and sometimes parrots, a grid or a group.
 
     Args:
-        draw: given by hypothesis.
-        largest: neurons of a population.
+        draw: function that hypothesis provides.
+        largest: largest number of neurons of a population.
     """
     net = Network("random", resolution=draw(st.sampled_from([0.1, 0.5, 1.0])))
     n = draw(st.integers(1, largest))
@@ -65,7 +65,7 @@ def exact_networks(draw: st.DrawFn, largest: int = 7) -> Network:
 
 
 def groups(net: Network, names: list[str]) -> st.SearchStrategy[Any]:
-    """A group of any kind, of one of some populations."""
+    """Return a strategy for a group of any kind in one of the named populations."""
     axes = [(name, axis) for name in names for axis in range(len(net.populations[name].shape))]
     return st.one_of(
         st.builds(winner_take_all, of=st.sampled_from(names), first_to_fire=st.booleans()),
@@ -83,12 +83,12 @@ def _times(draw: st.DrawFn, n: int, h: float) -> list[list[float]]:
 def _cells(draw: st.DrawFn, net: Network, n: int = 1) -> Any:
     rest = draw(st.sampled_from([0.0, -70.0]))
     above = rest + np.array([draw(st.integers(3, 12)) for _ in range(n)], dtype=np.float64)
-    late = draw(st.integers(0, 5)) * net.resolution
-    return cell(V_th=above if n > 1 else float(above[0]), E_L=rest, V_reset=rest, C_m=net.resolution, t_ref=late)
+    t_ref = draw(st.integers(0, 5)) * net.resolution
+    return cell(V_th=above if n > 1 else float(above[0]), E_L=rest, V_reset=rest, C_m=net.resolution, t_ref=t_ref)
 
 
 def _delay(net: Network, size: int) -> st.SearchStrategy[Any]:
-    """One delay, or one for each synapse."""
+    """Return a strategy for one delay, or a delay for each synapse."""
     h = net.resolution
     one = st.integers(1, LONGEST)
     each = st.lists(one, min_size=size, max_size=size)
@@ -96,7 +96,7 @@ def _delay(net: Network, size: int) -> st.SearchStrategy[Any]:
 
 
 def _weight(size: int) -> st.SearchStrategy[Any]:
-    """One weight, or one for each synapse; more of them excite."""
+    """Return a strategy for one weight, or a weight for each synapse; most weights are excitatory."""
     each = st.lists(st.integers(-1, 4), min_size=size, max_size=size)
     return st.one_of(st.integers(1, 5).map(float), st.just(-1.0), each.map(lambda ws: np.array(ws, dtype=np.float64)))
 
@@ -126,7 +126,7 @@ def _connect_whole(draw: st.DrawFn, net: Network, pre: str, post: str) -> None:
 
 
 def _add_grid(draw: st.DrawFn, net: Network) -> None:
-    """A sheet with listed spikes under a shared kernel."""
+    """Add a sheet with listed spikes, and maps with a shared kernel."""
     channels, height, width = draw(st.integers(1, 2)), draw(st.integers(3, 5)), draw(st.integers(3, 5))
     n, h = channels * height * width, net.resolution
     fired = np.random.default_rng(draw(st.integers(0, 99))).random((n, 60)) < 0.05

@@ -31,20 +31,20 @@ def recogniser(
     threshold: float = 5.0,
     **words: Any,
 ) -> Network:
-    """Six maps of two labels each over a small sheet; the first to fire decides."""
+    """Return a network of six maps, two for each label, over a small sheet; the first map to fire decides."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     shape = (6, "auto", "auto") if rule is None else (6, 2)
     net.population("maps", shape, cell(V_th=threshold))
     net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or r_stdp(), weight=weight, delay=2.0, name="s2")
     net.group("choice", winner_take_all(of="maps"))
-    trial_results = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
-    net.trials(input="sheet", **(trial_results | words))
+    settings = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
+    net.trials(input="sheet", **(settings | words))
     return net
 
 
 def batch(n: int, spikes: int = 24) -> tuple[Any, Any, Any, Any]:
-    """Random first spikes for n trials: times, ids, offsets, labels."""
+    """Return random spikes for n trials, at most one for each neuron and trial: times, ids, offsets and labels."""
     rng = np.random.default_rng(5)
     ids = np.concatenate([rng.permutation(72)[:spikes] for _ in range(n)])
     times = rng.integers(0, 15, n * spikes).astype(np.float64)
@@ -52,7 +52,7 @@ def batch(n: int, spikes: int = 24) -> tuple[Any, Any, Any, Any]:
 
 
 def trial_results(results: TrialResults, name: str = "trials") -> Found:
-    """The results of a batch, by name."""
+    """Return the results of a batch by name."""
     counts = results.counts
     return {
         f"{name}: winner": results.winner,
@@ -66,7 +66,7 @@ def trial_results(results: TrialResults, name: str = "trials") -> Found:
 
 
 def taught(start: Start, net: Network, epochs: int = 2) -> Found:
-    """Teach for some epochs, then test."""
+    """Run epochs of learning and then a test; return all results and everything that can be read."""
     sim = start(net)
     times, ids, offsets, labels = batch(24)
     found: Found = {}
@@ -173,7 +173,7 @@ def rewarded_learning_from_a_layer(start: Start) -> Found:
 
 @case
 def learning_without_labels(start: Start) -> Found:
-    """A rule that is not supervised teaches the neuron that decided, whatever it stands for."""
+    """An unsupervised rule changes the synapses of the neuron that decided, regardless of labels."""
     sim = start(recogniser(first_spike_stdp(A_plus=0.1, A_minus=-0.05), labels=None))
     times, ids, offsets, _ = batch(24)
     return trial_results(sim.trials(times, ids, offsets, learn=True)) | observe(sim)
@@ -181,13 +181,13 @@ def learning_without_labels(start: Start) -> Found:
 
 @case
 def learning_at_the_peak(start: Start) -> Found:
-    """A rule that asks for the largest V_m of each neuron up to the decision, in trials that go on after it."""
+    """A rule that uses the largest V_m of each neuron before the decision, in trials that continue after it."""
     return taught(start, recogniser(tempotron(lambda_=0.1, tau_s=0.0, tau_m=20.0), stop="full"))
 
 
 @case
 def states_that_go_on(start: Start) -> Found:
-    """Only the states named in `reset` begin anew; the currents of iaf_psc_exp go on here."""
+    """Only the states named in `reset` are reset between trials; here the currents of iaf_psc_exp continue."""
     net = network(1.0)
     net.population("source", 4, spike_generator())
     net.population("cells", (2, 2), iaf_psc_exp(tau_syn_ex=15.0))
@@ -201,13 +201,13 @@ def states_that_go_on(start: Start) -> Found:
 
 
 def simulation_after_trials(sim: Simulation) -> Found:
-    """Teach a little and read everything."""
+    """Run a batch with learning; return its results and everything that can be read."""
     times, ids, offsets, labels = batch(12)
     return trial_results(sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(12) // 2)) | observe(sim)
 
 
 def sheets(group: dict[str, Any], synapse: Synapse | None = None, rule: Rule | None = None, **words: Any) -> Network:
-    """Six maps of three rows and columns over a small sheet."""
+    """Return a network of six maps of 3 x 3 neurons over a small sheet."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     net.population("maps", (6, 3, 3), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=4.0))
@@ -220,7 +220,7 @@ def sheets(group: dict[str, Any], synapse: Synapse | None = None, rule: Rule | N
 @integers_too
 @case
 def exact_local_winners(start: Start) -> Found:
-    """Each map wins once and silences what is near it; ties are drawn, and a run after the trials keeps the silence."""
+    """Each map wins once and silences its neighbourhood, also in a run after the trials; ties are drawn."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     net.population("maps", (6, "auto", "auto"), cell(V_th=9.0))
@@ -237,7 +237,7 @@ def exact_local_winners(start: Start) -> Found:
 @integers_too
 @case
 def exact_local_winners_to_the_last(start: Start) -> Found:
-    """Any number of wins a map; a trial ends when no neuron can win any more."""
+    """Any number of wins for each map; a trial ends when no neuron can win any more."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     net.population("maps", (2, 3, 4), cell(V_th=15.0))
@@ -251,7 +251,7 @@ def exact_local_winners_to_the_last(start: Start) -> Found:
 
 @case
 def local_winners_learn(start: Start) -> Found:
-    """Each winner is taught, several of a map one after the other."""
+    """Each winner learns, several winners of a map one after another."""
     sim = start(sheets({"radius": 0, "per_map": 3}, first_spike_stdp(A_plus=0.1, A_minus=-0.05)))
     times, ids, offsets, _ = batch(24, 40)
     return (
@@ -263,7 +263,7 @@ def local_winners_learn(start: Start) -> Found:
 
 @case
 def local_winners_are_rewarded(start: Start) -> Found:
-    """Each winner is rewarded by its own label, some maps are left out, and a trial ends when all is decided."""
+    """Each winner is rewarded according to its own label, with dropout of maps; a trial ends with the last decision."""
     labels, dropout = {"of": "maps", "maps_per_label": 2}, {"of": "maps", "p": 0.4}
     words: dict[str, Any] = {"labels": labels, "dropout": dropout, "stop": "at_decision"}
     return taught(start, sheets({"radius": 1, "per_map": 1}, r_stdp(epsilon=0.002), all_to_all(), **words))
@@ -271,7 +271,7 @@ def local_winners_are_rewarded(start: Start) -> Found:
 
 @case
 def local_winners_without_trials(start: Start) -> Found:
-    """What wins silences outside of trials, too, until a reset."""
+    """Outside of trials, too, winners silence their neighbourhood until a reset."""
     net = network(1.0)
     net.population("noise", 144, poisson_generator(rate=100.0))
     net.population("cells", (3, 6, 8), iaf_psc_delta(tau_m=30.0, E_L=0.0, V_reset=0.0, V_th=2.0))
@@ -286,7 +286,7 @@ def local_winners_without_trials(start: Start) -> Found:
 
 
 def chooser(synapse: Synapse | None = None, weight: object = None, threshold: float = 9.0, **words: Any) -> Network:
-    """The recogniser with whole weights."""
+    """Return the recogniser with whole numbers as weights."""
     kernels = whole(-1, 3, (6, 2, 4, 4)) if weight is None else weight
     return recogniser(synapse or static(), weight=kernels, threshold=threshold, **words)
 
@@ -317,7 +317,7 @@ def exact_full_trials(start: Start) -> Found:
 @integers_too
 @case
 def exact_run_after_a_decision(start: Start) -> Found:
-    """What was left of a trial's input when it was decided is not shown in a run that follows."""
+    """Input spikes after a trial's decision are discarded and do not occur in the next run."""
     sim = start(chooser(threshold=2.0))
     times, ids, offsets, _ = batch(4)
     found = trial_results(sim.trials(times, ids, offsets))

@@ -1,7 +1,7 @@
 """Compare a backend with golden traces: folders of cases, each NAME.json and NAME.npz.
 
-The format is that of traces recorded from NEST: what was simulated is in the json, what came out in the npz.
-The kind of a case follows from its content, see `neuro.testing.nest_traces`.
+The JSON file describes the simulation, and the npz file has its recorded results. The kind of a case follows from its
+content; see `neuro.testing.nest_traces`.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ def verify(
     *,
     progress: Callable[[str], None] = lambda name: None,
 ) -> list[Result]:
-    """Run every case of a folder on a backend: spikes must be equal, values equal within 1e-9, those of chips exactly.
+    """Run each case of a folder on a backend and return a result for each quantity.
 
-    Neurons that NEST integrates by adaptive steps have limits of their own: `neuro.testing.nest_traces.LIMITS`.
-
-    A case that cannot be read or is of an unknown kind is a result that is not ok, with a message.
+    Spikes must be equal. Values must be equal within 1e-9, or exactly for chips. Neurons that NEST integrates with
+    adaptive steps have limits of their own; see `neuro.testing.nest_traces.LIMITS`. A case that cannot be read, or is
+    of an unknown kind, gives a result that is not ok.
 
     Args:
-        folder: holds NAME.json and NAME.npz for each case.
-        backend: its name, or the backend itself; where it is not given, the chip that the traces are of, else "event".
-        progress: called with the name of each case before it runs.
+        folder: folder with NAME.json and NAME.npz for each case.
+        backend: name of the backend, or the backend itself; by default the chip of the traces, or "event".
+        progress: function that is called with the name of each case before the case runs.
 
     Raises:
-        ModelError: there is no such folder, it holds no case, or there is no such backend.
+        ModelError: the folder does not exist or has no case, or the backend is unknown.
     """
     place = Path(folder)
     if not place.is_dir():

@@ -233,7 +233,7 @@ def test_what_is_asked_for_all_the_time_does_not_hold_the_run_up(running):
         assert any("try again" in answer.get("error", "") for answer in found)
     running.page.commands._owed = 1.5
     with running.client() as client:
-        assert "too much was asked" in client.ask(do="save")["error"]
+        assert "too many requests" in client.ask(do="save")["error"]
     running.page.commands._owed = 0.0
 
 

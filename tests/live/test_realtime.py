@@ -34,7 +34,7 @@ def test_a_file_is_an_input(live):
     code, out, err = live("--input", "camera=a.npz", "--out", "day.h5", "--record", "camera")
     assert (code, err) == (0, "")
     assert out.startswith("LiveRun(149 ticks of 2 ms, ")
-    assert "\nday.h5: 300 ms; neuro rerun day.h5 makes it again\n" in out
+    assert "\nday.h5: 300 ms; neuro rerun day.h5 repeats the run\n" in out
     assert len(neuro.results.read("day.h5").spikes("camera")[0]) == 50
 
 
