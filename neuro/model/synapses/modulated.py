@@ -156,7 +156,7 @@ class mstdpet(Modulated):
     """
 
     equation: ClassVar[str] = (
-        "w' = gamma (n - b) z (times s (1 - s), s = w/Wmax, with soft); "
+        "w' = gamma (n - b) z (or times s (1 - s), s = w/Wmax); "
         "tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
     )
     source: ClassVar[str] = (
