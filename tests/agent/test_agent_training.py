@@ -315,7 +315,7 @@ def test_the_critic_counts_what_its_input_is_worth(value):
     x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - np.exp(-PERIOD / TAU))
     each = value / (one.places.active * x.mean())
     one.learn_from({name: np.full_like(w, each if name == "value" else 0.0) for name, w in one.weights.items()})
-    env = SimpleNamespace(n=1, observations=one.observations, actions=one.actions.space)
+    env = SimpleNamespace(n=1, observations=one.observations, actions=one.actions.space, rewards=np.zeros(1))
     pilot = one.pilot(env, seed=1)
     pilot.put(one.arrays())
     pilot.begin(1, 0)

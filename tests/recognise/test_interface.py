@@ -172,7 +172,7 @@ def test_what_was_learnt_by_gradients_is_that_of_the_trainer_also_on_loihi(train
     learns = made.method.learns or dict.fromkeys(made.network().projections, ("weight",))
     module = neuro_torch.Module(made.network(), learns, outputs=["out"], dtype=torch.float64).eval()
     with torch.no_grad():
-        spikes = module(made.method._taught(made.shown(unseen)).events).spikes["out"]
+        spikes = module(made.method._batch_data(made.shown(unseen)).events).spikes["out"]
     np.testing.assert_array_equal(neuro_torch.losses.decisions(spikes).numpy(), made.predict(unseen))
     method, net, before = made.method, made.network(), made.method.before(len(made.classes))
     assert net.populations.keys() == snn.load(path(method.file)).populations.keys()
