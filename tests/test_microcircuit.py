@@ -134,7 +134,7 @@ def test_what_is_counted_covers_what_is_made(monkeypatch: pytest.MonkeyPatch):
     """The bytes of the arrays of synapses are those that were counted for them."""
     net = circuit(scale=0.03)
     monkeypatch.setattr(memory, "MANY", 0)
-    monkeypatch.setattr(memory, "ROOM", 1.0)
+    monkeypatch.setattr(memory, "OVERHEAD", 1.0)
     monkeypatch.setattr(memory, "free_memory", lambda: 0)
     monkeypatch.setattr(memory, "LEAST", 0)
     assert "of memory" in refused(lambda: compile_network(net, 1))

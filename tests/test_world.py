@@ -487,3 +487,15 @@ def test_operations_of_fields_and_readouts_by_hand():
     assert teachers.same(as_="error", size=1.0).made().work().macs == 7
     assert teachers.reward(opposed=True, settle=5.0, others=0.5).spread_work(4, False).macs == 2 + 2 + 4
     assert teachers.info(key="a", opposed=True).spread_work(4, True).macs == 2 * 2
+
+
+def test_the_loop_without_a_host_learns_by_its_own_dopamine():
+    net = neuro.load(neuro_models.path("loop"))
+    assert net.world_section.reward is None
+    loop = neuro.closed_loop(net, seed=1)
+    loop.run(steps=120)
+    assert np.ptp(loop.sim.get("columns_motors_x", "weight")) > 1.0
+    assert np.ptp(loop.sim.get("columns_critic_x", "weight")) > 1.0
+    still = neuro.closed_loop(neuro.load(neuro_models.path("loop"), {"eta": 0.0, "eta_critic": 0.0}), seed=1)
+    still.run(steps=120)
+    assert np.array_equal(np.unique(still.sim.get("columns_motors_x", "weight")), [1200.0])

@@ -67,7 +67,7 @@ def interrupted(neuro, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(trainer._Training, "epoch", stop)
             status, _, err = neuro(*words)
-        assert (status, err.splitlines()[-1]) == (130, "interrupted: the same command goes on where it was")
+        assert (status, err.splitlines()[-1]) == (130, "interrupted: run the same command again to resume")
 
     return run
 

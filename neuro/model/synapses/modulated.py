@@ -156,8 +156,7 @@ class mstdpet(Modulated):
     """
 
     equation: ClassVar[str] = (
-        "w' = gamma (n - b) z (or times s (1 - s), s = w/Wmax); "
-        "tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
+        "w' = gamma (n - b) z (or times s (1 - s), s = w/Wmax); tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
     )
     source: ClassVar[str] = (
         "Florian, Neural Comput. 19:1468, 2007; Vasilaki et al., PLoS Comput. Biol. 5:e1000586, 2009"
