@@ -20,8 +20,8 @@ class Body(Protocol):
     """A quadrotor with a velocity controller.
 
     Attributes:
-    pose: current pose; each step changes the same object.
-    velocity: x and y in the world, m/s.
+        pose: current pose; each step changes the same object.
+        velocity: x and y in the world, m/s.
     """
 
     pose: Pose

@@ -31,12 +31,12 @@ class Eye:
     another edge is approximate. A pattern on the ground is filtered, not exact.
 
     Args:
-    scenario: camera, ground, light and task.
-    seed: seed of the ground's pattern, and the first argument of `reset`.
+        scenario: camera, ground, light and task.
+        seed: seed of the ground's pattern, and the first argument of `reset`.
 
     Attributes:
-    view: the camera, in its last pose.
-    image: (128, 128) float32, the last picture, linear in light, 1 = full scale. The next picture overwrites it.
+        view: the camera, in its last pose.
+        image: (128, 128) float32, the last picture, linear in light, 1 = full scale. The next picture overwrites it.
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
@@ -155,11 +155,11 @@ def strips(line: npt.NDArray[np.float64], width: float) -> npt.NDArray[np.float6
     """Return the outlines of a line's segments; consecutive segments share a mitred edge.
 
     Args:
-    line: (n, 4), segments from x, y to x, y, m; the last may end where the first begins.
-    width: width of the line, m.
+        line: (n, 4), segments from x, y to x, y, m; the last may end where the first begins.
+        width: width of the line, m.
 
     Returns:
-    (n, 4, 2), corners of the strips, m. The strip of a segment without length is empty.
+        (n, 4, 2), corners of the strips, m. The strip of a segment without length is empty.
     """
     start, end = line[:, :2], line[:, 2:]
     along = end - start
@@ -189,13 +189,13 @@ def pattern(ground: Ground, light: float, seed: int) -> Pattern:
     """Return the brightness pattern of a ground.
 
     Args:
-    ground: the ground. Its texture is the largest deviation of the brightness, its grain the distance between the
-        random values of the coarsest lattice.
-    light: factor on all brightness.
-    seed: seed of the pattern, >= 0.
+        ground: the ground. Its texture is the largest deviation of the brightness, its grain the distance between the
+            random values of the coarsest lattice.
+        light: factor on all brightness.
+        seed: seed of the pattern, >= 0.
 
     Returns:
-    Levels of `pyramid` (empty for a plain ground), texels along a side of the tile, and the size of a texel, m.
+        Levels of `pyramid` (empty for a plain ground), texels along a side of the tile, and the size of a texel, m.
     """
     size = ground.grain * OCTAVES[0] / SIZE
     if ground.texture == 0.0:
@@ -208,10 +208,10 @@ def tile(rng: np.random.Generator) -> npt.NDArray[np.float64]:
     """Return a tile of value noise: random values on finer and finer lattices, with smooth interpolation.
 
     Args:
-    rng: random generator of the values.
+        rng: random generator of the values.
 
     Returns:
-    (SIZE, SIZE), mean 0, largest absolute value 1.
+        (SIZE, SIZE), mean 0, largest absolute value 1.
 
     Source: D. Ebert et al., Texturing and Modeling, 3rd ed., 2003, chapter 2 (value noise, sums of octaves).
     """
@@ -233,10 +233,10 @@ def pyramid(level: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
     """Return the mipmap of a tile: the tile and its means over larger and larger squares.
 
     Args:
-    level: (n, n), the tile; n a power of 2.
+        level: (n, n), the tile; n a power of 2.
 
     Returns:
-    (m,), the tile, then the means over 2 x 2, 4 x 4, ... texels, down to one value; each level row by row.
+        (m,), the tile, then the means over 2 x 2, 4 x 4, ... texels, down to one value; each level row by row.
     """
     levels = [level]
     while len(level) > 1:

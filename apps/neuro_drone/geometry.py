@@ -21,10 +21,10 @@ class Pose:
     """Position and attitude of a drone.
 
     Attributes:
-    x, y, z: position, m.
-    yaw: heading, rad.
-    pitch: rotation with the nose down, rad.
-    roll: rotation with the right side down, rad.
+        x, y, z: position, m.
+        yaw: heading, rad.
+        pitch: rotation with the nose down, rad.
+        roll: rotation with the right side down, rad.
     """
 
     x: float
@@ -40,8 +40,8 @@ class WorldScene:
     """Objects on the ground. The scenario sets their brightness.
 
     Attributes:
-    ball: x, y and z of the centre, and the radius, m; None for no ball.
-    line: (n, 4) float64, segments from x, y to x, y on the ground, m; None for no line.
+        ball: x, y and z of the centre, and the radius, m; None for no ball.
+        line: (n, 4) float64, segments from x, y to x, y on the ground, m; None for no line.
     """
 
     ball: tuple[float, float, float, float] | None = None
@@ -52,17 +52,18 @@ class CameraView:
     """A pinhole camera below a drone.
 
     Args:
-    size: width and height of the picture, px.
-    fov: angle of view over the whole width, degrees.
-    tilt: angle of the optical axis below the horizontal, degrees; 90 looks straight down.
-    fixed: True mounts the camera on the body, so it rolls and pitches with the drone; False keeps it level by a
-        gimbal.
-    roll: rotation of the camera about its optical axis, clockwise seen from behind, degrees.
+        size: width and height of the picture, px.
+        fov: angle of view over the whole width, degrees.
+        tilt: angle of the optical axis below the horizontal, degrees; 90 looks straight down.
+        fixed: True mounts the camera on the body, so it rolls and pitches with the drone; False keeps it level by a
+            gimbal.
+        roll: rotation of the camera about its optical axis, clockwise seen from behind, degrees.
 
     Attributes:
-    matrix: (4, 3), rows 0 to 2 are the camera's axes right, down and forward in the world; row 3 is its position, m.
-    focal: focal length, px.
-    middle: row and column where the optical axis meets the picture, px.
+        matrix: (4, 3), rows 0 to 2 are the camera's axes right, down and forward in the world; row 3 is its position,
+            m.
+        focal: focal length, px.
+        middle: row and column where the optical axis meets the picture, px.
 
     Source: thesis, figure 66 (128 x 128 pixels, 65 degrees) and section 7.3.2 (tilted by 30 degrees; the thesis does
     not name the reference direction, here the tilt is below the horizontal).

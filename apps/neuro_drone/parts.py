@@ -38,17 +38,17 @@ class Ball(WorldPart):
     """A ball that follows a closed Bezier curve through a star of four branches.
 
     Attributes:
-    lap: length of the curve, m.
-    speed: speed of the ball, m/s.
-    radius: radius of the ball, m.
-    brightness: share of full scale.
-    axes: 2, the drone moves in x and y only; or 3, it also climbs and sinks, to keep the ball's picture at `tall`.
-    tall: with three axes, target height of the ball's picture, px.
-    rise: height of a slow rise and descent, m.
-    rise_time: period of the rise and descent, s.
-    bounce: height of a jump, m; gravity sets its duration.
-    swell: share by which the radius grows and shrinks.
-    swell_time: period of the growing and shrinking, s.
+        lap: length of the curve, m.
+        speed: speed of the ball, m/s.
+        radius: radius of the ball, m.
+        brightness: share of full scale.
+        axes: 2, the drone moves in x and y only; or 3, it also climbs and sinks, to keep the ball's picture at `tall`.
+        tall: with three axes, target height of the ball's picture, px.
+        rise: height of a slow rise and descent, m.
+        rise_time: period of the rise and descent, s.
+        bounce: height of a jump, m; gravity sets its duration.
+        swell: share by which the radius grows and shrinks.
+        swell_time: period of the growing and shrinking, s.
 
     Source: thesis, figure 63 (0.075 m/s) and section 7.3.7 (13 px in the picture, which sets the radius; "to avoid
     being too close or too far from the target").
@@ -74,11 +74,11 @@ class Line(WorldPart):
     """A hexagon painted on the ground; the drone flies forward, moves sideways and turns.
 
     Attributes:
-    side: length of a side of the hexagon, m.
-    width: width of the line, m.
-    speed: forward speed of the drone, m/s.
-    brightness: share of full scale.
-    direction: 1 anticlockwise seen from above, -1 clockwise, 0 drawn for each episode.
+        side: length of a side of the hexagon, m.
+        width: width of the line, m.
+        speed: forward speed of the drone, m/s.
+        brightness: share of full scale.
+        direction: 1 anticlockwise seen from above, -1 clockwise, 0 drawn for each episode.
 
     Source: thesis, figure 65 (0.075 m/s). The sides are long enough that the camera sees one at a time.
     """
@@ -97,10 +97,10 @@ class Ground(WorldPart):
     """The ground.
 
     Attributes:
-    brightness: mean share of full scale.
-    texture: contrast of the ground's pattern as a share of the brightness; 0 for plain ground.
-    grain: size of the pattern's largest spots, m.
-    redraw: True draws a new pattern for each episode.
+        brightness: mean share of full scale.
+        texture: contrast of the ground's pattern as a share of the brightness; 0 for plain ground.
+        grain: size of the pattern's largest spots, m.
+        redraw: True draws a new pattern for each episode.
     """
 
     _place = "ground"
@@ -116,16 +116,16 @@ class Camera(WorldPart):
     """The event camera. Its pixels have the parameters of `neuro.events.DVSParameters`.
 
     Attributes:
-    tilt: angle of the optical axis below the horizontal, degrees.
-    fov: angle of view over the whole width, degrees.
-    mount: gimbal (stays level) or body (rolls and pitches with the drone).
-    roll: rotation about the optical axis, clockwise seen from behind, degrees. The picture, and with it every
-        error, turns the other way.
-    shake: standard deviation of a small random rotation in each step, degrees; a still picture makes no events.
-    pos_thres, neg_thres: contrast thresholds, log units.
-    sigma_thres: standard deviation of the thresholds over the pixels.
-    leak_rate_hz, shot_noise_rate_hz: noise rates of a pixel, Hz.
-    refractory_period_s: refractory period of a pixel, s.
+        tilt: angle of the optical axis below the horizontal, degrees.
+        fov: angle of view over the whole width, degrees.
+        mount: gimbal (stays level) or body (rolls and pitches with the drone).
+        roll: rotation about the optical axis, clockwise seen from behind, degrees. The picture, and with it every
+            error, turns the other way.
+        shake: standard deviation of a small random rotation in each step, degrees; a still picture makes no events.
+        pos_thres, neg_thres: contrast thresholds, log units.
+        sigma_thres: standard deviation of the thresholds over the pixels.
+        leak_rate_hz, shot_noise_rate_hz: noise rates of a pixel, Hz.
+        refractory_period_s: refractory period of a pixel, s.
     """
 
     _place = "camera"
@@ -148,15 +148,15 @@ class Drone(WorldPart):
     """The quadrotor.
 
     Attributes:
-    physics: kinematic or bullet.
-    height: height above the ground, m.
-    v_max: speed of an action of 1, m/s.
-    climb_max: upward speed of an action of 1, m/s.
-    yaw_max: rate of turning of an action of 1, rad/s.
-    spin: over a ball, constant rate of turning anticlockwise that no action changes, rad/s.
-    lag: time constant of the speed, s.
-    a_max: largest acceleration, m/s^2.
-    drag: acceleration by a wind of 1 m/s, 1/s.
+        physics: kinematic or bullet.
+        height: height above the ground, m.
+        v_max: speed of an action of 1, m/s.
+        climb_max: upward speed of an action of 1, m/s.
+        yaw_max: rate of turning of an action of 1, rad/s.
+        spin: over a ball, constant rate of turning anticlockwise that no action changes, rad/s.
+        lag: time constant of the speed, s.
+        a_max: largest acceleration, m/s^2.
+        drag: acceleration by a wind of 1 m/s, 1/s.
 
     Source: thesis, figure 63 (2.4 m); drag: Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor
     dynamics subject to rotor drag", IEEE RA-L 3(2), 2018 (about 0.5 forward and 0.4 sideways); the other values are
@@ -181,12 +181,12 @@ class Wind(WorldPart):
     """Level wind, the same everywhere.
 
     Attributes:
-    speed: mean speed without gusts, m/s.
-    towards: direction in which the wind blows, degrees counter-clockwise from x.
-    turning: rate at which the direction changes once the wind blows, degrees/s.
-    gust: standard deviation of the gusts on each axis, m/s.
-    gust_time: time constant of the gusts, s.
-    since: start of the wind, s after the start of an episode.
+        speed: mean speed without gusts, m/s.
+        towards: direction in which the wind blows, degrees counter-clockwise from x.
+        turning: rate at which the direction changes once the wind blows, degrees/s.
+        gust: standard deviation of the gusts on each axis, m/s.
+        gust_time: time constant of the gusts, s.
+        since: start of the wind, s after the start of an episode.
 
     Source: gusts are noise through a first-order filter, as the longitudinal gusts of the Dryden spectra of
     MIL-F-8785C, section 3.7. For 3 m, the lowest height in its range, and 5 m/s the standard has a deviation of 0.2
@@ -208,8 +208,8 @@ class Load(WorldPart):
     """A load that the drone picks up or drops in flight; its controller is not informed.
 
     Attributes:
-    mass: mass picked up, kg; negative if it is dropped. The drone has 0.716 kg.
-    since: time of the change, s after the start of an episode.
+        mass: mass picked up, kg; negative if it is dropped. The drone has 0.716 kg.
+        since: time of the change, s after the start of an episode.
 
     Source: Ascending Technologies' data sheet of the Hummingbird has a largest load of 0.2 kg.
     """
@@ -225,10 +225,10 @@ class Motors(WorldPart):
     """Motors that deviate from the command in the plane of the ground; no controller is informed.
 
     Attributes:
-    mirror: True swaps right and left.
-    angle: rotation of the flight after the mirroring, anticlockwise seen from above, degrees.
-    gain: factor on the commanded speed.
-    since: start of the deviation, s after the start of an episode.
+        mirror: True swaps right and left.
+        angle: rotation of the flight after the mirroring, anticlockwise seen from above, degrees.
+        gain: factor on the commanded speed.
+        since: start of the deviation, s after the start of an episode.
     """
 
     _place = "motors"

@@ -29,11 +29,11 @@ class Variation:
     """Changes of an episode's path relative to the scenario's path.
 
     Attributes:
-    scale: factor on the size of the path.
-    turn: rotation of the path about its centre, degrees anticlockwise.
-    stretch: for a line, factor along x and its inverse along y, after the turn.
-    speed: factor on the speed of the ball, or of the drone along a line.
-    begin: shift of the beginning: for a ball a share of the path, for a line a share of the first side.
+        scale: factor on the size of the path.
+        turn: rotation of the path about its centre, degrees anticlockwise.
+        stretch: for a line, factor along x and its inverse along y, after the turn.
+        speed: factor on the speed of the ball, or of the drone along a line.
+        begin: shift of the beginning: for a ball a share of the path, for a line a share of the first side.
     """
 
     scale: float = 1.0
@@ -60,8 +60,8 @@ def draw_variation(rng: np.random.Generator, line: bool) -> Variation:
     The ranges are wide enough that a controller that ignores the camera, such as a replayed flight, loses its target.
 
     Args:
-    rng: random generator.
-    line: True for a line, False for a ball.
+        rng: random generator.
+        line: True for a line, False for a ball.
     """
 
     def factor(low: float, high: float) -> float:
@@ -87,12 +87,12 @@ class FlightCourse:
     """The paths of a test's laps.
 
     Attributes:
-    path: "varied" draws a path for each lap, see `draw_variation`; "fixed" is the scenario's path, as in the thesis (a
-        replayed flight can complete it without seeing).
-    seed: seed of the varied paths.
+        path: "varied" draws a path for each lap, see `draw_variation`; "fixed" is the scenario's path, as in the
+            thesis (a replayed flight can complete it without seeing).
+        seed: seed of the varied paths.
 
     Raises:
-    ModelError: there is no such path, the seed is no whole number >= 0, or a seed is given for the fixed path.
+        ModelError: there is no such path, the seed is no whole number >= 0, or a seed is given for the fixed path.
     """
 
     path: str = "varied"
@@ -127,11 +127,11 @@ class Path:
     """A closed path of straight pieces.
 
     Args:
-    points: (n, 2) corners, m; the last is joined to the first.
+        points: (n, 2) corners, m; the last is joined to the first.
 
     Attributes:
-    points: the corners.
-    length: length of the whole path, m.
+        points: the corners.
+        length: length of the whole path, m.
     """
 
     def __init__(self, points: Floats) -> None:
@@ -174,7 +174,7 @@ def star(lap: float) -> Path:
     curve is smooth everywhere. The curve is then cut into pieces of equal length.
 
     Args:
-    lap: length of the curve, m.
+        lap: length of the curve, m.
 
     Source: thesis, figures 62 and 63 ("a Bezier curve defined by 8 control points, positioned in a four-branch star
     shape").
@@ -207,8 +207,8 @@ def hexagon(side: float, direction: int = 1) -> Path:
     """Return a regular hexagon around the origin.
 
     Args:
-    side: length of a side, m.
-    direction: 1 anticlockwise seen from above, -1 clockwise.
+        side: length of a side, m.
+        direction: 1 anticlockwise seen from above, -1 clockwise.
 
     Source: thesis, figures 64 and 65.
     """

@@ -38,17 +38,17 @@ class Scenario:
     """World, camera, drone and task of an episode.
 
     Attributes:
-    name: name of the scenario.
-    step: control step, the time between two actions, ms.
-    task: the ball or line to follow.
-    camera, ground, drone, wind, load, motors: parts of the world.
-    light: factor on all brightness.
-    start: initial error on each axis in each episode: px and px for a ball, px and degrees for a line; None draws
-        it. With three axes the third may be left out and is then 0.
-    seed: seed of the first episode if `reset` has none; None takes one from the operating system.
+        name: name of the scenario.
+        step: control step, the time between two actions, ms.
+        task: the ball or line to follow.
+        camera, ground, drone, wind, load, motors: parts of the world.
+        light: factor on all brightness.
+        start: initial error on each axis in each episode: px and px for a ball, px and degrees for a line; None draws
+            it. With three axes the third may be left out and is then 0.
+        seed: seed of the first episode if `reset` has none; None takes one from the operating system.
 
     Raises:
-    ModelError: a value is out of its range, or two values are incompatible.
+        ModelError: a value is out of its range, or two values are incompatible.
     """
 
     name: str = "B60"
@@ -159,12 +159,12 @@ def load(scenario: Scenario | str | Path, /, **changes: Any) -> Scenario:
     """Return a scenario with some values changed.
 
     Args:
-    scenario: a name of `NAMES`, a YAML file, or a scenario.
-    **changes: values in the grammar of the files, e.g. ``camera={"tilt": 30}``; other values of the part stay.
-        Dotted names have the same effect: ``**{"camera.tilt": 30}``.
+        scenario: a name of `NAMES`, a YAML file, or a scenario.
+        **changes: values in the grammar of the files, e.g. ``camera={"tilt": 30}``; other values of the part stay.
+            Dotted names have the same effect: ``**{"camera.tilt": 30}``.
 
     Raises:
-    ModelError: there is no scenario of this name, or a value is wrong. Errors in a file have line and column.
+        ModelError: there is no scenario of this name, or a value is wrong. Errors in a file have line and column.
     """
     if isinstance(scenario, Scenario):
         base = scenario
@@ -239,12 +239,12 @@ def errors(what: str, value: Any, axes: int) -> tuple[float, ...]:
     """Check the initial error of an episode and return it as a tuple.
 
     Args:
-    what: name of the value, for messages.
-    value: two numbers, or one for each axis.
-    axes: number of axes.
+        what: name of the value, for messages.
+        value: two numbers, or one for each axis.
+        axes: number of axes.
 
     Raises:
-    ModelError: the value has another form or is out of range.
+        ModelError: the value has another form or is out of range.
     """
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, (list, tuple)) or len(value) not in (2, axes):

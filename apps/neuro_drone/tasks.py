@@ -37,16 +37,16 @@ class Judged(NamedTuple):
     """State of the task after a step.
 
     Attributes:
-    target: column and row of the target, px; for a target behind the camera, the border on its last side.
-    error: signed error on each axis. Ball: px and px, with three axes also the excess height of its picture, px.
-        Line: px and degrees.
-    scaled: error on each axis as a share of the largest error; the third axis as a share of the target height.
-    error_px: ball: distance of the target from the aim, px. Line: horizontal distance to the line, px.
-    reward: 1 - e / e_max, 0 to 1.
-    progress: share of the lap, 0 to 1.
-    lost: True if the target is outside the picture.
-    done: True if the lap is over.
-    lap: True if the lap is over and counts.
+        target: column and row of the target, px; for a target behind the camera, the border on its last side.
+        error: signed error on each axis. Ball: px and px, with three axes also the excess height of its picture, px.
+            Line: px and degrees.
+        scaled: error on each axis as a share of the largest error; the third axis as a share of the target height.
+        error_px: ball: distance of the target from the aim, px. Line: horizontal distance to the line, px.
+        reward: 1 - e / e_max, 0 to 1.
+        progress: share of the lap, 0 to 1.
+        lost: True if the target is outside the picture.
+        done: True if the lap is over.
+        lap: True if the lap is over and counts.
     """
 
     target: tuple[float, float]
@@ -64,9 +64,9 @@ class Task(Protocol):
     """A target to follow.
 
     Attributes:
-    forward: constant forward speed of the drone in this episode, m/s.
-    turns: True if the second action turns the drone, False if it moves the drone backwards.
-    path: path of the target in this episode.
+        forward: constant forward speed of the drone in this episode, m/s.
+        turns: True if the second action turns the drone, False if it moves the drone backwards.
+        path: path of the target in this episode.
     """
 
     forward: float

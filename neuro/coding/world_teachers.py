@@ -179,10 +179,8 @@ class _TD(Taught):
 class td(Teacher):
     """Temporal-difference error of a critic: reward + discount V(now) - V(before), 0 at the begin of an episode.
 
-    V is (mean spikes of a neuron of the critic in the step - rest) / gain. If the reward has no natural scale,
-    `worth` sets
-    one: a typical reward in each step, for ever, has that value, so that V stays within the range of the critic's
-        neurons;
+    V is (mean spikes of a neuron of the critic in the step - rest) / gain. `worth` sets a scale if the reward has none:
+    a typical reward in each step, for ever, has that value, so that V stays within the range of the critic's neurons;
     see `neuro.coding.values.RewardScale`. `novelty` adds a reward for rare states: (1 - discount) novelty / sqrt(n),
     averaged over the active neurons of `places`, where n is the number of times that a neuron has been active.
 
