@@ -21,11 +21,11 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import yaml
 
 import neuro
 import neuro_models
-from neuro_drone.evaluate import ENDLESS, Flights, fly_lap, grid, reset_arguments
+from neuro_drone.evaluate import ENDLESS, Flights, FlightTest, fly_lap, grid, reset_arguments
 from neuro_drone.scenario import load
 
 Weights = dict[str, Any]
@@ -45,11 +45,12 @@ def network(control: str = "loop", **parameters: float) -> neuro.Network:
     """
     text = Path(neuro_models.path("loop")).read_text("utf-8")
     if control == "late dopamine":
+        baseline = parameters.get("baseline", yaml.safe_load(text)["parameters"]["baseline"])
         for axis in "xy":
             for eta in ("$eta", "$eta_critic"):
                 values = f"population: {{population: snc_{axis}, tau: 50.0, baseline: $baseline, scale: {eta}}}"
                 assert text.count(values) == 1
-                text = text.replace(values, LATE.format(snc=f"snc_{axis}", base=2.7, eta=eta))
+                text = text.replace(values, LATE.format(snc=f"snc_{axis}", base=baseline, eta=eta))
     if control == "reward elsewhere":
         fields = {":, 6:9": ":, 0:3", ":, 4:11": ":, 0:7", ":, 2:13": ":, 0:11"}
         fields |= {"6:9, :": "12:15, :", "4:11, :": "8:15, :", "2:13, :": "4:15, :"}
@@ -66,17 +67,17 @@ def network(control: str = "loop", **parameters: float) -> neuro.Network:
         return neuro.load(path, parameters)
 
 
-def fly(control: str, weights: Weights, starts: int, **parameters: float) -> tuple[float, int]:
-    """Fly with frozen weights, without babbling; return the mean distance in px and the number of complete laps."""
+def fly(control: str, weights: Weights, starts: int, **parameters: float) -> FlightTest:
+    """Fly with frozen weights, without babbling, one lap from each of starts x starts places."""
     scenario = load("B60")
     places = grid(scenario, starts)
     env = Flights(scenario, (reset_arguments(place, index) for index, place in enumerate(places)))
     learnt = neuro.closed_loop(network(control, **parameters, babble=0.0))
     learnt.pilot.put({"learnt": weights})
     loop = neuro.closed_loop(learnt.network(frozen=True), env, learns=False, block=ENDLESS)
-    laps = [fly_lap(loop, env, place) for place in places]
+    laps = tuple(fly_lap(loop, env, place) for place in places)
     env.close()
-    return float(np.mean([lap.error_px for lap in laps])), sum(lap.lap for lap in laps)
+    return FlightTest(laps)
 
 
 def main() -> None:
@@ -98,11 +99,10 @@ def main() -> None:
             loop = neuro.closed_loop(network(control, **parameters), seed=seed, backend=args.backend)
             for steps in range(args.curve or args.steps, args.steps + 1, args.curve or args.steps):
                 loop.run(steps=steps)
-                px, laps = fly(control, loop.pilot.weights, args.starts, **parameters)
-                rows.append({"control": control, "seed": seed, "steps": steps, "px": px, "laps": laps})
-                print(
-                    f"{control}, seed {seed}, {steps:,} steps: {px:.2f} px, {laps} of {args.starts**2} laps", flush=True
-                )
+                test = fly(control, loop.pilot.weights, args.starts, **parameters)
+                rows.append({"control": control, "seed": seed, "steps": steps, "px": test.error_px, "laps": test.laps})
+                figures = f"{test.error_px:.2f} px, {test.laps} of {test.starts} laps"
+                print(f"{control}, seed {seed}, {steps:,} steps: {figures}", flush=True)
                 if args.json is not None:
                     args.json.write_text(json.dumps(rows, indent=1))
 

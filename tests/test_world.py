@@ -343,6 +343,10 @@ def test_rewards_come_as_spikes():
     assert offsets.tolist() == [0, 4, 4, 6]
     assert ticks.tolist() == [1, 1, 6, 6, 1, 1]
     assert ids.tolist() == [0, 1] * 3
+    assert in_use.work(20, (2,)) == (
+        24.0,
+        8.0,
+    )  # product, rounding, two limits; product and division of 10 times; a double
     punished = encoders.rewards(gain=-4.0, within=0.1).made(SPACE, (1,))
     punished.rewarded(np.array([0.5, -1.0, 0.0]))
     offsets, ticks, _ = punished.spikes(seen, (), 20, rng)
@@ -413,8 +417,16 @@ def test_a_network_that_teaches_itself_keeps_its_weights_from_block_to_block(lin
     assert np.array_equal(weights(loop), before)
 
 
-def test_a_network_that_teaches_itself_learns_nothing_if_the_loop_does_not(line):
-    loop = neuro.closed_loop(line(*OWN_DOPAMINE), Line, seed=1, learns=False)
+SPIKE_PAIRS = (
+    ("stdp_dopa: {A_minus: 0.5, tau_c: 200.0, tau_n: 200.0, Wmax: 3000.0, signal: dopamine}", "stdp: {Wmax: 3000.0}"),
+    ("signals:\n  dopamine: {to: motors}\n", ""),
+    ("  reward: {dopamine: {info: {key: error, scale: 0.3, opposed: true}}}\n", ""),
+)
+
+
+@pytest.mark.parametrize("changes", [OWN_DOPAMINE, SPIKE_PAIRS], ids=["own dopamine", "pairs of spikes"])
+def test_a_network_that_teaches_itself_learns_nothing_if_the_loop_does_not(line, changes):
+    loop = neuro.closed_loop(line(*changes), Line, seed=1, learns=False)
     loop.test(1)
     assert np.array_equal(np.unique(weights(loop)), [1500.0])
 

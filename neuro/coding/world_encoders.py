@@ -218,6 +218,10 @@ class _Rewards(Shown):
         joined = np.concatenate(when) if when else np.zeros(0, np.int64)
         return offsets, np.repeat(joined, self._neurons), np.tile(np.arange(self._neurons), joined.size)
 
+    def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
+        # The number of spikes takes a product, a rounding and two limits; each time takes a product and a division.
+        return on_numbers(4.0 + 2.0 * max(1, int(self._choice.within * ticks)), 1.0)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class rewards(Encoder):

@@ -376,7 +376,7 @@ def closed_loop(
         backend: that runs the network.
         seed: of everything random.
         copies: environments side by side, each with a copy of the network.
-        learns: false keeps all weights as they are; signals are not set.
+        learns: False keeps all weights as they are and sets no signal.
         record: whether spikes and traces of the present block, its actions and its rewards are kept.
         patience: seconds within which the environment must answer.
         block: control steps of a block, in place of those of the description.
@@ -398,10 +398,8 @@ def closed_loop(
     except ModelError as error:
         raise error.at(net.world_origin, "world").but(path=("world", "environment", *error.path)) from None
     environments = Environments(made, patience)
-    # Signals that the description sets teach without the loop, so synapses that shall not learn are static.
-    sets_own_signals = any(signal.values is not None for signal in net.signals.values())
     pilot = NetworkPilot(
-        net.frozen() if sets_own_signals and not learns else net,
+        net if learns else net.frozen(),  # spikes and signals of the network itself teach, too
         environments,
         backend=backend,
         seed=seed,
