@@ -37,8 +37,8 @@ def uneven(a):
 
 
 def forking(a, notes):
-    """Children that go on, that come back as if they were the run, and one whose parent ends."""
-    if a in (1, 3):
+    """Children that go on, that come back as if they were the run, one whose parent ends, and one of a long run."""
+    if a in (1, 3, 5):
         if not os.fork():
             (Path(notes) / f"child-{a}").write_text(str(os.getpid()))
             time.sleep(1000)
@@ -46,6 +46,7 @@ def forking(a, notes):
             time.sleep(0.01)
         if a == 3:
             os.abort()
+        time.sleep(1000 if a == 5 else 0)
     if a == 2 and not os.fork():
         raise RuntimeError("a child comes back")
     return a
@@ -54,4 +55,12 @@ def forking(a, notes):
 def printing(a):
     for _ in range(1000):
         print("x" * 1_000_000)
+    return a
+
+
+def dying(a, notes):
+    """End the process the first time."""
+    noting(a, notes)
+    if len((Path(notes) / f"{a}-0").read_text().split()) == 1:
+        os.abort()
     return a

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import neuro
+from neuro_sweeps.folder import began
 from neuro_sweeps.table import table_of
 from refused import refused
 
@@ -121,6 +122,12 @@ def test_a_killed_worker_loses_nothing(runs, cluster, tmp_path, notes):
     assert table.column("value") == [2 * a for a in range(60)]
     assert len(notes()) == 60
     assert sum(notes().values()) <= 62
+    cluster.close()
+    processes = {int(word) for note in Path(notes.path).iterdir() for word in note.read_text().split()}
+    until = time.monotonic() + 10
+    while any(map(began, processes)) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not any(map(began, processes)), "a process of a run has outlived its worker"
 
 
 @pytest.mark.slow

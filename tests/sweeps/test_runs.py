@@ -5,6 +5,7 @@ import os
 import resource
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +15,7 @@ import yaml
 
 import neuro
 from neuro_sweeps.definition import Limits
-from neuro_sweeps.folder import Claims, Folder, began
+from neuro_sweeps.folder import Claims, Folder, began, holder_of
 from neuro_sweeps.page import _metric
 from neuro_sweeps.pictures import pictures, plot_data
 from neuro_sweeps.space import RunItem
@@ -126,6 +127,13 @@ def test_what_a_run_forks_ends_with_its_process_and_is_not_waited_for(runs, tmp_
         assert child == "" or began(int(child)) == ""
 
 
+def test_a_run_whose_process_dies_is_tried_once_more(runs, tmp_path, notes):
+    words = {"set": {"notes": notes.path}, "on": "cores", "workers": 1}
+    table = sweep(runs.dying, {"a": [1, 2]}, tmp_path / "out", **words)
+    assert [(row["value"], row["attempts"]) for row in table.rows(times=True)] == [(1, 2), (2, 2)]
+    assert notes() == {"1-0": 2, "2-0": 2}
+
+
 def test_failures_are_done_again_where_that_is_asked_for(runs, tmp_path):
     notes = tmp_path / "notes"
     space, words = {"a": [1, 2]}, {"set": {"notes": str(notes)}}
@@ -172,6 +180,50 @@ def test_several_work_in_one_folder_and_nothing_is_done_twice(runs, tmp_path, no
     assert [process.wait(120) for process in running] == [0] * 3
     assert sorted(notes().values()) == [1] * 40
     assert table_of(tmp_path / "out").column("value") == [2 * a for a in range(40)]
+
+
+def test_when_a_sweep_is_killed_its_runs_and_what_they_forked_end(runs, tmp_path):
+    text = (
+        f"import sys; sys.path.insert(0, {str(FOLDER)!r}); import my_runs, neuro\n"
+        f"neuro.sweep(my_runs.forking, {{'a': [5]}}, out={str(tmp_path / 'out')!r}, set={{'notes': {str(tmp_path)!r}}})"
+    )
+    child = tmp_path / "child-5"
+    with subprocess.Popen([sys.executable, "-c", text], stderr=subprocess.DEVNULL) as parent:
+        while not (child.exists() and child.read_text()):
+            assert parent.poll() is None
+            time.sleep(0.02)
+        (claim,) = (tmp_path / "out" / "claims").iterdir()
+        holder = holder_of(claim)
+        parent.kill()
+    until = time.monotonic() + 10
+    while (began(holder.process) or began(int(child.read_text()))) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert (began(holder.process), began(int(child.read_text()))) == ("", "")
+
+
+UNLOCKED = """
+import fcntl
+from neuro_sweeps import folder
+fcntl.flock, folder.machine = (lambda *words: None), (lambda: {name!r})
+"""
+
+
+def test_two_machines_share_a_folder_whose_locks_do_not_work(runs, tmp_path, notes):
+    """Both take over what a third machine has left; a run that both do is kept once."""
+    out, space, words = tmp_path / "out", {"a": list(range(40))}, {"set": {"notes": notes.path, "pause": 0.01}}
+    keys = sweep(runs.noting, space, out, share="1/40", **words).keys
+    for key in keys[1::2]:
+        (out / "claims" / key).write_text(json.dumps({"machine": "third", "process": 1, "began": "1"}))
+        os.utime(out / "claims" / key, (1e9, 1e9))
+    places = {"folder": str(FOLDER), "out": str(out), "notes": notes.path, "ready": f"{tmp_path}/ready/"}
+    (tmp_path / "ready" / "third").mkdir(parents=True)
+    scripts = [UNLOCKED.format(name=name) + SEVERAL.format(words={"on": "here"}, **places) for name in ("one", "two")]
+    running = [subprocess.Popen([sys.executable, "-c", text]) for text in scripts]
+    assert [process.wait(120) for process in running] == [0] * 2
+    assert set(notes()) == {f"{a}-0" for a in range(40)}
+    assert max(notes().values()) <= 2
+    assert sweep(runs.noting, space, out, **words).column("value") == [2 * a for a in range(40)]
+    assert (sorted(os.listdir(out / "runs")), os.listdir(out / "claims")) == (sorted(keys), [".lock"])
 
 
 def test_a_folder_that_others_have_just_begun_is_gone_on_with(runs, tmp_path):
