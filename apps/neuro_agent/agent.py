@@ -24,7 +24,7 @@ class ActorCritic(Learner):
     _acting: Frozen | Deployed | None = None
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Restore what the agent has learnt from `arrays`."""
+        """Replace what the agent has learnt by the contents of `arrays`."""
         self._acting = None
         super().put(arrays)
 
@@ -51,15 +51,15 @@ class ActorCritic(Learner):
             window: number of episodes of the mean return.
             patience: seconds within which the environment must answer.
             progress: whether to show the progress on stderr.
-            out: file to which the agent is saved at the end. During training FILE.training beside it holds a
-                checkpoint; after a kill the same call resumes there, with bit-identical results.
+            out: file to which the agent is saved at the end. During training a file beside it, whose name ends in
+                .training, holds a checkpoint; after a kill the same call resumes there, with bit-identical results.
 
         Returns:
             the episodes of this call.
 
         Raises:
-            ModelError: the environment has other spaces, returns NaN, raises an error or does not answer. What was
-                learnt before is kept.
+            ModelError: the environment's spaces differ from the agent's, or it returns NaN, raises an error or does not
+                answer. What was learnt before is kept.
         """
         loop = training.loop_of(self, training.fitting(self, env, patience))
         path = None if out is None else Path(out)
@@ -73,10 +73,10 @@ class ActorCritic(Learner):
             loop.checkpoint(path, {}).remove()
         return self.log
 
-    def _learn(self, loop: neuro.ClosedLoop, **words: Any) -> Log:
+    def _learn(self, loop: neuro.ClosedLoop, **options: Any) -> Log:
         """Run a loop and keep what was learnt, even if it raises an error."""
         try:
-            return loop.run(**words)
+            return loop.run(**options)
         finally:
             self.begun, self.explored = loop.begun
             self.put(loop.pilot.arrays())
@@ -112,7 +112,7 @@ class ActorCritic(Learner):
         """Train and test untrained copies of the agent that cannot learn, which should fail.
 
         The controls are: shuffled, taught by errors of other times; frozen, taught by nothing; random, whose actions
-        are drawn at random; scrambled, whose places are permuted at random at each step.
+        are drawn at random; scrambled, whose input neurons (places) are permuted at random at each step.
 
         Raises:
             ModelError: a name is unknown; or as `train` and `test`.

@@ -48,14 +48,14 @@ def show_controls(tests: Mapping[str, Test], about: str) -> None:
 
 
 def check_table(path: Path) -> None:
-    """Refuse a path to which no table may be written, before long work."""
+    """Raise an error if no table may be written to a path. Called before long work."""
     check_output(path, TABLE)
 
 
 def write_table(comparison: Comparison, path: Path) -> None:
     """Write all results as JSON."""
     plan = comparison.plan
-    whole = {
+    contents = {
         "format": FORMAT,
         "winner": comparison.winner,
         "environment": plan.environment,
@@ -68,7 +68,7 @@ def write_table(comparison: Comparison, path: Path) -> None:
         "provenance": provenance(),
         "each": [dict(one) for one in comparison.each],
     }
-    write_text(path, json.dumps(whole, indent=1), TABLE)
+    write_text(path, json.dumps(contents, indent=1), TABLE)
 
 
 def show_comparison(comparison: Comparison) -> None:

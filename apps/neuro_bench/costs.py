@@ -41,7 +41,8 @@ BY_SPIKES = ("synaptic_op", "spike_in_tile", "hop_east_west", "hop_north_south",
 class Costs:
     """Costs of a model for one example, with NeuroBench's names of the metrics.
 
-    In a series each value is an example, in a regression each step. None stands for an unknown cost.
+    An example of a time series is a single value, and an example of a regression is a single step. None stands for an
+    unknown cost.
 
     Attributes:
         parameters: number of learnt parameters.
@@ -82,12 +83,12 @@ UNKNOWN = Costs(
 
 
 def arithmetic(kind: str, macs: float, dense: float) -> dict[str, float]:
-    """Return the joules of multiply-accumulates, of the arithmetic alone and on a processor, by name of the row.
+    """Return the energy of multiply-accumulates in J, for the arithmetic alone and on a processor, by row of the table.
 
     Args:
         kind: number format, a key of `PROCESSORS`.
-        macs: number of those whose factors are both not 0; only these count as arithmetic.
-        dense: number of all; a processor computes all.
+        macs: number of multiply-accumulates whose factors are both not 0; only these count as arithmetic.
+        dense: number of all multiply-accumulates; a processor computes all.
     """
     processor, picojoules = PROCESSORS[kind]
     return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs, processor: picojoules * 1e-12 * dense}

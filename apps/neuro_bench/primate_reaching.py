@@ -1,4 +1,4 @@
-"""Primate reaching: decoding the velocity of a cursor that a monkey moves from spikes of its motor cortex."""
+"""Primate reaching: decoding the velocity of a cursor from the spikes of a monkey's motor cortex."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from neuro_train.data import r_squared
 STEP = 4.0
 """Interval between two recorded cursor positions, ms."""
 LONGEST = 2000
-"""Length in steps (8 s) from which on a segment counts as a rest of the monkey."""
+"""Segments of this number of steps (8 s) or more count as pauses of the monkey."""
 LARGEST = 1e9
 """Bound of valid times in s and positions in mm."""
 VARIABLES = ("t", "cursor_pos", "target_pos", "spikes")
@@ -70,13 +70,13 @@ class PrimateReaching(Task):
         lengths = np.diff(segments, axis=1)[:, 0]
         short = np.repeat(lengths < LONGEST, lengths)
 
-        def part(first: int, behind: int) -> Recording:
-            steps = slice(segments[first, 0], segments[behind - 1, 1])
+        def part(first: int, end: int) -> Recording:
+            steps = slice(segments[first, 0], segments[end - 1, 1])
             whole_part = recording.take(steps)
             return whole_part if self.split == "official" else whole_part.take(short[steps])
 
-        both = train + validation
-        parts = part(0, train), part(train, both), part(0, both), part(both, len(segments))
+        test_begin = train + validation
+        parts = part(0, train), part(train, test_begin), part(0, test_begin), part(test_begin, len(segments))
         if not all(map(len, parts)):
             message = f"{file}: all segments of a part last 8 s or more: expected shorter ones"
             raise ModelError(message, hint="--split official")

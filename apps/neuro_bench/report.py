@@ -131,9 +131,9 @@ def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
     other = next((one for one in results if not one["method"]["spiking"] and one["costs"]["joules"]), None)
     if spiking is None or other is None:
         return []
-    lines, costs, against = [], spiking["costs"], other["costs"]["joules"]
+    lines, costs, other_joules = [], spiking["costs"], other["costs"]["joules"]
     for chip, of_spikes in costs.get("joules_of_spikes", {}).items():
-        for name, joules in against.items():
+        for name, joules in other_joules.items():
             times = break_even(costs["joules"][chip], of_spikes, joules)
             contest = f"{spiking['method']['name']} on {chip} against {other['method']['name']} on {name}"
             answer = f"fewer joules up to {times:.3g} times its spikes" if times else "more joules, even without spikes"
@@ -143,13 +143,13 @@ def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def row(result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return a row of the table."""
-    costs, each = result["costs"], [one["ms_an_example"] for one in result["folds"]]
+    costs, times_ms = result["costs"], [one["ms_an_example"] for one in result["folds"]]
     return (
         result["method"]["name"],
         "yes" if result["method"]["spiking"] else "no",
         _score(result),
         *("-" if costs[word] is None else number(costs[word]) for word in COUNTS),
-        f"{sum(each) / len(each):.3g}",
+        f"{sum(times_ms) / len(times_ms):.3g}",
         f"{result['cpu_s']:.0f}",
     )
 

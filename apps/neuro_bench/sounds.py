@@ -83,7 +83,7 @@ class Sounds(Task):
             raise ModelError(f"{self.data}: has no wav files: expected recordings of each class", hint=self.source)
 
     def examples(self, sounds: Sequence[Sound]) -> Examples:
-        """Return all versions of recordings as examples. The name of each recording is its class."""
+        """Return all versions of recordings as examples. Each recording is (class, sampling rate, samples)."""
         rng = np.random.default_rng((self.seed, 4))
         classes = tuple(sorted({label for label, _, _ in sounds}))
         labels = np.array([classes.index(label) for label, _, _ in sounds] * self.versions)
@@ -110,9 +110,9 @@ def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | 
         noise = 10.0 ** (rng.uniform(*NOISE) / 20.0) * np.abs(sound).max(initial=0.0)
         sound = sound + rng.normal(0.0, noise, len(sound))
     levels = MelBands(rate, BANDS, window=WINDOW, hop=HOP).hear(sound)
-    shares = np.zeros((steps, BANDS), dtype=np.float32)
+    relative_levels = np.zeros((steps, BANDS), dtype=np.float32)
     if not len(levels):
-        return shares
+        return relative_levels
     onset = int((levels.max(axis=1) > levels.max() - ONSET).argmax())
     if rng is not None:
         onset += int(rng.integers(-2, 3))
@@ -124,8 +124,8 @@ def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | 
         levels += np.interp(np.arange(BANDS), np.linspace(0, BANDS - 1, 5), rng.normal(0.0, COLOUR, 5))
     levels = levels[:steps]
     if len(levels):
-        shares[: len(levels)] = np.clip(1.0 + (levels - levels.max()) / RANGE, 0.0, 1.0)
-    return shares
+        relative_levels[: len(levels)] = np.clip(1.0 + (levels - levels.max()) / RANGE, 0.0, 1.0)
+    return relative_levels
 
 
 def _random_factor(rng: np.random.Generator, share: float) -> float:
@@ -213,7 +213,7 @@ BACKGROUND = "_background_noise_"
 
 
 class SpeechCommands(Sounds):
-    """Classification of spoken words: the 35 of version 0.02, or the words of the folders in the data."""
+    """Classification of spoken words: the 35 words of version 0.02, or those with a folder in the data."""
 
     called_by = "speech-commands"
     title = "Speech Commands, one second at 16 kHz"

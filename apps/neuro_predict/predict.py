@@ -1,4 +1,4 @@
-"""A network asked about recordings: what each backend decides, and what that takes."""
+"""Predictions of a network for recordings on a backend, and their energy."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from neuro_predict.showing import Overflows, Showing
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Report = Callable[[int, int], object]
-"""Called with how many recordings are done, and of how many."""
+"""Function that is called with the number of finished recordings and of all recordings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class Predictions:
         decided: (recordings,) decided class, -1 for none.
         scores: (recordings, classes) scores, see `neuro_predict.decisions`.
         spikes: (recordings,) spikes of the output.
-        labels: (recordings,) right classes; None if unknown.
+        labels: (recordings,) true classes; None if unknown.
         bill: mean bill of a recording, for a chip with costs.
         overflows: number of recordings with overflows, by register of a chip.
         shown: the first recordings in full, up to the requested number.
@@ -77,15 +77,15 @@ class Predictions:
 
     @property
     def own(self) -> Evaluation | None:
-        """Evaluation of the decisions; None if the right ones are unknown."""
+        """Evaluation of the decisions; None if the true classes are unknown."""
         return None if self.labels is None else evaluate(self.decided, self.labels, self.readout.classes)
 
     def class_of(self, k: int) -> str | None:
-        """The name of the class of recording k, None for none."""
+        """Return the name of the decided class of recording k, or None without a decision."""
         return None if self.decided[k] == SILENT else str(self.readout.classes[self.decided[k]])
 
     def agrees(self, other: Predictions) -> float:
-        """The share of decisions that are equal."""
+        """Return the share of recordings for which both predictions decide alike."""
         return float(np.mean(self.decided == other.decided))
 
 
@@ -98,22 +98,22 @@ def predict(
     seed: int = 0,
     **words: Any,
 ) -> Predictions:
-    """Show recordings to a network, each from time 0 on, and let its output decide.
+    """Show recordings to a network, each from time 0 on, and decide the classes by the output.
 
     Args:
         net: the network.
-        recordings: as `neuro.events.recordings` finds them, or events.
-        backend: its name, or the table file of a chip.
-        labels: the name of the right class of each.
-        seed: of everything random.
-        words: of `neuro.Readout`, in place of those of the network. What neither says follows from the network: the
-            only spike_generator, the only population that is probed, or else that sends to none, potentials where it
-            never fires.
+        recordings: the result of `neuro.events.recordings`, or a list of events.
+        backend: name of the backend, or table file of a chip.
+        labels: name of the true class of each recording; without labels nothing is evaluated.
+        seed: seed of all random numbers.
+        words: settings of `neuro.Readout` that replace those of the network's readout. By default the input is the only
+            spike_generator, and the output is the only probed population, or the only one without outgoing projections.
+            Potentials decide if the output never fires.
 
     Raises:
         EventFileError: a recording is damaged.
-        ModelError: the network has no such input or output, a recording is of another sensor, a label is no class, or
-            the backend cannot run the network.
+        ModelError: the network has no such input or output, a recording has another sensor size, a label is not the
+            name of a class, or the backend cannot run the network.
     """
     if not isinstance(net, Network):
         raise ModelError(f"predict: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
@@ -123,11 +123,11 @@ def predict(
 
 
 def check_recordings(recordings: Sequence[Sample | Events], readout: Readout, net: Network) -> None:
-    """Read all recordings, before any is shown.
+    """Check that all recordings can be read and fit the input of the network.
 
     Raises:
-        EventFileError: one is damaged.
-        ModelError: one is of another sensor, or there is none.
+        EventFileError: a recording is damaged.
+        ModelError: a recording has another sensor size, or there is no recording.
     """
     if not len(recordings):
         raise ModelError("found no recording: expected at least one to ask about")
@@ -147,30 +147,30 @@ def ask(
     keep: int = 0,
     report: Report = lambda count, total: None,
 ) -> Predictions:
-    """Show recordings that were checked.
+    """Return the predictions for recordings that `check_recordings` accepts.
 
     Args:
         net: the network.
-        recordings: as of `predict`.
-        readout: as `readout_of` gives it.
-        backend: its name.
-        labels: as of `predict`.
-        seed: of everything random.
-        keep: how many of the first recordings are kept in full.
-        report: called with how many are done.
+        recordings: see `predict`.
+        readout: result of `readout_of`.
+        backend: name of the backend.
+        labels: see `predict`.
+        seed: seed of all random numbers.
+        keep: number of recordings, from the first, whose activity is in `Predictions.shown`.
+        report: called after each recording.
 
     Raises:
-        ModelError: as of `predict`.
+        ModelError: see `predict`.
     """
-    right = None if labels is None else _numbers(labels, readout, len(recordings))
+    true_classes = None if labels is None else _numbers(labels, readout, len(recordings))
     sim, probe = _compiled(net, readout, backend, seed)
-    pixels, way, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
+    pixels, path_steps, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
     total, neurons = len(recordings), len(readout.classes)
     decided, spikes, scores = np.zeros(total, np.int64), np.zeros(total, np.int64), np.zeros((total, neurons))
     showing, in_full = Showing(sim, readout.input, readout.output), list[ShownRecording]()
     for k, item in enumerate(recordings):
         step, neuron = pixels.spikes(load(item), name_of(item, k))
-        steps = pixels.steps or int(step.max(initial=-1)) + 1 + way
+        steps = pixels.steps or int(step.max(initial=-1)) + 1 + path_steps
         times, ids, payloads = showing.show(step, neuron, steps)
         V_m = sim.trace(probe)[1] if probe else None
         decided[k], scores[k] = _decision(readout.decide, times, ids, payloads, V_m, neurons)
@@ -179,9 +179,9 @@ def ask(
             in_full.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
         report(k + 1, total)
     names = tuple(name_of(item, k) for k, item in enumerate(recordings))
-    priced = _bill(showing, backend, total)
+    bill = _bill(showing, backend, total)
     return Predictions(
-        backend, readout, names, decided, scores, spikes, right, priced, showing.overflows, tuple(in_full)
+        backend, readout, names, decided, scores, spikes, true_classes, bill, showing.overflows, tuple(in_full)
     )
 
 
@@ -191,28 +191,28 @@ def _numbers(labels: Sequence[str], readout: Readout, recordings: int) -> Ints:
     numbers = {name: k for k, name in enumerate(readout.classes)}
     for name in labels:
         if name not in numbers:
-            message = f"the class '{name}' is none of --output {readout.output}: expected {', '.join(numbers)}"
-            raise ModelError(message, hint="--classes A,B,... names its neurons in their order")
+            message = f"--output {readout.output} has no class '{name}': expected {', '.join(numbers)}"
+            raise ModelError(message, hint="--classes A,B,... gives the names of its neurons in order")
     return np.array([numbers[name] for name in labels], np.int64)
 
 
 def _compiled(net: Network, readout: Readout, backend: str, seed: int) -> tuple[Simulation, str]:
-    """The network, and the probe of the potentials that decide, "" where spikes do."""
+    """Return the simulation, and the name of the probe of the deciding potentials, "" if spikes decide."""
     if readout.decide != "potential":
         return compile(net, backend=backend, seed=seed), ""
     _check_threshold(net.populations[readout.output], backend)
-    watched, name = copy.copy(net), f"{readout.output}.V_m"
-    watched.probes = {key: probe for key, probe in net.probes.items() if key != name}
-    watched.probe(name, readout.output, "V_m")
-    return compile(watched, backend=backend, seed=seed), name
+    probed_net, name = copy.copy(net), f"{readout.output}.V_m"
+    probed_net.probes = {key: probe for key, probe in net.probes.items() if key != name}
+    probed_net.probe(name, readout.output, "V_m")
+    return compile(probed_net, backend=backend, seed=seed), name
 
 
 def _check_threshold(output: Population, backend: str) -> None:
-    """Refuse a threshold that leaves no bit of a chip's registers to the potentials below it."""
+    """Raise an error if a threshold is so high that all potentials below it round to 0 in a chip's registers."""
     if chip_of(backend) is not None and not fires(output):
-        message = f"backend '{backend}': V_th of '{output.name}' is never reached, and sets the scale of its registers"
-        hint = "in its file a V_th just above the largest V_m that it reaches on event, and --decide potential"
-        raise ModelError(f"{message}: expected one near V_m", hint=hint)
+        message = f"backend '{backend}': V_th of '{output.name}' is never reached, but sets the scale of its registers"
+        hint = "set V_th just above the largest V_m on backend 'event', and use --decide potential"
+        raise ModelError(f"{message}: expected V_th near V_m", hint=hint)
 
 
 def _way(program: Program, readout: Readout) -> int:
@@ -232,7 +232,7 @@ def _way(program: Program, readout: Readout) -> int:
             for part in program.projections:
                 if part.source == at and part.size:
                     heapq.heappush(queue, (steps + int(np.max(part.delay)), part.target))
-    raise ModelError(f"no projection leads from --input {readout.input} to --output {readout.output}: expected a way")
+    raise ModelError(f"no projection leads from --input {readout.input} to --output {readout.output}: expected a path")
 
 
 def _decision(
@@ -245,5 +245,5 @@ def _decision(
 
 def _bill(showing: Showing, backend: str, recordings: int) -> Energy | None:
     """Return the bill of a recording on the chip that a backend emulates."""
-    on = chip_of(backend)
-    return showing.sim.energy(backend, of=showing.taken).per(recordings, "recording") if on and on.costs else None
+    chip = chip_of(backend)
+    return showing.sim.energy(backend, of=showing.taken).per(recordings, "recording") if chip and chip.costs else None

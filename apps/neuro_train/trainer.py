@@ -1,7 +1,7 @@
-"""The training: epochs of batches, kept beside the network that it is going to be, so that a kill costs little.
+"""The training: epochs of batches, with checkpoints beside the output file, so that a kill costs little.
 
-What is random in an epoch follows from the seed and the epoch alone, and the learning rate from the step, so a training
-that goes on after a kill gives the same bits on one thread.
+The random numbers of an epoch depend on the seed and the epoch only, and the learning rate on the step only. On one
+thread, a training that resumes after a kill is therefore bit-identical.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ Array = npt.NDArray[Any]
 
 FORMAT = "neuro training by gradients 1"
 KEEP_S = 2.0
-"""Seconds from one checkpoint to the next, at least."""
+"""Shortest time between two checkpoints, s."""
 
 WAYS = {
-    "data": "recordings are others, or were edited: give those that it began with to continue it",
-    "network": "the network is another, or was edited: give the one that it began with to continue it",
+    "data": "the recordings are not those of the checkpoint: give those with which the training began to continue it",
+    "network": "the network is not that of the checkpoint: give the one with which the training began to continue it",
 }
-"""Hints for what a training knows by a hash alone, where that is not the same."""
+"""Hints for the settings that a checkpoint stores as a hash only, if the hash differs."""
 
 PATIENCE = 10
 """Epochs in which no output neuron fires, after which a training warns."""
 
 CURVES = ("loss", "right", "joules", "rate")
-"""What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate.
+"""Figures of each epoch: mean loss, share of right decisions, joules of a recording, learning rate.
 
 For regression, "right" is R2, the explained share of the targets' variance; NaN where the targets are constant.
 """
@@ -68,12 +68,12 @@ class Trained:
 
 
 def module_of(net: neuro.Network, plan: TrainingPlan, outputs: Sequence[str] | None = None) -> neuro_torch.Module:
-    """The network as a module, on the device that is asked for.
+    """Return the network as a module on the device of the plan.
 
     Args:
         net: the network.
         plan: the settings of the training.
-        outputs: populations whose spikes are wanted; that of the plan if not given.
+        outputs: populations whose spikes are returned; by default the output of the plan.
 
     Raises:
         ModelError: the network cannot learn by gradients, or there is no such device.
@@ -85,10 +85,10 @@ def module_of(net: neuro.Network, plan: TrainingPlan, outputs: Sequence[str] | N
         message = f"--device {plan.device}: torch has no such device here: expected one of {devices}"
         raise ModelError(message) from None
     currents = {name for name, part in net.populations.items() if part.model.role == "current"}
-    every = (name for name, part in net.projections.items() if part.source not in currents)
+    spiking_projections = (name for name, part in net.projections.items() if part.source not in currents)
     module = neuro_torch.Module(
         net,
-        plan.learns or dict.fromkeys(every, ("weight",)),
+        plan.learns or dict.fromkeys(spiking_projections, ("weight",)),
         surrogate=plan.surrogate,
         slope=plan.slope,
         duration=plan.duration,
@@ -140,7 +140,7 @@ def learn(
     checkpoint: Checkpoint | None = None,
     report: Callable[[int, Mapping[str, float]], None] = lambda epoch, figures: None,
 ) -> Trained:
-    """Train, or go on with what was begun.
+    """Train a network, or resume the training of a checkpoint.
 
     Args:
         net: the network; it is not changed.
@@ -150,8 +150,8 @@ def learn(
         report: called with the number of finished epochs, and the figures of the last.
 
     Raises:
-        ModelError: the network cannot be trained so, the loss does not suit what is wanted, the loss or what learns has
-            become NaN or infinite, or the checkpoint is of another training.
+        ModelError: the network cannot be trained with these settings, the loss does not fit the targets, the loss or a
+            learning parameter became NaN or infinite, or the checkpoint belongs to another training.
     """
     training = _Training(net, samples, plan, "" if checkpoint is None else f" in {checkpoint.path}")
     arrays = {} if checkpoint is None else checkpoint.resume()
@@ -160,12 +160,12 @@ def learn(
         report(training.done, training.last())
     written = time.monotonic()
     while training.done < plan.epochs:
-        before = training.state()
+        state_before = training.state()
         try:
             training.epoch()
         except (ModelError, KeyboardInterrupt):
             if checkpoint is not None and training.done:
-                checkpoint.keep(**before)
+                checkpoint.keep(**state_before)
             raise
         training.warn_of_silence()
         report(training.done, training.last())
@@ -179,10 +179,10 @@ class _Training:
     """A training under way, from one epoch to the next."""
 
     def __init__(self, net: neuro.Network, samples: BatchData, plan: TrainingPlan, place: str) -> None:
-        self._shown, self._plan, self._net, self._place = samples, plan, net, place
-        self.done, self._spent = 0, 0.0
-        self._stay: dict[str, Array] = {}
-        self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
+        self._samples, self._plan, self._net, self._place = samples, plan, net, place
+        self.done, self._cpu_s = 0, 0.0
+        self._remaining: dict[str, Array] = {}
+        self._curves: dict[str, list[float]] = {name: [] for name in CURVES}
         self._labels, self._batches = torch.from_numpy(samples.labels), math.ceil(len(samples) / plan.batch)
         self._variance = _variance(samples, plan)
         self._silent_epochs, self._has_warned = 0, plan.loss not in ("count", "first_spike")  # others need no spike
@@ -191,13 +191,13 @@ class _Training:
         self._take(module)
 
     def _take(self, module: neuro_torch.Module) -> None:
-        """Train this module from now on."""
+        """Replace the module, and make its bills and the optimiser."""
         plan = self._plan
         self._module = module if plan.bits is None else neuro_torch.quantised(module, plan.bits, plan.chip)
         self._bills = {
             chip: neuro_torch.Bill(self._module, chip, neurons_per_core=plan.neurons_per_core) for chip in plan.cost
         }
-        # Of weights that are `size` times as large gradients are as much smaller, and steps are to be as much larger.
+        # If weights are `size` times as large, their gradients are as much smaller, so steps must be as much larger.
         weights: dict[float, list[Tensor]] = {}
         for name, weight in self._module.weights.learnt().items():
             weights.setdefault(self._sizes[name], []).append(weight)
@@ -206,7 +206,7 @@ class _Training:
             for size, each in weights.items()
         ]
         rest = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
-        if rest:  # it does not decay
+        if rest:  # delays and parameters of neurons do not decay
             groups.append({"params": rest, "size": 1.0, "weight_decay": 0.0})
         self._optimiser = torch.optim.AdamW(groups, lr=plan.rate, fused=True)
 
@@ -214,13 +214,13 @@ class _Training:
         """Show every recording once.
 
         Raises:
-            ModelError: the loss, or something that learns, is NaN.
+            ModelError: the loss or a learning parameter is NaN.
         """
         plan, began = self._plan, time.process_time()
         if plan.prune and self.done == (plan.epochs + 1) // 2:
             self._prune()
         rng = np.random.default_rng((plan.seed, self.done))
-        order = rng.permutation(len(self._shown))
+        order = rng.permutation(len(self._samples))
         self._module.train()
         self._silent_epochs += 1
         sums, recordings = dict.fromkeys(CURVES, 0.0), 0
@@ -232,21 +232,21 @@ class _Training:
             for name, value in self._batch(chosen, k, rng).items():
                 sums[name] += value * len(chosen)
         for name, value in sums.items():
-            self._noted[name].append(value / recordings)
+            self._curves[name].append(value / recordings)
         self.done += 1
-        self._spent += time.process_time() - began
+        self._cpu_s += time.process_time() - began
 
     def _batch(self, chosen: npt.NDArray[np.int64], k: int, rng: np.random.Generator) -> dict[str, float]:
         """Take one step of learning; return its figures."""
         plan, labels = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
-        events = self._shown.events[chosen.tolist()]
+        events = self._samples.events[chosen.tolist()]
         if plan.shift or plan.warp or plan.mirror:
-            events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng, plan.mirror)
+            events = moved(events, plan.input, self._samples.shape, plan.shift, plan.warp, rng, plan.mirror)
         # one cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)
         share, top = (self.done * self._batches + k) / max(1, plan.epochs * self._batches), 0.3
-        part = share / top if share < top else (share - top) / (1.0 - top)
+        phase = share / top if share < top else (share - top) / (1.0 - top)
         low, high = (0.04, 1.0) if share < top else (1.0, 1e-5)
-        rate = plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
+        rate = plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * phase)))
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["size"]
         activity = self._module(events)
@@ -283,9 +283,9 @@ class _Training:
 
     def _stop(self, batch: int, message: str) -> NoReturn:
         where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
-        some = self.done and self._place
-        note = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if some else ""
-        way = "a smaller --rate, or a smaller --cost" + (", under another --out" if some else "")
+        is_saved = self.done and self._place
+        note = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if is_saved else ""
+        way = "lower --rate or --cost" + (", with another --out" if is_saved else "")
         raise ModelError(f"{where}: {message}{note}", hint=way)
 
     def warn_of_silence(self) -> None:
@@ -301,38 +301,38 @@ class _Training:
         first = self.done - self._silent_epochs + 1
         epochs = f"epoch {self.done}" if first == self.done else f"epochs {first} to {self.done}"
         message = f"population '{self._plan.output}': no neuron fired in {epochs}, so no recording is decided"
-        if reason := why_silent(self._module.network(), self._shown, self._plan):
+        if reason := why_silent(self._module.network(), self._samples, self._plan):
             message += f": {reason}"
         warnings.warn(message, neuro.ModelWarning, stacklevel=3)
 
     def _prune(self, stay: Mapping[str, Array] | None = None) -> None:
-        """Drop the smallest weights, or all but some; the optimiser begins anew with those that are left."""
-        self._stay = dict(stay) if stay else neuro_torch.largest(self._module, 1.0 - self._plan.prune)
-        self._take(neuro_torch.prune(self._module, stay=self._stay))
+        """Remove the smallest weights, or all weights outside some masks, and make a new optimiser for the others."""
+        self._remaining = dict(stay) if stay else neuro_torch.largest(self._module, 1.0 - self._plan.prune)
+        self._take(neuro_torch.prune(self._module, stay=self._remaining))
 
     def last(self) -> dict[str, float]:
-        """Figures of the last epoch."""
-        return {name: values[-1] for name, values in self._noted.items() if values}
+        """Return the figures of the last epoch."""
+        return {name: values[-1] for name, values in self._curves.items() if values}
 
     def state(self) -> dict[str, Array | dict[str, Array]]:
-        """All that it needs to go on, as arrays."""
+        """Return the state from which `restore` continues, as arrays."""
         steps = self._optimiser.state_dict()["state"]
         moments = {f"{k}.{word}": _array(value) for k, each in steps.items() for word, value in each.items()}
         parts: dict[str, Array | dict[str, Array]] = {
-            "progress": np.array([self.done, self._spent]),
-            "curves": {name: np.array(values) for name, values in self._noted.items()},
+            "progress": np.array([self.done, self._cpu_s]),
+            "curves": {name: np.array(values) for name, values in self._curves.items()},
             "weights": {name: _array(value) for name, value in self._module.state_dict().items()},
         }
         if moments:
             parts["moments"] = moments
-        if self._stay:
-            parts["stay"] = self._stay
+        if self._remaining:
+            parts["stay"] = self._remaining
         return parts
 
     def restore(self, arrays: Mapping[str, Any]) -> None:
-        """Continue from `state`."""
-        self.done, self._spent = int(arrays["progress"][0]), float(arrays["progress"][1])
-        self._noted = {name: arrays["curves"][name].tolist() for name in CURVES}
+        """Restore the result of `state`."""
+        self.done, self._cpu_s = int(arrays["progress"][0]), float(arrays["progress"][1])
+        self._curves = {name: arrays["curves"][name].tolist() for name in CURVES}
         if "stay" in arrays:
             self._prune(arrays["stay"])
         weights = {name: torch.from_numpy(np.asarray(value)) for name, value in arrays["weights"].items()}
@@ -345,18 +345,18 @@ class _Training:
         self._optimiser.load_state_dict({"state": state, "param_groups": groups})
 
     def trained(self) -> Trained:
-        """Result of the training."""
+        """Return the result of the training."""
         module = self._module.eval()
         with torch.no_grad():  # the grid of a chip is chosen for the last weights
-            module(self._shown.events[[0]])
-        curves = {name: np.array(values) for name, values in self._noted.items()}
+            module(self._samples.events[[0]])
+        curves = {name: np.array(values) for name, values in self._curves.items()}
         rates = {name: self._plan.rate * size for name, size in self._sizes.items()}
         net, output = module.network(), self._plan.output
         if self._variance is None:
-            net.readout(**self._plan.readout(self._shown.classes))
+            net.readout(**self._plan.readout(self._samples.classes))
         elif probe(output) not in net.probes:
             net.probe(probe(output), output, "V_m", every=net.resolution)
-        return Trained(net, module, curves, self._spent, rates)
+        return Trained(net, module, curves, self._cpu_s, rates)
 
 
 def why_silent(net: neuro.Network, samples: BatchData, plan: TrainingPlan) -> str:

@@ -22,9 +22,9 @@ from neuro.program.backend import Engine, Problem, unnoted
 from neuro.program.program import Program
 from neuro_chip.unsupported import LEARNING_CASES, REFRACTORY_CASES
 
-OF_PLACE = ("order", "neurons_per_core")
+_PLACING_OPTIONS = ("order", "neurons_per_core")
 _STRICT = Quantity(kind="boolean")
-OWN = ("strict", *OF_PLACE)
+_NOT_OF_QUANTISE = ("strict", *_PLACING_OPTIONS)
 
 
 class ChipBackend:
@@ -71,8 +71,8 @@ class ChipBackend:
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """Return all refusals and approximations: by the chip's integers, and by the limits of its cores."""
-        fixed = quantise(program, self.chip, **_of_quantise(options))
-        placing = {name: value for name, value in options.items() if name in OF_PLACE}
+        fixed = quantise(program, self.chip, **_quantise_options(options))
+        placing = {name: value for name, value in options.items() if name in _PLACING_OPTIONS}
         problems = (*unnoted(program), *fixed.problems)
         cores = cut(program, self.chip, **placing)
         if fits_one_chip(program, self.chip, cores):
@@ -93,7 +93,7 @@ class ChipBackend:
         Raises:
             ModelError: the chip refuses the program, or an option is unknown.
         """
-        fixed = quantise(program, self.chip, **_of_quantise(options))
+        fixed = quantise(program, self.chip, **_quantise_options(options))
         if refused := [problem for problem in fixed.problems if problem.refused]:
             raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
         from neuro_chip.engine import ChipEngine
@@ -103,14 +103,15 @@ class ChipBackend:
     def replay(self, case: Mapping[str, Any], events: NDArray[Any]) -> Mapping[str, NDArray[Any]]:
         """Return the states after each call of SpiNNaker's programs in a case."""
         if self.family is not SPINNAKER:
-            raise ModelError(f"backend '{self.name}': calls of SpiNNaker's programs", hint="use backend 'spinnaker'")
+            message = f"backend '{self.name}' cannot replay calls of SpiNNaker's programs"
+            raise ModelError(message, hint="use backend 'spinnaker'")
         from neuro_chip.replay import replay
 
         return replay(case, events)
 
 
-def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if name not in OWN}
+def _quantise_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if name not in _NOT_OF_QUANTISE}
 
 
 loihi = ChipBackend(LOIHI, "Intel Loihi 1, emulated bit for bit: integers, 8-bit weights, cores and their limits", {})

@@ -3,9 +3,9 @@
 On grids of many maps, the spikes of a step are first summed in arrays with neighbouring maps, and the sums are then
 added to the ring. In the ring the targets of one place in different maps are far apart, so that a single spike would
 write them one by one. With neighbouring maps many targets are added in one run. Sums are sorted by place, then by map,
-for the maps that one channel reaches. Words are sorted in the same way, and within a line of a kernel in the order in
-which a source meets their places, so that a whole line is one run. Sums of words do not depend on their order, so the
-bits equal those of spikes sent one by one.
+for the maps that one channel reaches. Words are sorted in the same way. Within a line of a kernel, the
+words are sorted by the place that a source reaches with them, so that a whole line is one run. Sums of words do not
+depend on the order, so the bits equal those of spikes sent one by one.
 """
 
 from __future__ import annotations
@@ -191,28 +191,28 @@ def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
 def places(grid: Grid) -> Ints:
     """Return the positions of one map's weights among the words that `gather` adds, shape (depth x height x width,)."""
     _, depth, height, width = grid.kernels
-    # A source covers neighbouring places with every stride-th column of the kernel, from right to left. In this order
-    # the columns are neighbours, too.
+    # A source reaches neighbouring places by every stride-th column of the kernel, from right to left. Example: with
+    # width 5 and stride 2 by columns 4, 2, 0 or 3, 1. The words are stored in this order.
     line = np.concatenate([np.arange(first, width, grid.stride)[::-1] for first in range(grid.stride)])
     positions: Ints = (np.arange(depth * height)[:, np.newaxis] * width + np.argsort(line)).ravel()
     return positions
 
 
 def copy_words(a: dict[str, NDArray[Any]], part: Projection, row: Ints) -> None:
-    """Copy the words of a projection to the arrays sorted by place and map, if it has any."""
+    """Copy the words of a projection to the arrays sorted by place and map, if the projection has such arrays."""
     if row[t.GATHER] >= 0:
         assert part.grid is not None
         shape, reach = part.size // part.grid.maps, part.grid.reach
         words = a["words"][row[t.WORD] : row[t.WORD] + (part.size if row[t.WORD_STRIDE] else 1)]
-        here = a["kernels"][row[t.KERNEL] : row[t.KERNEL] + part.size].reshape(-1, shape, reach)
-        here[:, places(part.grid)] = (
+        sorted_words = a["kernels"][row[t.KERNEL] : row[t.KERNEL] + part.size].reshape(-1, shape, reach)
+        sorted_words[:, places(part.grid)] = (
             words.reshape(-1, reach, shape).transpose(0, 2, 1) if row[t.WORD_STRIDE] else words[0]
         )
 
 
 @kernel
 def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
-    """Write the words of some synapses of a projection, also to the arrays sorted by place and map, if it has any.
+    """Write the words of some synapses of a projection, and copy them to the sorted arrays if the projection has any.
 
     Args:
         mantissas: mantissas of all its synapses.
@@ -244,7 +244,7 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
 
 @subkernel
 def may_gather(net, row, capped):
-    """Return whether the sums of a projection are added first.
+    """Return whether the spikes of a projection are summed in separate arrays before the ring.
 
     Slots that saturate must not get both signs in one sum.
     """

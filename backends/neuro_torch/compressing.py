@@ -2,8 +2,8 @@
 
 The gradient passes through the rounding unchanged (straight-through estimator), so training compensates for the loss.
 
-On Loihi the chip then finds every learnt weight on its grid if all weights onto a population learn. Other weights onto
-the population share its scale but are not rounded here, so they may change the scale and round learnt weights once more
+On Loihi the chip then keeps every learnt weight exactly if all weights onto a population learn. Weights that do not
+learn share the scale but are not rounded here, so they may change the scale, and learnt weights are rounded once more
 (by 7e-4 of the largest weight at most in tests). On SpiNNaker the words are the same and represent the weights
 within 2^-15 in single precision and 2^-43 in double precision.
 
@@ -118,15 +118,15 @@ class _Scales:
             if not np.isfinite(weight).all():
                 raise ModelError(f"weights of '{name}' are not finite: expected finite numbers")
             projections[self._index[name]] = replace(projections[self._index[name]], weight=weight)
-        fixed = quantise(replace(module.program, projections=tuple(projections)), self.chip)
+        network = quantise(replace(module.program, projections=tuple(projections)), self.chip)
         for name, each in rounded.items():
-            wires, grid = fixed.projections[self._index[name]], each[-1]
-            assert wires is not None, "the hook quantises every learnt projection"
-            signs = self.bits == 1 and wires.low < 0 < wires.high
-            size = wires.grain * 2 ** (wires.bits - (2 if signs else self.bits))
-            grid.set_steps(wires.step * size, wires.step_below * size)
-            grid.low.fill_(-1 if signs else -(-wires.low // size))
-            grid.high.fill_(1 if signs else wires.high // size)
+            fixed, grid = network.projections[self._index[name]], each[-1]
+            assert fixed is not None, "the hook quantises every learnt projection"
+            only_signs = self.bits == 1 and fixed.low < 0 < fixed.high
+            size = fixed.grain * 2 ** (fixed.bits - (2 if only_signs else self.bits))
+            grid.set_steps(fixed.step * size, fixed.step_below * size)
+            grid.low.fill_(-1 if only_signs else -(-fixed.low // size))
+            grid.high.fill_(1 if only_signs else fixed.high // size)
 
     def _check(self, program: Program) -> None:
         fixed = quantise(program, self.chip)
@@ -134,9 +134,9 @@ class _Scales:
             if problem.refused:
                 message = f"{problem.what}: {problem.why}"
                 raise ModelError(f"{self.chip.name} refuses the network: {message}", hint=problem.way_out)
-        most = min(wires.bits for wires in fixed.projections if wires is not None)
-        if self.bits > most:
-            raise ModelError(f"bits = {self.bits}: weights of {self.chip.name} have {most}: expected 1 to {most}")
+        limit = min(wires.bits for wires in fixed.projections if wires is not None)
+        if self.bits > limit:
+            raise ModelError(f"bits = {self.bits}: weights of {self.chip.name} have {limit}: expected 1 to {limit}")
 
 
 class _Rounded(torch.nn.Module):
@@ -220,10 +220,10 @@ Bools = NDArray[np.bool_]
 def prune(
     module: Module, share: float | Mapping[str, float] | None = None, *, stay: Mapping[str, Bools] | None = None
 ) -> Module:
-    """Return a module of the same network without its smallest weights by magnitude; the module can learn on.
+    """Return a module of the same network without its smallest weights by magnitude; the module can be trained further.
 
-    Pruned synapses are removed, not set to 0: the network lists the others, so a chip stores and a bill counts only
-    those. Make optimisers and bills anew, since parameters and synapses are new. The result of a quantised module is
+    Pruned synapses are removed, not set to 0: the network lists the remaining synapses, and chips and bills see only
+    these. Make new optimisers and bills, since parameters and synapses are new. The result of a quantised module is
     quantised to the same bits of the same chip and begins with the rounded weights.
 
     Args:

@@ -29,12 +29,12 @@ class Outcome:
     Index 0 of an axis of steps is the first step of the run.
 
     Attributes:
-        spikes: by output population 0 or 1, payloads for graded neurons, (batch, steps, neurons); the surrogate gives
-            their gradient.
-        V_m: by output population the potential at the end of each step, after a reset, as NEST records it, mV.
-        counts: by population, inputs included, the number of spikes or messages of each neuron, (batch, neurons).
-            Counts of neurons have gradients.
-        active: by population of neurons the number of updates with an arrival or a spike, (batch,).
+        spikes: spikes of each output population, 0 or 1, or payloads of graded neurons, (batch, steps, neurons); the
+            surrogate gives their gradient.
+        V_m: potentials of each output population at the end of each step, after a reset, as NEST records them, mV.
+        counts: number of spikes or messages of each neuron, by population, inputs included, (batch, neurons). Counts of
+            neurons have gradients.
+        active: number of updates with an arrival or a spike, by population of neurons, (batch,).
         steps: number of steps of each recording.
         step: length of a step in ms.
         program: the network of the outcome.
@@ -63,14 +63,14 @@ class LazyMapping(Mapping[str, Any]):
     """
 
     def __init__(self, kind: str, makers: Mapping[str, Any]) -> None:
-        self._kind, self._makers, self._made = kind, makers, dict[str, Any]()
+        self._kind, self._makers, self._values = kind, makers, dict[str, Any]()
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._makers:
             raise unknown(self._kind, name, self._makers)
-        if name not in self._made:
-            self._made[name] = self._makers[name]()
-        return self._made[name]
+        if name not in self._values:
+            self._values[name] = self._makers[name]()
+        return self._values[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._makers

@@ -19,9 +19,9 @@ RESET = {"izhikevich": "c"}
 
 def problems(program: Program) -> list[Problem]:
     """Return every feature of a program that the backend refuses."""
-    chips = floats_only(program)
-    if chips:
-        return chips
+    chip_problems = floats_only(program)
+    if chip_problems:
+        return chip_problems
     refusals = [_refusal(f"group '{g.name}'", f"torch has no {g.choice.noun}", ELSEWHERE, g) for g in program.groups]
     if program.trials is not None:
         way_out = f"{ELSEWHERE}; neuro_torch.Module trains by gradients instead"
@@ -38,14 +38,14 @@ def problems(program: Program) -> list[Problem]:
 def _population_problems(part: Population) -> Iterator[Problem]:
     if isinstance(part.model, Neuron) and part.model.most:
         message = f"population '{part.name}': {part.model_name}"
-        yield _refusal(message, "its neurons are stepped together, one after the other", ELSEWHERE, part)
+        yield _refusal(message, "its neurons depend on each other within a step", ELSEWHERE, part)
     elif isinstance(part.model, Neuron):
         for name in ("step", "fire"):
             try:
                 translated(getattr(part.model.arithmetic, name))
             except Untranslatable as error:
                 message = f"population '{part.name}': {part.model_name}"
-                way_out = f"write it with numbers, ifs and loops only, or {ELSEWHERE.replace(' it', ' it as it is')}"
+                way_out = "write it with numbers, ifs and loops only; backend 'event' runs it as it is"
                 yield _refusal(message, f"it cannot run for all neurons at once ({error})", way_out, part)
 
 
@@ -75,7 +75,7 @@ def _no_gradient(part: Population) -> str:
     if np.any(part.parameters.get("max_spikes", 1.0) != 1.0):
         return "it fires several times in a step"
     if reset_of(part) not in part.parameters or "V_th" not in part.parameters:
-        return "a surrogate is in units of V_th - V_reset, and it has none"
+        return "a surrogate needs V_th - V_reset, and the model has no such parameters"
     return ""
 
 

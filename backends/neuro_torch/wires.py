@@ -70,8 +70,8 @@ class TorchProjection:
         delay = np.broadcast_to(self.part.delay if delay is None else delay, len(source)).astype(np.int64)
         order = np.lexsort((np.arange(len(source)), source, -delay))
         self.delays: list[int] = np.unique(delay)[::-1].tolist()
-        place = np.searchsorted(-np.array(self.delays), -delay[order]) * self.n_source + source[order]
-        count = np.bincount(place, minlength=len(self.delays) * self.n_source)
+        delay_and_source = np.searchsorted(-np.array(self.delays), -delay[order]) * self.n_source + source[order]
+        count = np.bincount(delay_and_source, minlength=len(self.delays) * self.n_source)
         self.bounds = [0, *np.cumsum(count)[self.n_source - 1 :: self.n_source].tolist()]
         self.source, self.target, self.slot = (self._tensor(each[order]) for each in (source, target, slot))
         self.count, self.first = self._tensor(count), self._tensor(np.cumsum(count) - count)
@@ -135,7 +135,7 @@ class TorchProjection:
         if len(synapses):
             amounts = m if self.relay else self.amounts(weights, synapses) * m
             place = b * self.n_target + self.target[synapses]
-            added(x.view(-1), self.receptor(amounts) * x[0].numel() + place, amounts)
+            add_at(x.view(-1), self.receptor(amounts) * x[0].numel() + place, amounts)
             if receives is not None:
                 receives.view(-1)[place] = True
 
@@ -155,7 +155,7 @@ class TorchProjection:
         receives.view(-1)[b * self.n_target + self.target[synapses]] = True
 
 
-def added(into: Tensor, places: Tensor, amounts: Tensor) -> None:
+def add_at(into: Tensor, places: Tensor, amounts: Tensor) -> None:
     """Add amounts at indices, in their order."""
     if into.is_cuda:
         # index_put_ sorts the indices, so the order does not depend on threads.
@@ -178,8 +178,8 @@ class WeightAccumulator:
 
     def __init__(self, weights: Tensor) -> None:
         self.weights, self.gathered = weights.detach(), None  # type: Tensor, Tensor | None
-        of: Any = _Token.apply
-        self.token: Tensor = of(weights, self) if weights.requires_grad else torch.zeros(())
+        token_of: Any = _Token.apply
+        self.token: Tensor = token_of(weights, self) if weights.requires_grad else torch.zeros(())
 
     def gather(self) -> Tensor:
         """Return the array to which gradients are added."""
@@ -247,7 +247,7 @@ def _add_weight_gradients(wires: TorchProjection, weights: Tensor, g: Tensor, ar
     if weights.numel() == 1:
         into += shares.sum()
     else:
-        added(into.view(-1), wires.slot[synapses], shares)
+        add_at(into.view(-1), wires.slot[synapses], shares)
 
 
 def _weight_gradient_rows(wires: TorchProjection, weights: Tensor, g: Tensor, emitted: Emitted) -> Tensor:
@@ -276,5 +276,5 @@ def _spike_gradient(wires: TorchProjection, weights: Tensor, g: Tensor, d: int) 
         amounts_by_synapse = received * amounts
     gradient = torch.zeros(g.shape[1], wires.n_source, dtype=torch.float64, device=g.device)
     rows = torch.arange(g.shape[1], device=g.device)[:, None] * wires.n_source + source
-    added(gradient.view(-1), rows.reshape(-1), amounts_by_synapse.reshape(-1))
+    add_at(gradient.view(-1), rows.reshape(-1), amounts_by_synapse.reshape(-1))
     return gradient

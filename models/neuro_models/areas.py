@@ -3,7 +3,7 @@
 The connectivity between areas is generated, not measured. Size, delays and number of projections are those of
 multi-area models, but the network is no model of any brain.
 
-- Areas lie anywhere on a sphere. Numbers from the back to the front are ranks in a hierarchy.
+- Areas lie anywhere on a sphere, and are numbered from the back to the front. The number is the rank of an area.
 - A share of all pairs of areas is connected, in both directions. Pairs are drawn, near pairs with higher probability.
 - A part of each neuron's input from outside its microcircuit comes from other areas: forward from L23E to L4, back from
   L5E and L6E to all other layers. Near areas contribute more.
@@ -40,10 +40,10 @@ LAYERS = ("L23E", "L23I", "L4E", "L4I", "L5E", "L5I", "L6E", "L6I")
 _FORWARD = (("L23E",), ("L4E", "L4I"))
 _BACK = (("L5E", "L6E"), ("L23E", "L23I", "L5E", "L5I", "L6E", "L6I"))
 _RATES = {"L23E": 0.903, "L5E": 7.569, "L6E": 1.105}  # Hz, of the single microcircuit
-_OUTSIDE = 8.0  # Hz, of each Poisson input
+_INPUT_RATE = 8.0  # Hz, of each Poisson input
 _DECAY = 0.188  # 1/mm, of strengths with distance
-_LATE = 0.5  # standard deviation of delays over their mean
-_SOONEST = 0.05  # ms: half a step, so that no delay is rounded to 0
+_DELAY_SPREAD = 0.5  # standard deviation of delays over their mean
+_SHORTEST_DELAY = 0.05  # ms: half a step, so that no delay is rounded to 0
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def network(
         for (other, source, target), n in inputs[area].items():
             mean_delay = wired.distances[area, other] / speed
             pre, post = _name(other, source), _name(area, target)
-            delay = neuro.normal(mean=mean_delay, std=_LATE * mean_delay, low=_SOONEST)
+            delay = neuro.normal(mean=mean_delay, std=_DELAY_SPREAD * mean_delay, low=_SHORTEST_DELAY)
             net.connect(pre, post, neuro.fixed_total_number(n=n), weight=weight, delay=delay)
     return net
 
@@ -176,8 +176,8 @@ def _inputs(circuit: neuro.Network, wired: Wiring, area: int, between: float) ->
         neurons = np.array([_size(circuit, source) for source in sources])
         shares = np.outer(wired.shares(area, ranks), neurons / neurons.sum())
         for target in targets:
-            each = between * _poisson(circuit, target).rate / _OUTSIDE
-            numbers = np.rint(each * _size(circuit, target) * shares).astype(np.int64)
+            n_inputs = between * _poisson(circuit, target).rate / _INPUT_RATE
+            numbers = np.rint(n_inputs * _size(circuit, target) * shares).astype(np.int64)
             for (i, j), n in np.ndenumerate(numbers):
                 if n:
                     numbers_by_source[int(ranks[i]), sources[j], target] = int(n)

@@ -273,7 +273,7 @@ def test_an_output_of_nir_that_never_fires_decides_by_potential(tmp_path):
     assert np.all(on.scores[[0, 1], [0, 1]] > on.scores[[0, 1], [1, 0]])
     with pytest.raises(snn.ModelError, match="never fire: expected potential"):
         snn.predict(net, shown, decide="first")
-    with pytest.raises(snn.ModelError, match="V_th of '3' is never reached, and sets the scale of its registers"):
+    with pytest.raises(snn.ModelError, match="V_th of '3' is never reached, but sets the scale of its registers"):
         snn.predict(net, shown, backend="loihi")
     near = re.sub(r"V_th: [^,}\n]*", "V_th: 8.0", (tmp_path / "li.yaml").read_text())
     (tmp_path / "near.yaml").write_text(near)

@@ -155,7 +155,10 @@ def test_a_training_goes_on_with_what_it_began_with_alone(neuro, interrupted, ow
         lambda: other.unlink(),
     ):
         edit()
-        way = "recordings are others, or were edited: give those that it began with to continue it, or delete the file"
+        way = (
+            "the recordings are not those of the checkpoint: give those with which the training began to continue it, "
+            "or delete the file"
+        )
         assert f"hint: {way}" in refused("an unfinished training with data = ")
     one.write_bytes(whole)
     kept = tmp_path / "trained.yaml.training"

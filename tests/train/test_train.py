@@ -134,7 +134,7 @@ def test_a_loss_that_is_nan_stops_and_keeps_what_was_good(neuro, folder, file, m
         status, _, err = neuro(file, "--data", folder, *QUICK)
     told = "epoch 3, batch 3 of 4: the loss is nan: expected a number; what was learnt until the end of epoch 2 is kept"
     assert (status, f"{told} in trained.yaml.training\n" in err) == (2, True)
-    assert "hint: a smaller --rate, or a smaller --cost, under another --out" in err
+    assert "hint: lower --rate or --cost, with another --out" in err
     assert neuro(file, "--data", folder, *QUICK)[0] == 0
     assert neuro(file, "--data", folder, *QUICK, "--out", "other.yaml")[0] == 0
     assert snn.load("trained.yaml") == snn.load("other.yaml")

@@ -75,7 +75,7 @@ def test_nan_and_infinity_stop_at_once(neuro, folder, file, monkeypatch, size, v
     status, out, err = neuro(file, "--data", folder, *QUICK, *words)
     assert (status, out) == (2, "")
     kept = "; what was learnt until the end of epoch 1 is kept in trained.yaml.training"
-    assert f"error: epoch 2, batch 2 of 4: {told}{kept}\n  hint: a smaller --rate" in err
+    assert f"error: epoch 2, batch 2 of 4: {told}{kept}\n  hint: lower --rate" in err
 
 
 @pytest.mark.parametrize(("value", "found"), [(float("nan"), "nan: expected numbers"), (1e20, "1e+20 ms: expected at")])
@@ -91,7 +91,7 @@ def test_delays_that_are_no_times_stop_at_once(neuro, folder, late, monkeypatch,
     status, out, err = neuro(late, "--data", folder, *QUICK, *DELAYS)
     assert (status, out) == (2, "")
     assert f"error: epoch 1, batch 2 of 4: delays of 'hidden_out': found {found}" in err
-    assert "hint: a smaller --rate" in err
+    assert "hint: lower --rate" in err
 
 
 @pytest.mark.parametrize("what", ["hidden_out=delay", "hidden=tau_m,V_th"])

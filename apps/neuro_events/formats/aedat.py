@@ -53,10 +53,10 @@ class _Chip:
     Attributes:
         name: short name, such as "DAVIS346".
         title: name of jAER's class, for the header.
-        named: pattern of the names of jAER's classes with this layout, in lower case.
+        name_pattern: pattern of the names of jAER's classes with this layout, in lower case.
         size: width and height of the sensor, px.
-        layout: layout of the words. Words of the first kind that is not an event are samples, of the second external
-            events.
+        layout: layout of the words. Of the words that are not events, the first kind is samples and the second
+            external events.
     """
 
     name: str
@@ -71,7 +71,7 @@ class _Chip:
         return self.layout.x.backwards > 0
 
     def foreign(self, addresses: Addresses) -> npt.NDArray[np.bool_]:
-        """Return True for addresses with bits that no event and no other word of this chip has set."""
+        """Return True for addresses that no word of this chip can have."""
         layout = self.layout
         is_sample = addresses & np.uint32(layout.first) != 0
         bits = sum(((1 << field.bits) - 1) << field.shift for field in (layout.x, layout.y, layout.p))
@@ -81,7 +81,7 @@ class _Chip:
 
 
 def _layout(x: Field, y: Field, p: Field, sample: int, external: int, none: int = 0) -> Layout:
-    """Return a layout with a big-endian address, in which some bits mark other words or are never set, and a time."""
+    """Return a layout of a big-endian address and a time. Some bits of the address mark other words, `none` are 0."""
     odd = Odd(sample | external | none)
     return Layout(WORD, Field(0, 32, byte=4), x, y, p, odd, none=none, first=sample, rule=HALF, is_big=True)
 
@@ -191,11 +191,11 @@ class Aedat2(SeekingReader):
             foreign = _DVS128.foreign(addresses)
             if foreign.any():
                 k = int(foreign.argmax())
-                what = f"{_NO_NAME}, and address 0x{addresses[k]:08x} is impossible for a DVS128"
-                raise Damage(f"{what}: {_WAY_OUT}", self.start + WORD * k)
+                problem = f"{_NO_NAME}, and address 0x{addresses[k]:08x} is impossible for a DVS128"
+                raise Damage(f"{problem}: {_WAY_OUT}", self.start + WORD * k)
             if addresses.size and not _DAVIS346.foreign(addresses).any():
-                what = f"{_NO_NAME}, and the addresses may be from a DVS128 or a DAVIS"
-                raise Damage(f"{what}: {_WAY_OUT}", self.start)
+                problem = f"{_NO_NAME}, and the addresses may be from a DVS128 or a DAVIS"
+                raise Damage(f"{problem}: {_WAY_OUT}", self.start)
         return self._size
 
     def _use(self, chip: _Chip, size: Size | None) -> None:
@@ -215,8 +215,8 @@ class Aedat2(SeekingReader):
         fitting = [chip for chip in chips if not chip.foreign(addresses).any()]
         if not self._is_known:
             if not chips:
-                what = self._unknown[0] if self._unknown else _NO_NAME
-                raise Damage(f"{what}, and no camera has a sensor of {size[0]}x{size[1]}: {_WAY_OUT}", self.start)
+                problem = self._unknown[0] if self._unknown else _NO_NAME
+                raise Damage(f"{problem}, and no camera has a sensor of {size[0]}x{size[1]}: {_WAY_OUT}", self.start)
             self._use((fitting or chips)[0], size)
             self._is_known = True
         elif (
@@ -231,7 +231,7 @@ class Aedat2(SeekingReader):
         return _addresses(np.frombuffer(self.source.head(self.start + LOOK)[self.start :], np.uint8))
 
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
-        """Yield the place and the first event's time of each block with an event. Times of other words may run back."""
+        """Yield the byte and the first event's time of each block with an event; times of other words may run back."""
         other = np.uint32(self.layout.odd.mask & ~self.layout.none)
         for place, data in self.source.samples(self.start, step, min(step, LOOK)):
             events = np.flatnonzero((_addresses(data) & other) == 0)
@@ -344,8 +344,8 @@ class Aedat3(WordReader):
             raise Damage(f"the header does not end, expected a line {END_3.decode()}", len(lines))
         match = _FORMAT.search(lines)
         if match and match.group(1) != b"RAW":
-            what = match.group(1).decode("ascii", "replace")
-            raise Damage(f"packets are stored as {what}, expected RAW", match.start(1))
+            coding = match.group(1).decode("ascii", "replace")
+            raise Damage(f"packets are stored as {coding}, expected RAW", match.start(1))
         self.source, self.start = source, len(lines)
         cameras = [(int(number), name.decode()) for number, name in _CAMERA.findall(lines)]
         self._camera = cameras[0][0] if len(cameras) > 1 else -1

@@ -58,7 +58,7 @@ class Evt(SeekingReader):
         self.start = header.length
         if header.coding not in (None, self.coding):
             key = "format" if "format" in header.fields else "evt"
-            raise header.damage(key, f"that of {self.title}")
+            raise header.damage(key, f"a file of {self.title}")
         if header.options.get("endianness", self.orders[0]) not in self.orders:
             raise header.damage("format", f"endianness {' or '.join(self.orders)}")
         if not header.length and source.size == 0:
@@ -126,7 +126,7 @@ class Evt2(Evt):
                 yield place, int(words[indices[0]] & 0x0FFFFFFF)
 
     def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
-        """Return the 32 bits with the kind of each word."""
+        """Return the half of each word that contains the kind."""
         return words
 
 
@@ -194,12 +194,13 @@ class Evt21(Evt2):
             return int(order != "legacy")
         data = self.source.head(self.header.length + HEAD)[self.header.length :]
         words = np.frombuffer(data[: len(data) // self.word * self.word], "<u4").reshape(-1, 2)
-        lower, upper = (int(invalid_words(half).sum()) - int((half >> 28 == TIME_HIGH).sum()) for half in words.T)
-        return int(upper <= lower)
+        # A half that is the upper one has few invalid words and some TIME_HIGH. The smaller number is the better half.
+        misfits = [int(invalid_words(half).sum()) - int((half >> 28 == TIME_HIGH).sum()) for half in words.T]
+        return int(misfits[1] <= misfits[0])
 
 
 def invalid_words(upper: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
-    """Return True for upper halves of words that no valid EVT 2.1 word has."""
+    """Return True for each upper half that is not valid in EVT 2.1."""
     kind = upper >> 28
     is_event = kind < 2
     is_known: npt.NDArray[np.bool_] = is_event | (kind == TIME_HIGH) | (kind == 10) | (kind >= 14)
@@ -277,23 +278,23 @@ class Evt3(Evt):
         The clock wraps every 16.8 s, so every TIME_HIGH before the time is tracked, without decoding the events.
         """
         begin = self.start
-        high, kinds, margin = -1, 0, (begin, -1)
+        high, kinds, previous = -1, 0, (begin, -1)
         before = np.zeros(0, np.uint16)
         for place, data in self.source.blocks(begin, step, self.word):
             words = _uint16_words(data)
             at_begin, kinds_before = high, kinds
-            high, kinds, most = evt_kernels.track3(words, high, kinds)
-            if most >= start_us >> 12:
-                if margin[1] < 0 or not _states_everything(before, bool(kinds_before >> VECT_BASE_X & 1)):
+            high, kinds, latest = evt_kernels.track3(words, high, kinds)
+            if latest >= start_us >> 12:
+                if previous[1] < 0 or not _states_everything(before, bool(kinds_before >> VECT_BASE_X & 1)):
                     return begin
-                decoder.state[STARTED], decoder.state[evt_kernels.TIME] = 1, margin[1] << 12
-                return margin[0]
-            margin, before = (place, at_begin), words
+                decoder.state[STARTED], decoder.state[evt_kernels.TIME] = 1, previous[1] << 12
+                return previous[0]
+            previous, before = (place, at_begin), words
         return begin
 
 
 def _states_everything(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
-    """Return whether the state after some words no longer depends on earlier words, except TIME_HIGH.
+    """Return whether some words set the whole state of the decoder, apart from TIME_HIGH.
 
     The state consists of the low bits of the time, the row, and the base of vectors.
 
@@ -338,7 +339,7 @@ Reads = type[Evt21] | type[Evt3] | type[Evt2]
 
 
 def open_raw(source: Source) -> Evt21 | Evt3 | Evt2:
-    """Return the reader for the coding of a RAW file without a coding in its header.
+    """Find the coding of a RAW file whose header names none, and return its reader.
 
     A coding fits if, in the first 64 KiB, all words but at most one of 64 have a known kind, there is a TIME_HIGH, and
     TIME_HIGH never falls, except at a wrap.
@@ -348,7 +349,7 @@ def open_raw(source: Source) -> Evt21 | Evt3 | Evt2:
     """
     header = read_header(source)
     if header.coding is not None:
-        raise header.damage("format" if "format" in header.fields else "evt", "that of EVT 2.0, 2.1 or 3.0")
+        raise header.damage("format" if "format" in header.fields else "evt", "EVT 2.0, 2.1 or 3.0")
     data = source.head(header.length + GUESS_BYTES)[header.length :]
     if not data:
         raise Damage("no words, and no header that names the coding", header.length)
@@ -387,9 +388,9 @@ _GUESSES: tuple[tuple[Reads, Callable[[bytes], bool]], ...] = (
 )
 
 
-def _knows(head: bytes) -> bool:
+def _names_unknown_coding(head: bytes) -> bool:
     return parse(head).coding not in (None, Evt21.coding, Evt3.coding, Evt2.coding)
 
 
-RAW = Format("raw", "Prophesee RAW", (".raw",), _knows, open_raw, usual=GEN3, larger=(GEN4,))
+RAW = Format("raw", "Prophesee RAW", (".raw",), _names_unknown_coding, open_raw, usual=GEN3, larger=(GEN4,))
 """RAW without a coding in the header, read only. Registered before the codings, so that ``.raw`` leads here."""

@@ -84,7 +84,7 @@ class VaryingCurrents:
             parts[name].append(values)
             return sum(each.size for each in parts[name]) - values.size
 
-        started, first, span = set[int](), 0, self._steps + self._currents.longest
+        targets_with_line, first, span = set[int](), 0, self._steps + self._currents.longest
         self._arrays.net["lines"] = np.zeros((len(self._lines), t.LINE_COLUMNS), dtype=np.int64)
         for row, line in zip(self._arrays.net["lines"], self._lines, strict=True):
             p, emission = self._program.projections[line.projection], self._emissions[line.projection]
@@ -93,11 +93,11 @@ class VaryingCurrents:
                 model: Any = type(self._program.populations[p.target].model)
                 tau = model.filters[p.receptor.name][1]
                 row[t.CHARGED], share = filtered_current(self._program, p, {tau: parameter(p.target, tau)})
-                every = np.broadcast_to(share, self._program.populations[p.target].size)
-                row[t.SHARE] = add("shares", self._arrays.places[p.target].by_place(every))
-            elif p.target not in started:
+                share_by_neuron = np.broadcast_to(share, self._program.populations[p.target].size)
+                row[t.SHARE] = add("shares", self._arrays.places[p.target].by_place(share_by_neuron))
+            elif p.target not in targets_with_line:
                 row[t.BEGINS] = 1
-                started.add(p.target)
+                targets_with_line.add(p.target)
             self._connect(row, line, emission.column, add)
             first += emission.room(span) * emission.columns
         for name, values in parts.items():
@@ -115,11 +115,13 @@ class VaryingCurrents:
         place, n = self._arrays.places[part.target], self._program.populations[part.target].size
         _, post = self._program.connections(line.projection)
         shared = bool(np.all(line.weight == line.weight[0]))
-        each = np.array_equal(post, np.arange(n)) and place.inside is None and bool(np.all(part.delay == part.delay[0]))
-        steady = bool(np.all(column == column[0]))
+        is_one_to_one = (
+            np.array_equal(post, np.arange(n)) and place.inside is None and bool(np.all(part.delay == part.delay[0]))
+        )
+        has_one_column = bool(np.all(column == column[0]))
         row[t.LINE_STRIDE], weight = (0, line.weight[:1]) if shared else (1, line.weight)
-        if each and (steady or np.array_equal(column, column[0] + np.arange(n))):
-            row[t.HOW] = t.TO_ALL if steady else t.TO_EACH
+        if is_one_to_one and (has_one_column or np.array_equal(column, column[0] + np.arange(n))):
+            row[t.HOW] = t.TO_ALL if has_one_column else t.TO_EACH
             row[t.COLUMN_AT], row[t.LATE] = column[0], part.delay[0]
         else:
             order = np.argsort(post if place.inside is None else place.inside[post], kind="stable")

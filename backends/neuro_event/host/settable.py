@@ -24,8 +24,8 @@ class Settable(Running):
             states = [s.name for s in type(p.model).states]
             if name in states:
                 return self._neuron_reader.state(population, states.index(name), ids, self._step)
-        every = self._parameter(population, name)
-        return every if ids is None else every[ids]
+        values = self._parameter(population, name)
+        return values if ids is None else values[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set states and parameters. New values act from the next step on."""
@@ -161,7 +161,7 @@ class Settable(Running):
         )
 
     def _place_ring(self, projection: int) -> int:
-        """Move a projection to a ring; return the number of last steps whose spikes the ring lacks."""
+        """Move a projection to a ring. Return the number of the most recent steps whose spikes the ring lacks."""
         lag = int(self._arrays.net["projections"][projection, t.LAG])
         if lag == 0:
             return 1
@@ -184,9 +184,9 @@ class Settable(Running):
             if self._arrays.plastic["table"][k, t.EAGER] == 0:
                 reading.catch_up_all(self._arrays, self._view, k, self._step)
             first = self._arrays.plastic["table"][k, t.FIRST_SYNAPSE]
-            changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
+            mask = slice(None) if chosen is None else chosen if order is None else chosen[order]
             for array in (self._arrays.plastic["y"][0], self._arrays.plastic["sent"]):
-                array[first : first + part.size][changed] = np.broadcast_to(inner, part.size)[changed]
+                array[first : first + part.size][mask] = np.broadcast_to(inner, part.size)[mask]
             return
         if self._arrays.net["pops"][part.target, t.RELAY] == 1:
             self._relay_weights[projection] = weights.copy()

@@ -103,9 +103,9 @@ def learn_from_post(view, table, c, target, m, step):
     net, plastic = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     maps, columns = row[t.MAPS], row[t.COLUMNS]
-    position, own = target // maps, target % maps
+    position, own_map = target // maps, target % maps
     y, x = position // columns * row[t.STRIDE] - row[t.TOP], position % columns * row[t.STRIDE] - row[t.LEFT]
-    size, first = row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * maps, own // row[t.REACH]
+    size, first = row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * maps, own_map // row[t.REACH]
     for channel in range(row[t.DEPTH]):
         for i in range(row[t.KERNEL_HEIGHT]):
             for j in range(row[t.KERNEL_WIDTH]):
@@ -116,7 +116,7 @@ def learn_from_post(view, table, c, target, m, step):
                 ]
                 if k_plus == 0.0:
                     continue
-                entry = ((channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j) * maps + own
+                entry = ((channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j) * maps + own_map
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
                     add_eligibility(plastic, table, c, position, pair, m * (c[modulated.A_PLUS] * k_plus))
@@ -141,11 +141,11 @@ def learn_from_pre(view, table, c, source, m, step):
         for s in range(max(0, (x - row[t.KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)):
             place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - s * stride
             position = r * columns + s
-            for own in range(first_map, first_map + row[t.REACH]):
-                k_minus = plastic.shared_k_minus[table[t.SHARED_TARGET] + position * maps + own]
+            for own_map in range(first_map, first_map + row[t.REACH]):
+                k_minus = plastic.shared_k_minus[table[t.SHARED_TARGET] + position * maps + own_map]
                 if k_minus == 0.0:
                     continue
-                entry = place * maps + own
+                entry = place * maps + own_map
                 pair = position * size + entry
                 if table[t.SHARED_RULE] == STDP_DOPA:
                     add_eligibility(plastic, table, c, position, pair, -m * (c[modulated.A_MINUS] * k_minus))
@@ -173,7 +173,7 @@ def apply_changes(view, table, c):
             w = min(c[modulated.W_MAX], max(c[modulated.W_MIN], w))
         else:
             w = within(w, c[pairs.W_MAX])
-        net.weights[row[t.WEIGHT] + entry] = w + 0.0  # -0.0 would be no input
+        net.weights[row[t.WEIGHT] + entry] = w + 0.0  # turns -0.0 into 0.0, because an input of -0.0 counts as none
 
 
 @kernel
