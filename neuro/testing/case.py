@@ -91,64 +91,64 @@ def run_on(sim: Simulation, ms: float) -> None:
 
 def observe(sim: Simulation) -> Found:
     """Return everything that can be read: spikes, states, weights, traces and counts."""
-    found: Found = {"time": np.array(round(sim.time / sim.program.resolution))}
+    outcome: Found = {"time": np.array(round(sim.time / sim.program.resolution))}
     for population in sim.program.populations:
         name = population.name
         if population.records:
             times, ids = sim.spikes(name)
-            found[f"spikes of {name}: steps"] = np.rint(times / sim.program.resolution).astype(np.int64)
-            found[f"spikes of {name}: neurons"] = ids
+            outcome[f"spikes of {name}: steps"] = np.rint(times / sim.program.resolution).astype(np.int64)
+            outcome[f"spikes of {name}: neurons"] = ids
         for state in sim.states(name):
-            found[f"{state} of {name}"] = sim.get(name, state)
+            outcome[f"{state} of {name}"] = sim.get(name, state)
     for projection in sim.program.projections:
         name = projection.name
         for state in synapse_states(projection):
-            found[f"{state} of {name}"] = sim.get(name, state)
+            outcome[f"{state} of {name}"] = sim.get(name, state)
     for probe in sim.program.probes:
         if probe.record != "spikes":
-            found[f"trace of {probe.name}: times"], found[f"trace of {probe.name}"] = sim.trace(probe.name)
+            outcome[f"trace of {probe.name}: times"], outcome[f"trace of {probe.name}"] = sim.trace(probe.name)
     for part in sim.program.synapse_probes:
-        found[f"trace of {part.name}: times"], values = sim.trace(part.name)
+        outcome[f"trace of {part.name}: times"], values = sim.trace(part.name)
         by_word = values if isinstance(values, dict) else {part.record: values}
-        found |= {f"trace of {part.name}: {word}": array for word, array in by_word.items()}
-    return found | counted(sim)
+        outcome |= {f"trace of {part.name}: {word}": array for word, array in by_word.items()}
+    return outcome | counted(sim)
 
 
 def counted(sim: Simulation) -> Found:
     """Return the counts of a simulation for each population and projection."""
     counts = sim.counts()
-    found: Found = {"steps": np.array(counts.steps)}
+    outcome: Found = {"steps": np.array(counts.steps)}
     for name, cells in counts.populations.items():
-        found[f"counts of {name}"] = np.array([cells.spikes, cells.neuron_updates, cells.neuron_updates_active])
+        outcome[f"counts of {name}"] = np.array([cells.spikes, cells.neuron_updates, cells.neuron_updates_active])
     for name, wires in counts.projections.items():
-        found[f"counts of {name}"] = np.array([wires.synaptic_ops, wires.learning_updates])
-    return found
+        outcome[f"counts of {name}"] = np.array([wires.synaptic_ops, wires.learning_updates])
+    return outcome
 
 
-def differences(expected: Mapping[str, NDArray[Any]], found: Mapping[str, NDArray[Any]], exact: bool) -> list[str]:
+def differences(expected: Mapping[str, NDArray[Any]], actual: Mapping[str, NDArray[Any]], exact: bool) -> list[str]:
     """Return the differences of two outcomes, a line each.
 
     Whole numbers must be equal. Floats must be equal within 1e-9, or exactly if `exact`.
     """
-    messages = [f"'{name}' is missing" for name in expected if name not in found]
-    messages += [f"'{name}' is not expected" for name in found if name not in expected]
+    messages = [f"'{name}' is missing" for name in expected if name not in actual]
+    messages += [f"'{name}' is not expected" for name in actual if name not in expected]
     for name in expected:
-        if name in found:
-            messages += _difference(name, np.asarray(expected[name]), np.asarray(found[name]), exact)
+        if name in actual:
+            messages += _difference(name, np.asarray(expected[name]), np.asarray(actual[name]), exact)
     return messages
 
 
-def _difference(name: str, expected: NDArray[Any], found: NDArray[Any], exact: bool) -> list[str]:
-    if expected.shape != found.shape:
-        return [f"{name}: {found.size} values, expected {expected.size}"]
-    unequal = (expected != found) & ~((expected != expected) & (found != found))  # NaN equals NaN
+def _difference(name: str, expected: NDArray[Any], actual: NDArray[Any], exact: bool) -> list[str]:
+    if expected.shape != actual.shape:
+        return [f"{name}: {actual.size} values, expected {expected.size}"]
+    unequal = (expected != actual) & ~((expected != expected) & (actual != actual))  # NaN equals NaN
     if not exact and expected.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
-            unequal &= ~(np.abs(found - expected) <= LIMIT)
+            unequal &= ~(np.abs(actual - expected) <= LIMIT)
     if not unequal.any():
         return []
     first = int(np.flatnonzero(unequal.ravel())[0])
-    value, right = found.ravel()[first].item(), expected.ravel()[first].item()
+    value, right = actual.ravel()[first].item(), expected.ravel()[first].item()
     return [f"{name}: {int(unequal.sum())} differ, first [{first}] = {value!r}, expected {right!r}"]
 
 
@@ -161,7 +161,7 @@ def expected_counts(sim: Simulation) -> Found:
     now = round(sim.time / program.resolution)
     spikes = {p.name: _steps(sim, p.name, p.size) for p in program.populations}
     active = {p.name: np.zeros((p.size, now + 1), dtype=bool) for p in program.populations}
-    found: Found = {"steps": np.array(now)}
+    outcome: Found = {"steps": np.array(now)}
     for index, part in enumerate(program.projections):
         source, target = program.populations[part.source].name, program.populations[part.target].name
         pre, post, delay = _synapses(sim, index)
@@ -172,14 +172,14 @@ def expected_counts(sim: Simulation) -> Found:
             active[target][j, arrivals[arrivals <= now]] = True
             if part.synapse.learns:
                 updates += np.unique(spikes[source][i]).size + np.unique(spikes[target][j]).size
-        found[f"counts of {part.name}"] = np.array([operations, updates])
+        outcome[f"counts of {part.name}"] = np.array([operations, updates])
     for p in program.populations:
         for i, steps in enumerate(spikes[p.name]):
             active[p.name][i, steps] = True
         total = sum(steps.size for steps in spikes[p.name])
         computes = isinstance(p.model, Neuron)
-        found[f"counts of {p.name}"] = np.array([total, computes * p.size * now, computes * active[p.name].sum()])
-    return found
+        outcome[f"counts of {p.name}"] = np.array([total, computes * p.size * now, computes * active[p.name].sum()])
+    return outcome
 
 
 def _steps(sim: Simulation, name: str, size: int) -> list[Ints]:

@@ -84,7 +84,7 @@ def _single(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend
     sim = _run(net, int(case["T"]), {"out": ("u", "v")}, backend)
     for name in ("u", "v", "s"):
         yield equal(
-            case["name"], name, _found(sim, "out", name, int(case["T"]))[:, 0], _expected(arrays, case["name"], name)
+            case["name"], name, _trace(sim, "out", name, int(case["T"]))[:, 0], _expected(arrays, case["name"], name)
         )
 
 
@@ -103,8 +103,8 @@ def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterat
     case = "" if biased else "nobias_"
     for layer in (1, 2):
         for name in ("u", "v", "s"):
-            found = _found(sim, f"layer{layer}", name, steps)
-            yield equal(f"{case}layer{layer}", name, found, arrays[f"{case}{name}{layer}"])
+            actual = _trace(sim, f"layer{layer}", name, steps)
+            yield equal(f"{case}layer{layer}", name, actual, arrays[f"{case}{name}{layer}"])
 
 
 def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
@@ -121,7 +121,7 @@ def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], back
     steps = int(case["T"])
     sim = _run(net, steps, {"out": ("v", "g_exc", "g_inh")}, backend)
     for name, theirs in (("v", "v_post"), ("g_exc", "g_exc"), ("g_inh", "g_inh"), ("s", "spikes")):
-        yield equal(case["name"], name, _found(sim, "out", name, steps), arrays[f"{case['name']}__{theirs}"])
+        yield equal(case["name"], name, _trace(sim, "out", name, steps), arrays[f"{case['name']}__{theirs}"])
 
 
 def _replayed(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
@@ -167,7 +167,7 @@ def _run(
     return sim
 
 
-def _found(sim: neuro.run.simulation.Simulation, population: str, name: str, steps: int) -> NDArray[np.int64]:
+def _trace(sim: neuro.run.simulation.Simulation, population: str, name: str, steps: int) -> NDArray[np.int64]:
     """Return a register, or the spikes as 0 and 1, shape (steps, neurons)."""
     if name != "s":
         register: NDArray[np.int64] = np.rint(sim.trace(f"{population}.{name}")[1]).astype(np.int64)

@@ -68,22 +68,22 @@ def rule_pairs(start: Start) -> Found:
     """Every rule with listed or random pairs, each onto neurons of its own; one rule has no synapses."""
     net = network()
     net.population("source", 6, poisson_generator(rate=1500.0))
-    listed = pairs(pre=[2, 0, 1, 0, 2, 0], post=[1, 3, 0, 0, 1, 3])
+    six_pairs = pairs(pre=[2, 0, 1, 0, 2, 0], post=[1, 3, 0, 0, 1, 3])
     rules: dict[str, Rule] = {
         "indegree": fixed_indegree(n=4),
         "outdegree": fixed_outdegree(n=3, multapses=False),
         "bernoulli": pairwise_bernoulli(p=0.4),
         "total": fixed_total_number(n=17),
         "once": fixed_total_number(n=11, multapses=False),
-        "listed": listed,
+        "listed": six_pairs,
         "none": pairs(pre=[], post=[]),
     }
-    delay, drawn = uniform(low=0.1, high=2.0), normal(mean=200.0, std=300.0)
+    delay, distribution = uniform(low=0.1, high=2.0), normal(mean=200.0, std=300.0)
     own = np.array([900.0, 300.0, -200.0, 700.0, -100.0, 50.0])
     for name, rule in rules.items():
         net.population(name, 6, iaf_psc_exp(I_e=300.0))
-        net.connect("source", name, rule, weight=own if name == "listed" else drawn, delay=delay)
-        net.connect(name, name, symmetric_pairwise_bernoulli(p=0.4), weight=drawn, delay=0.7)
+        net.connect("source", name, rule, weight=own if name == "listed" else distribution, delay=delay)
+        net.connect(name, name, symmetric_pairwise_bernoulli(p=0.4), weight=distribution, delay=0.7)
     return after(start, net)
 
 
@@ -99,9 +99,9 @@ def rule_grid(start: Start) -> Found:
         *(("top", 2, summed), ("pooled", 4, summed), ("corners", 2, summed)),
     ):
         net.population(name, (maps, "auto", "auto"), model)
-    drawn = normal(mean=250.0, std=300.0)
-    net.connect("sheet", "maps", grid(kernel=(3, 4), stride=2, padding=1), weight=drawn, delay=2.0)
-    net.connect("sheet", "split", grid(kernel=(3, 4), padding="same", depthwise=True), weight=drawn, delay=2.0)
+    distribution = normal(mean=250.0, std=300.0)
+    net.connect("sheet", "maps", grid(kernel=(3, 4), stride=2, padding=1), weight=distribution, delay=2.0)
+    net.connect("sheet", "split", grid(kernel=(3, 4), padding="same", depthwise=True), weight=distribution, delay=2.0)
     net.connect("plain", "edges", grid(kernel=(3, 3)), weight=np.linspace(-0.5, 1.5, 18).reshape(2, 3, 3))
     net.connect("maps", "top", grid(kernel=(2, 2)), weight=1.0)
     net.connect("split", "pooled", grid(kernel=(4, 4), stride=4, padding="same", depthwise=True), weight=1.0)
@@ -199,8 +199,8 @@ def set_twice(start: Start, net: Network, **values: Any) -> Found:
 def stepped_currents(start: Start) -> Found:
     """step_current_generator: a value for each neuron from listed times on, between start and stop."""
     values = np.array([[100.0, -50.0, 400.0], [300.0, 0.0, 200.0]])
-    listed = step_current_generator(amplitude_times=[0.1, 12.0, 20.5], amplitude_values=values, start=2.0, stop=44.0)
-    return set_twice(start, steered(listed))
+    model = step_current_generator(amplitude_times=[0.1, 12.0, 20.5], amplitude_values=values, start=2.0, stop=44.0)
+    return set_twice(start, steered(model))
 
 
 @case

@@ -288,15 +288,15 @@ def exact_best_of_each_step(start: Start) -> Found:
 @case
 def exact_lateral_reset(start: Start) -> Found:
     """lateral_reset along each axis, with ties: a spike resets its rivals and keeps them at rest."""
-    found: Found = {}
+    outcome: Found = {}
     for axis in range(3):
         net = network(1.0)
         net.population("source", 8, spike_generator(spike_times=times(8, 0.1)))
         net.population("cells", (2, 3, 4), cell(V_th=6.0, t_ref=3.0))
         net.connect("source", "cells", all_to_all(), weight=whole(-1, 2, (8, 24)))
         net.group("one", lateral_reset(of="cells", axis=axis))
-        found |= {f"axis {axis}: {name}": values for name, values in after(start, net, 150.0).items()}
-    return found
+        outcome |= {f"axis {axis}: {name}": values for name, values in after(start, net, 150.0).items()}
+    return outcome
 
 
 @integers_too
@@ -307,7 +307,7 @@ def exact_changes(start: Start) -> Found:
     net.connect("source", "cells", all_to_all(), weight=np.tile([2.0, -1.0], (8, 4)), name="shared")
     net.connect("source", "cells", all_to_all(), weight=whole(-1, 3, (8, 8)), delay=4.0, name="own")
     net.connect("source", "cells", one_to_one(), weight=2.0, delay=9.0, name="single")
-    found: Found = {}
+    outcome: Found = {}
     sim = start(net)
     for turn in range(2):
         sim.set("cells", V_m=np.arange(-3.0, 5.0))
@@ -320,9 +320,9 @@ def exact_changes(start: Start) -> Found:
         sim.set_weights("own", whole(-1, 2, 64, seed=9))
         sim.set_weights("single", 1.0)
         sim.run(60.0)
-        found |= {f"turn {turn}: {name}": values for name, values in observe(sim).items()}
+        outcome |= {f"turn {turn}: {name}": values for name, values in observe(sim).items()}
         sim.reset(weights=turn == 0)
-    return found | {f"after a reset: {name}": values for name, values in observe(sim).items()}
+    return outcome | {f"after a reset: {name}": values for name, values in observe(sim).items()}
 
 
 @integers_too

@@ -236,10 +236,10 @@ def first_to_fire(start: Start) -> Found:
     net.group("choice", winner_take_all(of="cells"))
     sim = start(net, seed=3)
     sim.run(10.0)
-    found = observe(sim)
+    before_reset = observe(sim)
     sim.reset()
     sim.run(10.0)
-    return found | {f"after reset: {name}": values for name, values in observe(sim).items()}
+    return before_reset | {f"after reset: {name}": values for name, values in observe(sim).items()}
 
 
 @case
@@ -289,10 +289,10 @@ def static_weights_change(start: Start) -> Found:
     sim.set_weights("shared", 5.0)
     sim.set_weights("own", [0.0, -1.0, 2.0, 10.0])
     sim.run(0.9)
-    found = observe(sim)
+    earlier = observe(sim)
     sim.set_weights("shared", [1.0, 2.0, 3.0, 4.0])
     sim.run(3.0)
-    return found | {f"later: {name}": values for name, values in observe(sim).items()}
+    return earlier | {f"later: {name}": values for name, values in observe(sim).items()}
 
 
 @case

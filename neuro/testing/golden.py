@@ -60,32 +60,32 @@ def failure(message: str, case: str = "") -> Result:
     return Result(case, "case", float("inf"), message=message)
 
 
-def equal(case: str, quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> Result:
+def equal(case: str, quantity: str, actual: NDArray[Any], expected: NDArray[Any]) -> Result:
     """Compare whole numbers, which must be equal; the message describes the first difference."""
     name = "spikes" if quantity == "s" else quantity
-    if found.shape != expected.shape:
-        return _shape_result(case, name, found, expected, 0.0)
-    unequal = np.argwhere(found != expected)
+    if actual.shape != expected.shape:
+        return _shape_result(case, name, actual, expected, 0.0)
+    unequal = np.argwhere(actual != expected)
     if not unequal.size:
         return Result(case, name, 0.0)
     first = tuple(int(i) for i in unequal[0])
-    text = f"{len(unequal)} differ, first {list(first)}: {found[first]}: expected {expected[first]}"
+    text = f"{len(unequal)} differ, first {list(first)}: {actual[first]}: expected {expected[first]}"
     return Result(case, name, float(len(unequal)), message=text)
 
 
-def close(quantity: str, found: NDArray[Any], expected: NDArray[Any], limit: float = LIMIT) -> Result:
+def close(quantity: str, actual: NDArray[Any], expected: NDArray[Any], limit: float = LIMIT) -> Result:
     """Compare values, which may differ by at most a limit; the message describes the largest deviation."""
-    if found.shape != expected.shape:
-        return _shape_result("", quantity, found, expected, limit)
-    if not found.size:
+    if actual.shape != expected.shape:
+        return _shape_result("", quantity, actual, expected, limit)
+    if not actual.size:
         return Result("", quantity, 0.0, limit)
-    error = np.abs(found - expected)
+    error = np.abs(actual - expected)
     error[np.isnan(error)] = np.inf
     worst = np.unravel_index(int(error.argmax()), error.shape)
-    text = f"[{', '.join(str(i) for i in worst)}] = {found[worst]:.12g}: expected {expected[worst]:.12g}"
+    text = f"[{', '.join(str(i) for i in worst)}] = {actual[worst]:.12g}: expected {expected[worst]:.12g}"
     return Result("", quantity, float(error[worst]), limit, text)
 
 
-def _shape_result(case: str, name: str, found: NDArray[Any], expected: NDArray[Any], limit: float) -> Result:
-    text = f"shape {list(found.shape)}: expected {list(expected.shape)}"
+def _shape_result(case: str, name: str, actual: NDArray[Any], expected: NDArray[Any], limit: float) -> Result:
+    text = f"shape {list(actual.shape)}: expected {list(expected.shape)}"
     return Result(case, name, float("inf"), limit, text)

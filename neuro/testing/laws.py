@@ -318,8 +318,8 @@ def _resumed(start: Start, net: Callable[[], Network], use: Callable[[Simulation
         return {**observe(saved), **_later(use(through))}, {**observe(resumed), **_later(use(resumed))}
 
 
-def _later(found: Found) -> Found:
-    return {f"later: {name}": values for name, values in found.items()}
+def _later(outcome: Found) -> Found:
+    return {f"later: {name}": values for name, values in outcome.items()}
 
 
 @networks_law

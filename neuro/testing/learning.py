@@ -95,15 +95,15 @@ def synapses_that_differ(start: Start) -> Found:
     net.population("source", 6, poisson_generator(rate=120.0))
     net.population("cells", 4, iaf_psc_exp(I_e=450.0))
     pre, post = [4, 0, 2, 0, 5], [1, 3, 0, 0, 1]
-    drawn = stdp(
+    draws = stdp(
         lambda_=uniform(low=0.0, high=0.2), mu_plus=uniform(low=0.0, high=1.0), Wmax=normal(mean=150.0, std=5.0)
     )
     net.connect(
-        "source", "cells", fixed_indegree(n=5), drawn, weight=60.0, delay=uniform(low=0.1, high=4.0), name="drawn"
+        "source", "cells", fixed_indegree(n=5), draws, weight=60.0, delay=uniform(low=0.1, high=4.0), name="drawn"
     )
-    listed = stdp(alpha=np.linspace(0.5, 2.5, 5), Wmax=np.array([90.0, -80.0, 70.0, -60.0, 50.0]), lambda_=0.1)
+    by_synapse = stdp(alpha=np.linspace(0.5, 2.5, 5), Wmax=np.array([90.0, -80.0, 70.0, -60.0, 50.0]), lambda_=0.1)
     weight = np.array([45.0, -40.0, 35.0, -30.0, 25.0])
-    net.connect("source", "cells", pairs(pre=pre, post=post), listed, weight=weight, name="listed")
+    net.connect("source", "cells", pairs(pre=pre, post=post), by_synapse, weight=weight, name="listed")
     nearest = stdp_nn_symm(lambda_=np.linspace(0.0, 0.2, 24).reshape(6, 4), mu_minus=0.5, pre_at_start=True)
     net.connect("source", "cells", all_to_all(), nearest, weight=50.0, name="nearest")
     homeostatic = vogels_sprekeler(eta=uniform(low=0.5, high=2.0), alpha=np.linspace(0.0, 0.4, 5), Wmax=-90.0)
@@ -127,8 +127,8 @@ def synapses_that_come_to_differ(start: Start) -> Found:
     sim.run(50.0)
     sim.set("plastic", lambda_=0.1, tau_plus=40.0)
     sim.run(50.0)
-    found = observe(sim)
-    return {**found, "lambda": sim.get("plastic", "lambda"), "alpha": sim.get("plastic", "alpha")}
+    outcome = observe(sim)
+    return {**outcome, "lambda": sim.get("plastic", "lambda"), "alpha": sim.get("plastic", "alpha")}
 
 
 @case

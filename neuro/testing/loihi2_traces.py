@@ -105,12 +105,12 @@ def _neurons(
     size, steps = arrays["s"].shape[1], len(arrays["s"])
     net = Network("neurons", resolution=1.0)
     net.population("out", size, _model(name, case, arrays))
-    late = "x" not in arrays
+    lag = "x" not in arrays
     for word, receptor in INPUTS.items():
         if word in arrays:
             _add_input(net, arrays[word], word)
             net.connect(word, "out", one_to_one(), static(receptor=receptor), weight=1.0, delay=1.0)
-    if not late:
+    if not lag:
         _add_input(net, _with_messages(case["dense"], arrays)["x"])
         post, pre = np.nonzero(arrays["W"])
         weights = arrays["W"][post, pre].astype(np.float64)
@@ -118,10 +118,10 @@ def _neurons(
             "in", "out", pairs(pre=pre, post=post), _synapse(case["dense"], arrays["W"]), weight=weights, delay=1.0
         )
     states = [each.name for each in net.populations["out"].model.states]
-    recordings = _run(net, steps + late, [word for word in expected if word in states], backend, late)
+    recordings = _run(net, steps + lag, [word for word in expected if word in states], backend, lag)
     for word, array in expected.items():
         if word in recordings:
-            yield equal(name, word, recordings[word][late:], array)
+            yield equal(name, word, recordings[word][lag:], array)
 
 
 INPUTS = {"a_in": None, "a_real_in": "real", "a_imag_in": "imag", "a_in1": "first", "a_in2": "second"}
@@ -225,15 +225,15 @@ def _add_input(net: Network, values: Array, name: str = "in") -> None:
     net.population(name, values.shape[1], graded_spike_train(spikes=rows))
 
 
-def _run(net: Network, steps: int, states: Any, backend: str | Backend, late: bool = False) -> dict[str, Array]:
+def _run(net: Network, steps: int, states: Any, backend: str | Backend, lag: bool = False) -> dict[str, Array]:
     """Run a network and return the states by name, and the payloads as "s", all of shape (steps, neurons).
 
-    If `late`, the bias is 0 in the first step.
+    If `lag`, the bias is 0 in the first step.
     """
     for state in states:
         net.probe(state, "out", state)
     sim = neuro.run.compiled.compile(net, backend)
-    biases = [word for word in ("bias", "bias_mant") if late and word in net.populations["out"].model.quantities()]
+    biases = [word for word in ("bias", "bias_mant") if lag and word in net.populations["out"].model.quantities()]
     if biases:
         zeros: dict[str, Any] = dict.fromkeys(biases, 0.0)
         values: dict[str, Any] = {word: sim.get("out", word) for word in biases}

@@ -172,7 +172,7 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Result]:
     net = _synapse_network(golden, rule, 1)
     sim = neuro.run.compiled.compile(net, backend)
     pre = _steps(arrays["w_times_ms"], clock)
-    sent = [sim.get("pre_post", "weight")[0] for _ in _walk(sim, pre + 1, clock)]
+    weights = [sim.get("pre_post", "weight")[0] for _ in _walk(sim, pre + 1, clock)]
     end = clock.step(facts["t_sim_ms"], "t_sim_ms")
     for _ in _walk(sim, [max(end, int(pre[-1]) + 1)], clock):
         pass
@@ -180,7 +180,7 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Result]:
     k_plus = sim.get("pre_post", "K_plus")[0] * np.exp(since_pre / facts["synapse"]["tau_plus"])
     final = np.array([sim.get("pre_post", "weight")[0], k_plus])  # NEST shows K+ as of the last pre spike
     return [
-        close("w_after", np.array(sent), arrays["w_after"]),
+        close("w_after", np.array(weights), arrays["w_after"]),
         close("final", final[: arrays["final"].size], arrays["final"]),
     ]
 
@@ -191,11 +191,11 @@ def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Result]:
     kind = PAIRS[own["model"]]
     rule = kind.from_words({word: own[word] for word in kind.numbers()})
     sim = neuro.run.compiled.compile(_synapse_network(golden, rule, 1), backend)
-    sent = []
+    weights = []
     for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
-        sent.append(sim.get("pre_post", "weight")[0])
-    found = np.array(sent)
-    return [close("w_after", found, arrays["w_after"]), close("final", found[-1:], arrays["final"])]
+        weights.append(sim.get("pre_post", "weight")[0])
+    actual = np.array(weights)
+    return [close("w_after", actual, arrays["w_after"]), close("final", actual[-1:], arrays["final"])]
 
 
 def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
@@ -218,20 +218,20 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
     sim = neuro.run.compiled.compile(net, backend)
     grid = shortest * int(dopa["deliver_interval"])
     rows = _steps(arrays["trace"][:, 0], clock)
-    shown = np.flatnonzero(rows % grid == 0)
+    grid_rows = np.flatnonzero(rows % grid == 0)
     pre = _steps(arrays["w_times_ms"], clock)
     doses = _steps(arrays["dopa_ms"], clock) + clock.step(dopa["delay_ms"], "delay_ms") if written else pre[:0]
     read: dict[int, list[float]] = {}
-    for step in _walk(sim, np.unique(np.concatenate((rows[shown], pre, doses, list(written)))).astype(int), clock):
+    for step in _walk(sim, np.unique(np.concatenate((rows[grid_rows], pre, doses, list(written)))).astype(int), clock):
         arrived = int(np.count_nonzero(doses == step))
         if arrived:
             sim.signal("n", sim.get("pre_post", "n") + arrived / facts["synapse"]["tau_n"])
         read[step] = [float(sim.get("pre_post", name)[0]) for name in ("weight", "c", "n", "K_plus")]
         if step in written:
             sim.signal("n", written[step])
-    found = np.array([read[int(step)] for step in rows[shown]])
+    actual = np.array([read[int(step)] for step in rows[grid_rows]])
     results = [
-        close(name, found[:, column], arrays["trace"][shown, column + 1])
+        close(name, actual[:, column], arrays["trace"][grid_rows, column + 1])
         for column, name in enumerate(("w", "c", "n", "Kplus"))
     ]
     return [*results, close("w_after", np.array([read[int(step)][0] for step in pre]), arrays["w_after"])]
@@ -280,12 +280,12 @@ def _exact(times: Any, clock: Clock) -> Floats:
     return clock.array_ms(_steps(np.asarray(times), clock))
 
 
-def _spikes(found: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> Result:
-    actual = set(zip(_steps(found[0], clock).tolist(), found[1].tolist(), strict=True))
+def _spikes(spikes: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> Result:
+    actual = set(zip(_steps(spikes[0], clock).tolist(), spikes[1].tolist(), strict=True))
     expected = set(zip(_steps(times, clock).tolist(), np.asarray(ids).tolist(), strict=True))
     unequal = sorted(actual ^ expected)
     if not unequal:
-        return Result("", "spikes", float(abs(len(found[0]) - len(times))), message="a spike is listed twice")
+        return Result("", "spikes", float(abs(len(spikes[0]) - len(times))), message="a spike is listed twice")
     step, neuron = unequal[0]
     problem = "is not expected" if unequal[0] in actual else "is missing"
     text = f"{len(unequal)} differ, first: neuron {neuron} at {clock.ms(step):g} ms {problem}"

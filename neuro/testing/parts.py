@@ -235,8 +235,8 @@ def _of_synapse(synapse: Synapse, rate: float) -> Network:
     top = float(getattr(synapse, "Wmax", 400.0))
     middle = uniform(low=min(0.2 * top, 0.8 * top), high=max(0.2 * top, 0.8 * top))
     for source in ("relay", "cells"):
-        late = uniform(low=max(0.1, getattr(synapse, "d_min", 0.0)), high=min(4.0, getattr(synapse, "d_max", 4.0)))
-        net.connect(source, "cells", pairwise_bernoulli(p=0.3), synapse, weight=middle, delay=late)
+        delay = uniform(low=max(0.1, getattr(synapse, "d_min", 0.0)), high=min(4.0, getattr(synapse, "d_max", 4.0)))
+        net.connect(source, "cells", pairwise_bernoulli(p=0.3), synapse, weight=middle, delay=delay)
     _probe(net, iaf_psc_exp())
     return net
 

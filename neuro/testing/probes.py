@@ -105,7 +105,7 @@ def states_at_pre_spikes(start: Start) -> Found:
     return observe(sim)
 
 
-def seen(net: Network) -> Network:
+def viewed_network(net: Network) -> Network:
     """Cells in two shapes that receive noise, with probes of some of them."""
     net.population("noise", 12, poisson_generator(rate=1500.0))
     row = net.population("row", 12, iaf_psc_exp(I_e=300.0), initial={"V_m": uniform(low=-70.0, high=-56.0)})
@@ -120,7 +120,7 @@ def seen(net: Network) -> Network:
 @case
 def views_are_connected(start: Start) -> Found:
     """Every rule from views to views, forwards and backwards, overlapping, with arrays of the views' shapes."""
-    net = seen(network())
+    net = viewed_network(network())
     row, sheet = net.populations["row"], net.populations["sheet"]
     delay, weight = uniform(low=0.2, high=2.0), normal(mean=100.0, std=150.0)
     net.connect(row[:6], row[3:9], all_to_all(autapses=False), weight=weight, delay=delay, name="all")
@@ -136,14 +136,14 @@ def views_are_connected(start: Start) -> Found:
 @case
 def views_are_set_and_read(start: Start) -> Found:
     """States and parameters of some neurons that are set, spikes that are injected, and what is read of a view."""
-    net = seen(network())
+    net = viewed_network(network())
     row, sheet = net.populations["row"], net.populations["sheet"]
-    listed = net.population("listed", 5, spike_generator())
-    net.connect(listed[1:4], sheet[0, :3], one_to_one(), weight=900.0)
+    sources = net.population("listed", 5, spike_generator())
+    net.connect(sources[1:4], sheet[0, :3], one_to_one(), weight=900.0)
     sim = start(net)
     sim.run(10.0)
-    sim.inject(listed[1:3], [11.0, 12.0])
-    sim.inject(listed[3], [11.5], [3])
+    sim.inject(sources[1:3], [11.0, 12.0])
+    sim.inject(sources[3], [11.5], [3])
     sim.set(row[8:], V_th=np.array([-54.0, -53.0, -52.0, -51.0]), I_e=350.0)
     sim.set(sheet[1:, 0], V_m=[-58.0, -60.0])
     sim.run(30.0)
@@ -159,7 +159,7 @@ def views_are_set_and_read(start: Start) -> Found:
 @case
 def single_weights_change(start: Start) -> Found:
     """Weights of static synapses that are chosen by their ends change, and no others."""
-    net = seen(network())
+    net = viewed_network(network())
     row = net.populations["row"]
     some = net.connect(row[:5], row[4:], fixed_indegree(n=2), weight=normal(mean=50.0, std=20.0), delay=1.5)
     sim = start(net)
@@ -173,15 +173,15 @@ def single_weights_change(start: Start) -> Found:
 @case
 def single_plastic_weights_change(start: Start) -> Found:
     """Weights that learn and are set by their ends; the others keep what they are about to learn, too."""
-    net = seen(network())
+    net = viewed_network(network())
     row = net.populations["row"]
     some = net.connect(row, row, all_to_all(autapses=False), stdp(Wmax=200.0, lambda_=0.1), weight=60.0, delay=1.5)
     sim = start(net)
     sim.run(20.0)
     sim.set(some, weight=150.0, pre=row[::3], post=row[2:7])
-    found = sim.get(some, "weight", post=row[3])
+    new_weights = sim.get(some, "weight", post=row[3])
     sim.run(20.0)
-    return observe(sim) | {"just set": found}
+    return observe(sim) | {"just set": new_weights}
 
 
 @integers_too
@@ -264,8 +264,8 @@ def with_ports(sim: Simulation, net: Network) -> Drive:
         if step % 5 == 3:
             some_potentials.set(np.full(2, -65.0))
         sim.run(MS)
-        found = [spikes.get(ids).copy(), some_spikes.get(), counts.get(counted).copy(), some_counts.get()]
-        return [*found, potential.get(states).copy(), some_thresholds.get()]
+        spikes_and_counts = [spikes.get(ids).copy(), some_spikes.get(), counts.get(counted).copy(), some_counts.get()]
+        return [*spikes_and_counts, potential.get(states).copy(), some_thresholds.get()]
 
     return drive
 
@@ -336,7 +336,7 @@ def ports_of_signals_and_weights(start: Start) -> tuple[Found, Found]:
 
     def looped(ports: bool) -> Found:
         sim = start(rewarded())
-        reward, weight, kept = sim.port("reward"), sim.port("learnt", "weight"), np.zeros(24)
+        reward, weight, buffer = sim.port("reward"), sim.port("learnt", "weight"), np.zeros(24)
         reads = []
         for step in range(STEPS):
             dopamine, new = np.linspace(-0.02, 0.03, 3) * step, np.linspace(300.0, 600.0, 24)
@@ -349,7 +349,7 @@ def ports_of_signals_and_weights(start: Start) -> tuple[Found, Found]:
                     sim.set("learnt", weight=new)
                 sim.signal("reward", dopamine)
             sim.run(MS)
-            reads.append(weight.get(kept).copy() if ports else sim.weights("learnt")[2])
+            reads.append(weight.get(buffer).copy() if ports else sim.weights("learnt")[2])
         return read(reads) | observe(sim)
 
     return looped(False), looped(True)

@@ -104,10 +104,10 @@ def _weight(size: int) -> st.SearchStrategy[Any]:
 def _connect_whole(draw: st.DrawFn, net: Network, pre: str, post: str) -> None:
     n_pre, n_post = (int(net.populations[name].shape[0]) for name in (pre, post))
     ids = st.tuples(st.integers(0, n_pre - 1), st.integers(0, n_post - 1))
-    listed = draw(st.lists(ids, min_size=1, max_size=12))
+    edges = draw(st.lists(ids, min_size=1, max_size=12))
     rules: list[tuple[Rule, int]] = [
         (all_to_all(), n_pre * n_post),
-        (pairs(pre=[i for i, _ in listed], post=[j for _, j in listed]), len(listed)),
+        (pairs(pre=[i for i, _ in edges], post=[j for _, j in edges]), len(edges)),
         (fixed_indegree(n=draw(st.integers(1, 4))), 0),
         (fixed_outdegree(n=draw(st.integers(1, 4))), 0),
     ]

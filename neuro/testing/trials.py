@@ -69,19 +69,19 @@ def taught(start: Start, net: Network, epochs: int = 2) -> Found:
     """Run epochs of learning and then a test; return all results and everything that can be read."""
     sim = start(net)
     times, ids, offsets, labels = batch(24)
-    found: Found = {}
+    outcome: Found = {}
     for epoch in range(epochs):
         results = sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(24) // 3, epoch=epoch)
-        found |= trial_results(results, f"epoch {epoch}")
-    return found | trial_results(sim.trials(times, ids, offsets), "test") | observe(sim)
+        outcome |= trial_results(results, f"epoch {epoch}")
+    return outcome | trial_results(sim.trials(times, ids, offsets), "test") | observe(sim)
 
 
 @case
 def silent_trials(start: Start) -> Found:
     """Trials without enough spikes, one of them without any."""
     sim = start(recogniser())
-    found = sim.trials([3.0, 3.0, 4.0], [0, 40, 7], [0, 2, 2, 3], labels=[0, 1, 2], learn=True)
-    return trial_results(found) | observe(sim)
+    results = sim.trials([3.0, 3.0, 4.0], [0, 40, 7], [0, 2, 2, 3], labels=[0, 1, 2], learn=True)
+    return trial_results(results) | observe(sim)
 
 
 @case
@@ -102,9 +102,9 @@ def dropout_of_each_trial(start: Start) -> Found:
     net = recogniser(dropout={"of": "maps", "p": 0.5, "every": "trial"}, reward={"correct": 1, "wrong": 0})
     sim = start(net)
     times, ids, offsets, labels = batch(12)
-    found = trial_results(sim.trials(times, ids, offsets, labels, learn=True), "first")
+    first = trial_results(sim.trials(times, ids, offsets, labels, learn=True), "first")
     sim.set("s2", Ar_plus=0.3, Ar_minus=-0.1, epsilon=0.01)
-    return found | trial_results(sim.trials(times, ids, offsets, labels, learn=True, epoch=1), "second") | observe(sim)
+    return first | trial_results(sim.trials(times, ids, offsets, labels, learn=True, epoch=1), "second") | observe(sim)
 
 
 @case
@@ -125,9 +125,9 @@ def rewarded_learning_by_channel(start: Start) -> Found:
     net.population("between", (3, "auto", "auto"), cells)
     net.population("maps", (6, "auto", "auto"), cells)
     net.connect("sheet", "between", grid(kernel=(3, 3)), weight=uniform(low=0.3, high=0.8))
-    drawn = uniform(low=0.4, high=0.9)
+    weight = uniform(low=0.4, high=0.9)
     rule = grid(kernel=(2, 2), padding="same", depthwise=True)
-    net.connect("between", "maps", rule, r_stdp(epsilon=0.002), weight=drawn, name="s2")
+    net.connect("between", "maps", rule, r_stdp(epsilon=0.002), weight=weight, name="s2")
     net.group("choice", winner_take_all(of="maps"))
     net.trials(input="sheet", labels={"of": "maps", "maps_per_label": 2}, reset=["V_m"], duration=20.0)
     return taught(start, net)
@@ -195,9 +195,9 @@ def states_that_go_on(start: Start) -> Found:
     net.group("choice", winner_take_all(of="cells"))
     net.trials(input="source", duration=12.0, labels={"of": "cells"}, reset=["V_m"])
     sim = start(net)
-    found = trial_results(sim.trials([0.0, 1.0, 2.0, 0.0, 5.0], [0, 0, 1, 3, 3], [0, 3, 5]))
+    outcome = trial_results(sim.trials([0.0, 1.0, 2.0, 0.0, 5.0], [0, 0, 1, 3, 3], [0, 3, 5]))
     sim.run(10.0)
-    return found | observe(sim)
+    return outcome | observe(sim)
 
 
 def simulation_after_trials(sim: Simulation) -> Found:
@@ -229,9 +229,9 @@ def exact_local_winners(start: Start) -> Found:
     net.trials(input="sheet", duration=20.0, stop="full")
     sim = start(net)
     times, ids, offsets, _ = batch(12, 40)
-    found = trial_results(sim.trials(times, ids, offsets), "first")
+    outcome = trial_results(sim.trials(times, ids, offsets), "first")
     sim.run(7.0)
-    return found | trial_results(sim.trials(times, ids, offsets), "second") | observe(sim)
+    return outcome | trial_results(sim.trials(times, ids, offsets), "second") | observe(sim)
 
 
 @integers_too
@@ -279,10 +279,10 @@ def local_winners_without_trials(start: Start) -> Found:
     net.group("choice", local_winners(of="cells", radius=1, per_map=3))
     sim = start(net)
     sim.run(50.0)
-    found = observe(sim)
+    before_reset = observe(sim)
     sim.reset()
     sim.run(80.0)
-    return {f"first: {name}": np.asarray(values) for name, values in found.items()} | observe(sim)
+    return {f"first: {name}": np.asarray(values) for name, values in before_reset.items()} | observe(sim)
 
 
 def chooser(synapse: Synapse | None = None, weight: object = None, threshold: float = 9.0, **words: Any) -> Network:
@@ -306,11 +306,11 @@ def exact_full_trials(start: Start) -> Found:
     """`stop: full`, some trials silent; a run between two batches."""
     sim = start(chooser(stop="full", threshold=14.0))
     times, ids, offsets, _ = batch(12)
-    found = trial_results(sim.trials(times, ids, offsets), "first")
+    outcome = trial_results(sim.trials(times, ids, offsets), "first")
     sim.run(7.0)
     few = sim.trials([3.0, 3.0, 4.0], [0, 40, 7], [0, 2, 2, 3])
     return (
-        found | trial_results(few, "silent") | trial_results(sim.trials(times, ids, offsets), "second") | observe(sim)
+        outcome | trial_results(few, "silent") | trial_results(sim.trials(times, ids, offsets), "second") | observe(sim)
     )
 
 
@@ -320,9 +320,9 @@ def exact_run_after_a_decision(start: Start) -> Found:
     """Input spikes after a trial's decision are discarded and do not occur in the next run."""
     sim = start(chooser(threshold=2.0))
     times, ids, offsets, _ = batch(4)
-    found = trial_results(sim.trials(times, ids, offsets))
+    outcome = trial_results(sim.trials(times, ids, offsets))
     sim.run(25.0)
-    return found | observe(sim)
+    return outcome | observe(sim)
 
 
 @integers_too
