@@ -101,7 +101,7 @@ class Beside:
         save(net, path)
         self._pool.put({"do": "curve", "path": str(path), "population": population, "neuron": neuron})
 
-    def found(self) -> list[tuple[Job, Any]]:
+    def results(self) -> list[tuple[Job, Any]]:
         """Return the finished jobs with their results, or the error text of failed jobs, without waiting."""
         try:
             events = self._pool.hear(0.0) if self._pool.busy else []
@@ -184,9 +184,9 @@ def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) ->
         return about | {"refused": energy.refused}
     seconds = energy.duration_s
     static = energy.static_j / seconds if energy.static_known else None
-    late = (energy.chip_time_s or 0.0) / seconds if energy.late else None
+    slowdown = (energy.chip_time_s or 0.0) / seconds if energy.late else None
     joules = {"dynamic": energy.dynamic_j / seconds, "static": static, "missing": list(energy.missing)}
-    return about | joules | {"chips": energy.chips, "late": late}
+    return about | joules | {"chips": energy.chips, "late": slowdown}
 
 
 def curve_of(sim: Simulation, population: str, neuron: int) -> Network:

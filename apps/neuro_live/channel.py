@@ -58,15 +58,15 @@ class Channel:
         while self._out:
             message = self._out[0]
             try:
-                sent = self._end.send(message)
+                n_bytes = self._end.send(message)
             except BlockingIOError:
                 return
             except OSError:
                 self.open = False
                 self._out.clear()
                 return
-            if sent < len(message):
-                self._out[0] = message[sent:]
+            if n_bytes < len(message):
+                self._out[0] = message[n_bytes:]
             else:
                 self._out.popleft()
 

@@ -77,7 +77,7 @@ class Pace:
         return wait
 
 
-Asked = dict[str, Any]
+Request = dict[str, Any]
 Answer = tuple[dict[str, Any], bytes]
 
 LARGEST_FILE = 256 << 20
@@ -98,7 +98,7 @@ class Steered(Protocol):
     pace: Pace | None
     restart: Callable[[int], Simulation] | None
     frames: Frames
-    beside: Beside
+    helper: Beside
 
     def begin(self) -> None:
         """Restart all displays."""
@@ -145,24 +145,24 @@ class Commands:
             "save",
             "network",
         )
-        self._known: dict[str, Callable[[Asked], Answer | None]] = {name: getattr(self, f"_{name}") for name in names}
+        self._known: dict[str, Callable[[Request], Answer | None]] = {name: getattr(self, f"_{name}") for name in names}
 
     @property
     def silenced(self) -> list[str]:
         """Names of the silenced populations."""
         return list(self._before)
 
-    def answer(self, asked: Asked) -> Answer:
+    def answer(self, request: Request) -> Answer:
         """Execute a request; return the reply, and the content of a file or b""."""
-        number, start = asked.get("id", 0), time.monotonic()
+        number, start = request.get("id", 0), time.monotonic()
         self._owed = max(0.0, self._owed - (start - self._since) * PAID)
         try:
-            name = check(_NAME, asked.get("do"), "do")
+            name = check(_NAME, request.get("do"), "do")
             if name not in self._known:
                 raise unknown("command", name, self._known)
             if self._owed > MOST_OWED_S:
                 raise ModelError("too many requests, which slow down the simulation: try again later")
-            head, body = self._known[name](asked) or ({}, b"")
+            head, body = self._known[name](request) or ({}, b"")
             return {"id": number, **head}, body
         except ModelError as error:
             hint = f" ({error.hint})" if error.hint else ""
@@ -173,10 +173,10 @@ class Commands:
 
     # the run
 
-    def _pause(self, asked: Asked) -> None:
+    def _pause(self, request: Request) -> None:
         self._set_paused(True)
 
-    def _resume(self, asked: Asked) -> None:
+    def _resume(self, request: Request) -> None:
         self._set_paused(False)
 
     def _set_paused(self, paused: bool) -> None:
@@ -184,37 +184,37 @@ class Commands:
         self._page.pace.pause(paused)
         self._page.tell_state()
 
-    def _step(self, asked: Asked) -> None:
+    def _step(self, request: Request) -> None:
         assert self._page.pace is not None
         self._page.pace.step()
         self._page.tell_state()
 
-    def _speed(self, asked: Asked) -> None:
+    def _speed(self, request: Request) -> None:
         assert self._page.pace is not None
-        speed = check(SPEED, asked.get("value"), "speed")
+        speed = check(SPEED, request.get("value"), "speed")
         self._page.pace.set(float("inf") if speed >= 1e9 else speed)
         self._page.tell_state()
 
-    def _reset(self, asked: Asked) -> None:
-        weights = check(_FLAG, asked.get("weights", False), "weights")
+    def _reset(self, request: Request) -> None:
+        weights = check(_FLAG, request.get("weights", False), "weights")
         self._sim.reset(weights=weights)
         if weights:
             self._before.clear()
         self._page.begin()
         self._page.tell_state()
 
-    def _seed(self, asked: Asked) -> None:
-        self._page.show_again(check(_SEED, asked.get("value"), "seed"))
+    def _seed(self, request: Request) -> None:
+        self._page.show_again(check(_SEED, request.get("value"), "seed"))
 
     # its parts
 
-    def _sliders(self, asked: Asked) -> Answer:
-        return {"sliders": sliders(self._sim, self._part(asked))}, b""
+    def _sliders(self, request: Request) -> Answer:
+        return {"sliders": sliders(self._sim, self._part(request))}, b""
 
-    def _set(self, asked: Asked) -> None:
+    def _set(self, request: Request) -> None:
         """Set a parameter of a part, the weight of a projection, or a signal."""
-        part, word, sim = self._part(asked), self._text(asked, "word"), self._sim
-        value = asked.get("value")
+        part, word, sim = self._part(request), self._text(request, "word"), self._sim
+        value = request.get("value")
         if not isinstance(value, bool):
             value = check(_NUMBER, value, f"{part}.{word}")
         words = settable_words(sim, part)
@@ -229,8 +229,8 @@ class Commands:
         if word == "weight":
             self._page.look_again(sim.handles.projection(part))
 
-    def _silence(self, asked: Asked) -> None:
-        part = self._population(asked)
+    def _silence(self, request: Request) -> None:
+        part = self._population(request)
         if part in self._before:
             return
         indices = outgoing(self._sim.program, self._sim.handles.neurons(part))
@@ -240,31 +240,31 @@ class Commands:
         self._page.look_again(*indices)
         self._page.tell_state()
 
-    def _restore(self, asked: Asked) -> None:
+    def _restore(self, request: Request) -> None:
         """Restore the weights from before the population was silenced."""
-        part = self._population(asked)
+        part = self._population(request)
         for index, weights in self._before.pop(part, {}).items():
             self._sim.set_weights(self._sim.program.projections[index].name, weights)
             self._page.look_again(index)
         self._page.tell_state()
 
-    def _activate(self, asked: Asked) -> None:
-        part = self._population(asked)
-        self._sim.activate(part, check(_NUMBER, asked.get("rate"), "rate"))
+    def _activate(self, request: Request) -> None:
+        part = self._population(request)
+        self._sim.activate(part, check(_NUMBER, request.get("rate"), "rate"))
         generators = driver(self._sim.program, self._sim.handles.neurons(part)).part.name
         self._page.tell_value(generators, "rate", self._sim.get(generators, "rate"))
 
-    def _watch(self, asked: Asked) -> None:
-        neuron = check(_NEURON, asked.get("neuron"), "neuron")
-        self._page.frames.watch(self._population(asked), neuron, self._text(asked, "state"))
+    def _watch(self, request: Request) -> None:
+        neuron = check(_NEURON, request.get("neuron"), "neuron")
+        self._page.frames.watch(self._population(request), neuron, self._text(request, "state"))
         self._page.tell_state()
 
-    def _curve(self, asked: Asked) -> None:
-        self._page.beside.curve(self._population(asked), check(_NEURON, asked.get("neuron"), "neuron"))
+    def _curve(self, request: Request) -> None:
+        self._page.helper.curve(self._population(request), check(_NEURON, request.get("neuron"), "neuron"))
 
     # files
 
-    def _save(self, asked: Asked) -> Answer:
+    def _save(self, request: Request) -> Answer:
         with tempfile.TemporaryDirectory(prefix="neuro-live-") as folder:
             path = Path(folder) / "state.h5"
             self._sim.save(path)
@@ -273,7 +273,7 @@ class Commands:
                 raise ModelError(message, hint="sim.save(path) in the program writes the state to a file")
             return {"file": f"{self._sim.program.name}-{self._sim.time:g}ms.h5"}, path.read_bytes()
 
-    def _network(self, asked: Asked) -> Answer:
+    def _network(self, request: Request) -> Answer:
         """Return the network with its learnt weights as YAML, or as a zip of YAML and arrays if arrays are large."""
         name = self._sim.program.name
         with tempfile.TemporaryDirectory(prefix="neuro-live-") as folder:
@@ -289,19 +289,19 @@ class Commands:
 
     # fields of a request
 
-    def _text(self, asked: Asked, word: str) -> str:
-        name: str = check(_NAME, asked.get(word), word)
+    def _text(self, request: Request, word: str) -> str:
+        name: str = check(_NAME, request.get(word), word)
         return name
 
-    def _population(self, asked: Asked) -> str:
-        name, names = self._text(asked, "population"), [part.name for part in self._sim.program.populations]
+    def _population(self, request: Request) -> str:
+        name, names = self._text(request, "population"), [part.name for part in self._sim.program.populations]
         if name not in names:
             raise unknown("population", name, names)
         return name
 
-    def _part(self, asked: Asked) -> str:
+    def _part(self, request: Request) -> str:
         """Return the name of a population, projection or signal. The text of a view is refused."""
-        program, name = self._sim.program, self._text(asked, "part")
+        program, name = self._sim.program, self._text(request, "part")
         names = [part.name for part in (*program.populations, *program.projections, *program.signals)]
         if name not in names:
             raise unknown("part", name, names)

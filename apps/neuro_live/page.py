@@ -148,9 +148,9 @@ class Page:
         """Close the page and its processes, but not the simulation. A second call has no effect."""
         self._files.close()
         self._channel.close()
-        beside: Beside | None = getattr(self, "beside", None)
-        if beside is not None:
-            beside.close()
+        helper: Beside | None = getattr(self, "helper", None)
+        if helper is not None:
+            helper.close()
         try:
             self._process.wait(2.0)
         except subprocess.TimeoutExpired:
@@ -259,9 +259,9 @@ class Page:
     def _show(self, sim: Simulation) -> None:
         """Make the page show another simulation."""
         self.sim = sim
-        if (previous := getattr(self, "beside", None)) is not None:
+        if (previous := getattr(self, "helper", None)) is not None:
             previous.close()
-        self.frames, self.beside = Frames(sim), Beside(sim)
+        self.frames, self.helper = Frames(sim), Beside(sim)
         self.commands = Commands(self)
         self._learning = [k for k, part in enumerate(sim.program.projections) if part.synapse.learns]
         self._unread = list(range(len(sim.program.projections)))
@@ -283,7 +283,7 @@ class Page:
     def begin(self) -> None:
         """Restart all displays after the simulation was reset or restored to another state."""
         self.frames.begin()
-        self.beside.begin()
+        self.helper.begin()
         if self.pace is not None:
             self.pace.begin()
         self._measured = (time.perf_counter(), self.sim.time)
@@ -337,7 +337,7 @@ class Page:
         self._channel.flush()
         if now >= self._beside_due:
             self._beside_due = now + BESIDE_S
-            for job, result in self.beside.found():
+            for job, result in self.helper.results():
                 self._show_result(job, result)
         if self._wanted and self._channel.idle and (self._ahead or self._used() >= self._frame_due):
             if self.sim.time != self.frames.time or (self._unseen and self._is_paused):
@@ -390,9 +390,9 @@ class Page:
                 )
         if now >= self._price_due:
             self._price_due = now + PRICE_S
-            self.beside.price()
-            if self.beside.refused:
-                self.keep("joules", {"refused": self.beside.refused})
+            self.helper.price()
+            if self.helper.refused:
+                self.keep("joules", {"refused": self.helper.refused})
         if self._figures is not None:
             self.keep("figures", {"figures": dict(self._figures())})
         self._slow_due = used + max(SLOW_S, (time.thread_time() - start) / SLOW_SHARE)
@@ -401,7 +401,7 @@ class Page:
         """Send the result of a slow computation; a text is its error."""
         if job["do"] == "price":
             if isinstance(result, str):
-                self.beside.refused = result
+                self.helper.refused = result
             else:
                 self.keep("joules", {"chips": result})
         else:

@@ -64,9 +64,9 @@ class Client:
         kept: the present messages by key.
     """
 
-    def __init__(self, connection: ServerConnection, kept: dict[str, str]) -> None:
+    def __init__(self, connection: ServerConnection, messages: dict[str, str]) -> None:
         self.connection = connection
-        self._kept, self._frame = dict(kept), b""
+        self._messages, self._frame = dict(messages), b""
         self._replies: deque[str | bytes] = deque(maxlen=REPLIES)
         self._wake = asyncio.Event()
         self._wake.set()
@@ -75,8 +75,8 @@ class Client:
     def keep(self, key: str, text: str, fresh: bool) -> None:
         """Queue a message, which replaces a waiting message with the same key, or all messages if `fresh`."""
         if fresh:
-            self._kept.clear()
-        self._kept[key] = text
+            self._messages.clear()
+        self._messages[key] = text
         self._wake.set()
 
     def frame(self, frame: bytes) -> None:
@@ -98,8 +98,8 @@ class Client:
                 self._wake.clear()
                 while self._replies:
                     await self.connection.send(self._replies.popleft())
-                while self._kept:
-                    await self.connection.send(self._kept.pop(next(iter(self._kept))))
+                while self._messages:
+                    await self.connection.send(self._messages.pop(next(iter(self._messages))))
                 if self._frame:
                     frame, self._frame = self._frame, b""
                     await self.connection.send(frame)
@@ -126,7 +126,7 @@ class Server:
         self._secret = f"/{settings['token']}/".encode()
         self._reader, self._writer = reader, writer
         self._clients: dict[int, Client] = {}
-        self._kept: dict[str, str] = {}
+        self._messages: dict[str, str] = {}
         self._number = 0
         style = html.player_style() + "\n" + (_FOLDER / "page.css").read_text("utf-8")
         self._files = {
@@ -177,8 +177,8 @@ class Server:
             head = json.loads(text)
             if "keep" in head:
                 if head["fresh"]:
-                    self._kept.clear()
-                self._kept[head["keep"]] = text
+                    self._messages.clear()
+                self._messages[head["keep"]] = text
                 for client in self._clients.values():
                     client.keep(head["keep"], text, head["fresh"])
             elif "to" in head:
@@ -224,7 +224,7 @@ class Server:
             await connection.close(1013, "too many browsers")
             return
         self._number += 1
-        number, client = self._number, Client(connection, self._kept)
+        number, client = self._number, Client(connection, self._messages)
         self._tell({"want": True, "new": True, "first": not self._clients})
         self._clients[number] = client
         sending = asyncio.ensure_future(client.send())
@@ -243,15 +243,15 @@ class Server:
     def _take(self, number: int, client: Client, message: str | bytes) -> None:
         """Forward a request of a browser if it is a flat JSON object."""
         try:
-            asked = json.loads(message) if isinstance(message, str) else None
+            request = json.loads(message) if isinstance(message, str) else None
         except (ValueError, RecursionError):
-            asked = None
-        if not isinstance(asked, dict) or not all(isinstance(v, str | int | float | None) for v in asked.values()):
+            request = None
+        if not isinstance(request, dict) or not all(isinstance(v, str | int | float | None) for v in request.values()):
             client.reply(json.dumps({"error": "expected an object of JSON with texts and numbers", "id": 0}))
         elif self._writer.transport.get_write_buffer_size() > WAITING:
-            client.reply(json.dumps({"error": "the simulation is busy: try again", "id": asked.get("id", 0)}))
+            client.reply(json.dumps({"error": "the simulation is busy: try again", "id": request.get("id", 0)}))
         else:
-            self._tell({"asked": asked, "of": number})
+            self._tell({"asked": request, "of": number})
 
 
 def _is_address(name: str) -> bool:

@@ -228,7 +228,7 @@ def watch(
             raise typer.BadParameter(
                 "early decisions exist for single objects only: leave out --several and --boxes", param_hint="'--allow'"
             )
-        summary = watch_objects(recogniser, recording, out, given=boxes, find=several, backend=backend)
+        summary = watch_objects(recogniser, recording, out, table=boxes, find=several, backend=backend)
     else:
         from neuro_recognise.telling.watch import watch
 

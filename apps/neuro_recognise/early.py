@@ -123,7 +123,7 @@ class HeldOut:
         times: durations of the beginnings, us.
         folds: for each fold, the indices to learn from and to decide on.
         backend: backend that scores recordings; trainings use the backend of the recogniser's training.
-        beside: path whose name prefixes the names of intermediate files.
+        base: path whose name prefixes the names of intermediate files.
         cache: folder for evidence of whole recordings; None uses the user's cache.
         report: function that is called with the progress.
     """
@@ -134,7 +134,7 @@ class HeldOut:
     times: Ints
     folds: list[tuple[Ints, Ints]]
     backend: str
-    beside: Path
+    base: Path
     cache: Path | None
     report: Callable[[Progress], None]
 
@@ -146,7 +146,7 @@ class HeldOut:
 
     def file(self, ending: str) -> Path:
         """Return the path of an intermediate file."""
-        return self.beside.with_name(f"{self.beside.name}.{ending}")
+        return self.base.with_name(f"{self.base.name}.{ending}")
 
     @cached_property
     def steps(self) -> list[tuple[int, Ints]]:
@@ -159,13 +159,13 @@ class HeldOut:
             for first in range(0, len(held_out), AT_ONCE)
         ]
 
-    def apart(self, done: int) -> Iterator[Decided]:
-        """Train separately for each moment, once per fold and once on all recordings; skip the first `done` steps."""
+    def separate_trainings(self, start: int) -> Iterator[Decided]:
+        """Train separately for each moment, once per fold and once on all recordings; skip the first `start` steps."""
         method, course = self.recogniser.method, self.course
         beginnings = Beginnings(method, self.data, self.times, self.file("beginnings"))
         for finished in beginnings.look():
             self.report(Progress("looking at beginnings", finished, len(self.data)))
-        for moment, _ in self.steps[done:]:
+        for moment, _ in self.steps[start:]:
             features = beginnings.at(moment)
             scores = np.full((len(features), len(features.classes)), np.nan)
             for others, held_out in self.folds:
@@ -173,8 +173,8 @@ class HeldOut:
                 scores[held_out] = method.answer(learnt, features.take(held_out), self.backend).scores
             yield (slice(None), moment), scores, method.fit(features, course)
 
-    def wholes(self, done: int) -> Iterator[Decided]:
-        """Score beginnings with trainings on the other folds' whole recordings; skip the first `done` steps.
+    def wholes(self, start: int) -> Iterator[Decided]:
+        """Score beginnings with trainings on the other folds' whole recordings; skip the first `start` steps.
 
         The training of a fold is saved as a recogniser of its own, so that an interruption loses little work.
         """
@@ -186,7 +186,7 @@ class HeldOut:
 
         features = observe(method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=look)
         current_fold: int | None = None
-        for fold, rows in self.steps[done:]:
+        for fold, rows in self.steps[start:]:
             if fold != current_fold:
                 message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
                 others = features.take(self.folds[fold][0])
@@ -210,10 +210,10 @@ class HeldOut:
         learnt: dict[str, Array] = dict(state.get("learnt", {}))
         if not state:  # first of all files, so that an error about changed options names the options of this call
             checkpoint.keep(done=np.array(0), margins=all_margins, right=right, learnt=learnt)
-        done, labels, total = int(state.get("done", 0)), self.data.labels, len(self.steps)
-        way = self.apart if self.recogniser.method.by_moment else self.wholes
-        self.report(Progress("deciding on recordings held out", done, total))
-        for k, (where, scores, of_moment) in enumerate(way(done) if done < total else (), done):
+        start, labels, total = int(state.get("done", 0)), self.data.labels, len(self.steps)
+        way = self.separate_trainings if self.recogniser.method.by_moment else self.wholes
+        self.report(Progress("deciding on recordings held out", start, total))
+        for k, (where, scores, of_moment) in enumerate(way(start) if start < total else (), start):
             labels_decided = choose(scores.reshape(-1, scores.shape[-1])).reshape(scores.shape[:-1])
             all_margins[where] = margins(scores)
             right[where] = labels_decided == np.broadcast_to(labels[:, None], shape)[where]
@@ -277,9 +277,9 @@ def learn_early(
     fingerprint = data.fingerprint()
     settings |= {"early data": fingerprint, "early backend": backend}
     with tempfile.TemporaryDirectory() if out is None else nullcontext("") as folder:
-        beside = out or Path(folder) / "early"
-        checkpoint = Checkpoint(beside, FORMAT, settings)
-        work = HeldOut(recogniser, data, fingerprint, times, splits, backend, beside, cache, report)
+        base = out or Path(folder) / "early"
+        checkpoint = Checkpoint(base, FORMAT, settings)
+        work = HeldOut(recogniser, data, fingerprint, times, splits, backend, base, cache, report)
         with_early = replace(recogniser, early=work.decided(checkpoint))
         if out is not None:
             with_early.save(out)

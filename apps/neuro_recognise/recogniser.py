@@ -143,7 +143,7 @@ class Recogniser:
     learnt: Learnt
     training: Mapping[str, Any] = field(default_factory=dict)
     early: Early | None = None
-    _ready: Ready = field(default_factory=Ready, init=False, repr=False)
+    _cache: Ready = field(default_factory=Ready, init=False, repr=False)
 
     def scores(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Floats:
         """Compute the score of each class.
@@ -258,19 +258,19 @@ class Recogniser:
 
         def ask(after_us: int, evidence: Evidence) -> Floats:
             features = unlabelled([evidence], self.classes)
-            scores: Floats = self._ready.asker(self.method, self.learnt_at(after_us), backend)(features).scores[0]
+            scores: Floats = self._cache.asker(self.method, self.learnt_at(after_us), backend)(features).scores[0]
             return scores
 
         return ask
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Return scores, those of other decision rules, and the network's run. Arguments and errors: see `scores`."""
-        self._ready.asker(self.method, self.learnt, backend)  # raises errors before any recording is read
+        self._cache.asker(self.method, self.learnt, backend)  # raises errors before any recording is read
         return self.answer_shown(self.shown(recordings), backend)
 
     def answer_shown(self, features: Features, backend: str = "event") -> Answer:
         """Return the answer for evidence that `shown` computed; without recordings, an empty array of scores."""
-        ask = self._ready.asker(self.method, self.learnt, backend)
+        ask = self._cache.asker(self.method, self.learnt, backend)
         return ask(features) if len(features) else Answer(np.empty((0, len(self.classes))))
 
     def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Features:

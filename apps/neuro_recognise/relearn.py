@@ -107,7 +107,7 @@ class Relearner:
     Attributes:
         name: name in progress reports.
         method: the method with its settings.
-        learning, held: recordings to learn from, and to test.
+        learning, testing: recordings to learn from, and to test.
         of: conditions that determine the result, as plain data.
         file: file of the result.
     """
@@ -115,7 +115,7 @@ class Relearner:
     name: str
     method: Framewise
     learning: Features
-    held: Features
+    testing: Features
     of: Mapping[str, Any]
     file: Path
 
@@ -123,7 +123,7 @@ class Relearner:
         """Train epoch by epoch, and test after each epoch."""
         seed, backend, before = self.of["seed"], self.of["backend"], self.of["before"]
         course = Remembered(seed, backend, None, lambda progress: report((self.name, progress)))
-        train_features, test_features, accuracies, silent = self.learning, self.held, [], []
+        train_features, test_features, accuracies, silent = self.learning, self.testing, [], []
         for epoch in range(before + self.of["after"]):
             if epoch == before:
                 train_features, test_features = self._permuted(train_features), self._permuted(test_features)

@@ -294,7 +294,7 @@ def test_a_network_is_compiled_once_few_are_kept_and_copies_begin_anew(letters, 
     made = [ready.asker(model.method, one, "event") for one in learnt]
     assert all(ready.asker(model.method, one, "event") is ask for one, ask in zip(learnt[1:], made[1:], strict=True))
     assert ready.asker(model.method, learnt[0], "event") is not made[0]
-    model._ready.asker(model.method, model.learnt, "event")
+    model._cache.asker(model.method, model.learnt, "event")
     assert pickle.loads(pickle.dumps(model)).classes == model.classes
 
 

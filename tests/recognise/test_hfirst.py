@@ -95,7 +95,7 @@ def sim():
 
 def whole(sim, settings, recording):
     """C1 spikes of the whole network."""
-    hfirst.show(sim, settings, hfirst.shown(settings, recording))
+    hfirst.show(sim, settings, hfirst.input_spikes(settings, recording))
     return LayerSpikes(*sim.spikes("c1"))
 
 
@@ -124,7 +124,7 @@ def test_c1_spikes_are_those_of_the_rules_event_by_event(sim):
     np.testing.assert_array_equal(first.ids, again.ids)
     nothing = whole(sim, SMALL, bar(n=1))
     assert nothing.times.size == nothing.ids.size == 0
-    s1 = hfirst.s1_spikes(SMALL, hfirst.shown(SMALL, bar(n=1)))
+    s1 = hfirst.s1_spikes(SMALL, hfirst.input_spikes(SMALL, bar(n=1)))
     assert [spikes.ids.size for spikes in s1.values()] == [0, 0]
     assert hfirst.c1_spikes(compiled(SMALL, "c1"), SMALL, s1).ids.size == 0
 
@@ -133,7 +133,7 @@ def test_c1_spikes_are_those_of_the_rules_event_by_event(sim):
 @pytest.mark.parametrize("seed", range(3))
 def test_layer_by_layer_spikes_are_those_of_the_network(seed, settings):
     """S1 event by event, C1 alone: all spikes at the steps of the whole network, also where C1 draws ties."""
-    inputs, sim = hfirst.shown(settings, bar(seed=seed)), compiled(settings)
+    inputs, sim = hfirst.input_spikes(settings, bar(seed=seed)), compiled(settings)
     s1 = hfirst.s1_spikes(settings, inputs)
     c1 = hfirst.c1_spikes(compiled(settings, "c1"), settings, s1)
     hfirst.show(sim, settings, inputs)
@@ -151,7 +151,7 @@ def test_layers_alone_and_events_outside():
             neuro.ModelError, match=r"hfirst\.yaml:\d+:3: population '\w+': iaf_linear_leak: loihi has no"
         ):
             neuro.compile(net, backend="loihi")
-    message = refused(hfirst.shown, SMALL, bar(settings=replace(SMALL, size=(30, 11))))
+    message = refused(hfirst.input_spikes, SMALL, bar(settings=replace(SMALL, size=(30, 11))))
     assert message.startswith("an event at (")
     assert message.endswith("expected a sensor of at most 14 x 11 px\n  hint: set size")
 
@@ -243,7 +243,8 @@ def test_pips_are_told_apart(shared):
     found = [r for r in recordings(shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip") if "i." not in r.name]
     sim = neuro.compile(hfirst.c1_alone(settings))
     c1 = [
-        hfirst.c1_spikes(sim, settings, hfirst.s1_spikes(settings, hfirst.shown(settings, one.load()))) for one in found
+        hfirst.c1_spikes(sim, settings, hfirst.s1_spikes(settings, hfirst.input_spikes(settings, one.load())))
+        for one in found
     ]
     labels, train = np.array([one.label for one in found]), np.arange(len(found)) % 3 != 0
     learnt = hfirst.templates(settings, hfirst.c1_counts(settings, c1)[train], labels[train], 4)

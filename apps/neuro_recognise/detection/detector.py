@@ -63,24 +63,24 @@ class Track:
     Attributes:
         number: identity of the object.
         middle: (2,) centre of its last box, px.
-        seen: time of the last box, us.
+        last_us: time of the last box, us.
         velocity: (2,) px/us.
     """
 
     number: int
     middle: Floats
-    seen: int
+    last_us: int
     velocity: Floats = field(default_factory=lambda: np.zeros(2))
 
     def expected(self, t: int) -> Floats:
         """Return the expected centre of its box at a time, (2,) px."""
-        return self.middle + self.velocity * (t - self.seen)
+        return self.middle + self.velocity * (t - self.last_us)
 
     def move(self, middle: Floats, t: int, gain: float) -> None:
         """Update position and velocity with a new detection."""
-        if t > self.seen:
-            self.velocity = (1.0 - gain) * self.velocity + gain * (middle - self.middle) / (t - self.seen)
-        self.middle, self.seen = middle, t
+        if t > self.last_us:
+            self.velocity = (1.0 - gain) * self.velocity + gain * (middle - self.middle) / (t - self.last_us)
+        self.middle, self.last_us = middle, t
 
 
 class Tracks:
@@ -105,7 +105,7 @@ class Tracks:
         from scipy.optimize import linear_sum_assignment
 
         tracking = self._tracking
-        self.live = [track for track in self.live if t - track.seen <= 1000.0 * tracking.patience]
+        self.live = [track for track in self.live if t - track.last_us <= 1000.0 * tracking.patience]
         middles = np.array([(region.box[:2] + region.box[2:]) / 2.0 for region in regions]).reshape(-1, 2)
         expected = np.array([track.expected(t) for track in self.live]).reshape(-1, 2)
         distance = np.sqrt(((middles[:, None] - expected) ** 2).sum(axis=2))
@@ -180,12 +180,12 @@ class Piece:
         seen: detections in the order of time.
     """
 
-    seen: list[Seen] = field(default_factory=list)
+    detections: list[Seen] = field(default_factory=list)
 
     @property
     def regions(self) -> list[Region]:
         """The region of each detection."""
-        return [one.region for one in self.seen]
+        return [one.region for one in self.detections]
 
     def takes(self, one: Seen, memory: float) -> bool:
         """Return whether the piece stays within `memory` after adding a detection.
@@ -194,7 +194,7 @@ class Piece:
             one: the detection.
             memory: longest time, ms.
         """
-        return not self.seen or one.stop - self.seen[0].start <= 1000.0 * memory
+        return not self.detections or one.stop - self.detections[0].start <= 1000.0 * memory
 
 
 def pieces(events: Events, settings: Detecting, finder: Finder | None = None) -> list[Piece]:
@@ -206,7 +206,7 @@ def pieces(events: Events, settings: Detecting, finder: Finder | None = None) ->
             if one.number not in latest or not latest[one.number].takes(one, settings.memory):
                 latest[one.number] = Piece()
                 result.append(latest[one.number])
-            latest[one.number].seen.append(one)
+            latest[one.number].detections.append(one)
     return result
 
 
@@ -335,9 +335,9 @@ class Detector:
         all_pieces = pieces(events, self.settings, self._finder(events.sensor_size))
         objects: dict[int, _Known] = {}
         for piece, scores in zip(all_pieces, self._scores(all_pieces), strict=True):
-            objects.setdefault(piece.seen[0].number, _Known()).judge(piece, scores)
+            objects.setdefault(piece.detections[0].number, _Known()).judge(piece, scores)
         detections = sorted(
-            (one for piece in all_pieces for one in piece.seen), key=lambda one: (one.start, one.number)
+            (one for piece in all_pieces for one in piece.detections), key=lambda one: (one.start, one.number)
         )
         return Boxes.of(_row(one, objects[one.number].total) for one in detections)
 
@@ -377,7 +377,7 @@ class Detector:
                 self._known[one.number].judge(piece, scores)
                 rows.append(_row(one, self._known[one.number].total))
             live = view.live
-            self._known = {number: known for number, known in self._known.items() if number in live}
+            self._known = {number: entry for number, entry in self._known.items() if number in live}
         return Boxes.of(rows)
 
     def _finder(self, sensor: tuple[int, int]) -> Finder | None:
@@ -414,12 +414,12 @@ class _Known:
         """Add a detection, and return its piece."""
         if not self.latest.takes(one, memory):
             self.latest = Piece()
-        self.latest.seen.append(one)
+        self.latest.detections.append(one)
         return self.latest
 
     def judge(self, piece: Piece, scores: Floats) -> None:
         """Store the scores of a piece, and replace earlier ones."""
-        self.scores[piece.seen[0].start] = scores
+        self.scores[piece.detections[0].start] = scores
 
     @property
     def total(self) -> Floats:
@@ -446,7 +446,7 @@ def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[
     """
     for piece in pieces(scene.events, settings):
         labels: list[int] = []
-        for one in piece.seen:
+        for one in piece.detections:
             true_boxes = scene.boxes.within(one.start, one.stop)
             overlaps = iou(one.region.box[None], true_boxes.box)[0]
             labels += (

@@ -368,9 +368,9 @@ class Sliding:
         passed = self._measured(method.pool.passed(responses, method.bank.sizes))
         codes, ids, lengths = method.encoder.encode(passed)
         times = method.encoder.times(codes, self._learnt)
-        early = np.flatnonzero(times < self._until)
-        frame = np.repeat(np.arange(len(lengths)), lengths)[early]
-        results = self._sim.trials(times[early], ids[early], np.searchsorted(frame, np.arange(len(lengths) + 1)))
+        in_time = np.flatnonzero(times < self._until)
+        frame = np.repeat(np.arange(len(lengths)), lengths)[in_time]
+        results = self._sim.trials(times[in_time], ids[in_time], np.searchsorted(frame, np.arange(len(lengths) + 1)))
         self._sim.forget(before=self._sim.time)
         maps, rows, columns = np.unravel_index(results.wins.neurons, self._shape)
         middle: Array = (np.stack([columns, rows], axis=1) + self._layer.field / 2.0) * method.pool.side

@@ -17,11 +17,11 @@ from neuro_recognise.detection.boxes import COLOURS, UNKNOWN, Boxes, read_boxes,
 from neuro_recognise.detection.detector import DetectionTrial, Detector
 from neuro_recognise.detection.scenes import Scenes
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.watch import length_ms, played, shown, span_note, watchable, write
+from neuro_recognise.telling.watch import event_track, length_ms, played, span_note, watchable, write
 
 
 def watch_objects(
-    recogniser: Recogniser, recording: Path, out: Path, *, given: Path | None, find: bool, backend: str = "event"
+    recogniser: Recogniser, recording: Path, out: Path, *, table: Path | None, find: bool, backend: str = "event"
 ) -> str:
     """Write the page of a recording of several objects.
 
@@ -29,7 +29,7 @@ def watch_objects(
         recogniser: recogniser of the classes.
         recording: a file of any readable format.
         out: the page.
-        given: a table of boxes, e.g. the true ones of a scene, drawn dashed.
+        table: a table of boxes, e.g. the true ones of a scene, drawn dashed.
         find: whether to detect objects.
         backend: backend that runs networks.
 
@@ -44,27 +44,27 @@ def watch_objects(
 
     def make() -> tuple[str, str]:
         events = watchable(recording)
-        there = Boxes.of([]) if given is None else read_boxes(given, recogniser.classes)
-        found = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
-        return page(events, found, recogniser.classes, recording.name, there), ", ".join(_summary(found, there))
+        there = Boxes.of([]) if table is None else read_boxes(table, recogniser.classes)
+        boxes = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
+        return page(events, boxes, recogniser.classes, recording.name, there), ", ".join(_summary(boxes, there))
 
     return write(out, make)
 
 
-def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given: Boxes | None = None) -> str:
+def page(events: Events, detections: Boxes, classes: Sequence[str], title: str, others: Boxes | None = None) -> str:
     """Return the page as self-contained text.
 
     Args:
         events: events of the recording.
-        found: detected boxes.
+        detections: detected boxes.
         classes: names of the classes.
         title: name of the recording.
-        given: other boxes, drawn dashed.
+        others: other boxes, drawn dashed.
     """
-    there = Boxes.of([]) if given is None else given
+    there = Boxes.of([]) if others is None else others
     first, end = int(events.t[0]) if len(events) else 0, max(1.0, length_ms(events))
-    boxes = [*_rows(found, classes, first, end, ""), *_rows(there, classes, first, end, "given")]
-    data, about = shown(events, end, 6, 50.0)
+    boxes = [*_rows(detections, classes, first, end, ""), *_rows(there, classes, first, end, "given")]
+    data, about = event_track(events, end, 6, 50.0)
     track = player.Track("objects", "events", "events of the sensor", {**data, "boxes": boxes, "colours": COLOURS}, 520)
     heads = ("", "class", "score", "left, top, right, bottom, px")
     head = html.tag("thead", html.tag("tr", *(html.tag("th", each) for each in heads)))
@@ -76,13 +76,13 @@ def page(events: Events, found: Boxes, classes: Sequence[str], title: str, given
     moments = np.unique([one["start"] for one in boxes])
     script = files("neuro_recognise.detection").joinpath("objects.js").read_text("utf-8")
     columns = "minmax(0, 2fr) minmax(0, 1fr)"
-    words, controls = [*_summary(found, there), *about], player.Panel("", [], controls=True)
+    words, controls = [*_summary(detections, there), *about], player.Panel("", [], controls=True)
     return played(title, words, end, moments, top, controls, columns, script=script)
 
 
-def _summary(found: Boxes, given: Boxes) -> list[str]:
-    texts = [_count_text(found, "found")] if len(found) or not len(given) else []
-    return [*texts, _count_text(given, "given")] if len(given) else texts
+def _summary(detections: Boxes, others: Boxes) -> list[str]:
+    texts = [_count_text(detections, "found")] if len(detections) or not len(others) else []
+    return [*texts, _count_text(others, "given")] if len(others) else texts
 
 
 def _count_text(boxes: Boxes, how: str) -> str:

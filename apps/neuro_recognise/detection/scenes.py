@@ -147,7 +147,7 @@ def compose(
         if box is None:
             raise ModelError(f"{name}: a recording of {len(events)} events shows nothing that a scene could have")
     objects = [_Object(e, b, np.zeros(2), np.zeros(2)) for e, b in zip(recordings, boxes, strict=True) if b is not None]
-    placed_objects = _placed(name, objects, scenery, rng)
+    placed_objects = _place(name, objects, scenery, rng)
     moved = [_moved(one, scenery) for one in placed_objects]
     rows = [
         (start, stop, who, label, 1.0, box.tolist())
@@ -178,7 +178,7 @@ def _box(events: Events, scenery: Scenery) -> Floats | None:
     return np.array([left, top, right + 1.0, bottom + 1.0])
 
 
-def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
+def _place(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
     """Draw positions and paths until all objects stay inside, and apart or touching as set."""
     times = np.linspace(0, scenery.length_us, 20)
     for _ in range(TRIES):

@@ -172,10 +172,10 @@ def learn(t, x, y, channel, layer, centres, squares, products, wins, rates):
 
 
 @kernel
-def surfaces(t, x, y, channel, layer, wanted, out):
+def surfaces(t, x, y, channel, layer, indices, out):
     """Write the time surfaces of some events, used as initial centres.
 
-    Arguments as in `learn`; wanted: int64[k], ascending indices of events; out: float64[rows * columns * channels, k].
+    Arguments as in `learn`; indices: int64[k], ascending indices of events; out: float64[rows * columns * channels, k].
     """
     surface_map, width, radius, channels, tau = layer
     side = 2 * radius + 1
@@ -187,7 +187,7 @@ def surfaces(t, x, y, channel, layer, wanted, out):
         growth = exp((now - begin) / tau)
         corner = y[e] * stride + x[e] * channels
         surface_map[corner + radius * (stride + channels) + channel[e]] = growth
-        if column < wanted.size and wanted[column] == e:
+        if column < indices.size and indices[column] == e:
             for i in range(side):
                 for j in range(span):
                     out[i * span + j, column] = surface_map[corner + i * stride + j] / growth

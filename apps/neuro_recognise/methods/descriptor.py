@@ -159,7 +159,7 @@ class _LastSurfaces:
     def __init__(self, method: TarHats) -> None:
         (width, height), cell, side = method.size, method.cell, 2 * method.radius + 1
         rows, columns = -(-height // cell), -(-width // cell)
-        self._cell, self._tau_us, self._sieve = cell, 1000.0 * method.tau, method.cleaner.begun(method.size)
+        self._cell, self._tau_us, self._sieve = cell, 1000.0 * method.tau, method.cleaner.new_filter(method.size)
         self._last = np.full((2, height + side - 1, width + side - 1), NEVER)
         self._sums, self._counts = np.zeros((rows, columns, 2, side, side)), np.zeros((rows, columns), np.int64)
 
@@ -188,12 +188,12 @@ def last_surfaces(
     radius = side // 2
     for k in range(len(t)):
         last[p[k], y[k] + radius, x[k] + radius] = t[k]
-        seen = sums[y[k] // cell, x[k] // cell, p[k]]
+        total = sums[y[k] // cell, x[k] // cell, p[k]]
         counts[y[k] // cell, x[k] // cell] += 1
         for i in range(side):
             for j in range(side):
                 age = t[k] - last[p[k], y[k] + i, x[k] + j]
-                seen[i, j] += math.exp(-age / tau_us)
+                total[i, j] += math.exp(-age / tau_us)
 
 
 @dataclass(frozen=True)

@@ -208,7 +208,7 @@ class MasquelierThorpe(Framewise):
         """Draw the kernel of each map."""
         from neuro_recognise.telling.pictures import images
 
-        kernels = self.drawn(np.asarray(learnt["c1_s2"]))
+        kernels = self.images(np.asarray(learnt["c1_s2"]))
         about = "one image per map: the bank's filters, scaled by the weights"
         return {"features": images(kernels, [""] * len(kernels), "Learnt kernels of the maps", about)}
 
@@ -317,9 +317,9 @@ class Must(Framewise):
         order = np.argsort(-thresholds, kind="stable")
         rows = [order[labels[order] == k][:TOP] for k in range(len(classes))]
         weights = np.asarray(learnt["c1_excited"]).T.reshape(-1, *self.inputs.shape)
-        pictures = np.zeros((len(classes), TOP, *self.drawn(weights[:1]).shape[1:]))
+        pictures = np.zeros((len(classes), TOP, *self.images(weights[:1]).shape[1:]))
         for k, row in enumerate(rows):
-            pictures[k, : len(row)] = self.drawn(weights[row])
+            pictures[k, : len(row)] = self.images(weights[row])
         about = f"the {TOP} neurons per class with the highest thresholds; the bank's filters, scaled by the weights"
         heads = [name if k == 0 else "" for name in classes for k in range(TOP)]
         title = "Learnt weights of the neurons"

@@ -263,7 +263,7 @@ class Framewise(Method):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.representation.remembers and not self.bank.shown:
+        if self.representation.remembers and not self.bank.framewise:
             bank, representation = self.bank.called(), self.representation.called()
             raise ModelError(
                 f"{self.place()}: bank '{bank}' sees each event by itself: found representation '{representation}'",
@@ -376,7 +376,7 @@ class Framewise(Method):
         self, sim: neuro.Simulation, frames: Frames, labels: Ints, codes: Learnt, epoch: int, course: Course
     ) -> Shares:
         """Present all recordings once. Return the shares of right and wrong decisions, NaN without labels."""
-        done, right, wrong = 0, 0, 0
+        presented, right, wrong = 0, 0, 0
         rng = np.random.default_rng([course.seed, epoch])
         if self.order == "frames":
             turn = rng.permutation(len(frames))
@@ -386,20 +386,20 @@ class Framewise(Method):
             turn = np.argsort(place[frames.recording], kind="stable")
         for first in range(0, len(turn), self.layer.batch):
             batch = frames.take(turn[first : first + self.layer.batch])
-            self.layer.pace(sim, epoch * len(frames) + done)
+            self.layer.pace(sim, epoch * len(frames) + presented)
             targets = labels[batch.recording] if self.layer.supervised else None
             times = self.encoder.times(batch.codes, codes)
             results = sim.trials(
                 times, batch.ids, batch.offsets, labels=targets, learn=True, samples=batch.recording, epoch=epoch
             )
             sim.forget(before=sim.time)
-            done += len(results)
+            presented += len(results)
             if targets is not None:
                 decided = self.layer.decided(results)
                 right += int(np.count_nonzero(decided == targets))
                 wrong += int(np.count_nonzero((decided != targets) & (decided >= 0)))
-            share = None if targets is None else right / done
-            course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), share))
+            share = None if targets is None else right / presented
+            course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", presented, len(frames), share))
         if not self.layer.supervised:
             return Shares(right=float("nan"), wrong=float("nan"))
         return Shares(right=right / len(frames), wrong=wrong / len(frames))
@@ -485,7 +485,7 @@ class Framewise(Method):
             TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, labels, bands),
         ]
 
-    def drawn(self, kernels: Floats) -> Floats:
+    def images(self, kernels: Floats) -> Floats:
         """Draw kernels (features, orientations, rows, columns) of cells as images (features, height, width) in px."""
         from neuro_recognise.telling.pictures import reconstructed
 

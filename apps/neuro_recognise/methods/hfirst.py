@@ -107,7 +107,7 @@ class LayerResponse(NamedTuple):
     potentials: Floats
 
 
-def shown(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
+def input_spikes(settings: HFirstSettings, events: Events) -> dict[str, LayerSpikes]:
     """Return the spikes of the network's inputs.
 
     Args:
@@ -136,7 +136,7 @@ def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[
 
     Args:
         settings: settings of the network.
-        inputs: result of `shown`.
+        inputs: result of `input_spikes`.
 
     Returns:
         Spikes by the name of the population.
@@ -173,7 +173,7 @@ def first_spikes(
     bank: Floats,
     leak: float,
     threshold: float,
-    held: int,
+    refractory: int,
     height: int,
     width: int,
 ) -> Ints:
@@ -182,7 +182,7 @@ def first_spikes(
     A place is updated only when an event reaches it. Among orientations with equal potentials the first fires.
 
     steps: int64[n], ascending, steps in which events arrive; rows, columns: int64[n]; bank: float64[side, side,
-    orientations], mV; leak: mV per step; held: refractory steps after a spike. Returns int64[2, spikes]: steps and
+    orientations], mV; leak: mV per step; refractory: steps after a spike. Returns int64[2, spikes]: steps and
     neurons, (orientation, row, column) in C order.
     """
     side, orientations = bank.shape[0], bank.shape[2]
@@ -224,7 +224,7 @@ def first_spikes(
             spikes[0, n], spikes[1, n] = now, (best * height + r) * width + c
             n += 1
             v[r, c] = 0.0
-            free[r, c] = now + held + 1
+            free[r, c] = now + refractory + 1
     return spikes[:, :n].copy()
 
 
@@ -343,17 +343,17 @@ def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: LayerSpike
     return LayerResponse(LayerSpikes(*sim.spikes("s2")), potentials[moment_of])
 
 
-def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str) -> neuro.Network:
+def _behind(net: neuro.Network, shapes: Mapping[str, tuple[int, ...]], layer: str) -> neuro.Network:
     """Return one layer of a network, with spike generators in place of its source populations.
 
     Args:
         net: the whole network.
-        given: shapes of the source populations, by name.
+        shapes: shapes of the source populations, by name.
         layer: name of the population.
     """
     sources = {
         name: replace(net.populations[name], model=neuro.spike_generator(), shape=shape)
-        for name, shape in given.items()
+        for name, shape in shapes.items()
     }
     alone = neuro.Network(f"{net.name}_{layer}", resolution=net.resolution)
     alone.populations.update({**sources, layer: net.populations[layer]})
@@ -362,11 +362,11 @@ def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str
     return alone
 
 
-def scores(heard: LayerResponse, reading: str = "hard") -> Floats:
+def scores(response: LayerResponse, reading: str = "hard") -> Floats:
     """Return the score of each class, (classes,).
 
     Args:
-        heard: result of `s2_heard`.
+        response: result of `s2_heard`.
         reading: "hard": spikes of the class; "soft": its share of all spikes; "potentials": V_m summed over the C1
             spikes, mV.
 
@@ -376,38 +376,38 @@ def scores(heard: LayerResponse, reading: str = "hard") -> Floats:
     if reading not in READINGS:
         raise ModelError(f"reading = {reading!r}: expected one of {', '.join(READINGS)}")
     if reading == "potentials":
-        return np.asarray(heard.potentials.sum(axis=0))
-    counts = np.bincount(heard.spikes.ids, minlength=heard.potentials.shape[1]).astype(np.float64)
+        return np.asarray(response.potentials.sum(axis=0))
+    counts = np.bincount(response.spikes.ids, minlength=response.potentials.shape[1]).astype(np.float64)
     return counts / max(1.0, counts.sum()) if reading == "soft" else counts
 
 
-def decisive(heard: LayerResponse, reading: str = "hard") -> Floats:
+def decisive(response: LayerResponse, reading: str = "hard") -> Floats:
     """Return `scores` with ties broken: of classes with equal spikes, those with larger summed potentials score higher.
 
     The difference is less than a spike. The authors' code chooses the first of such classes. Without C1 spikes all
     scores are NaN.
 
     Args:
-        heard: result of `s2_heard`.
+        response: result of `s2_heard`.
         reading: see `scores`.
     """
-    totals = scores(heard, reading)
-    if not len(heard.potentials):
+    totals = scores(response, reading)
+    if not len(response.potentials):
         return np.full_like(totals, np.nan)
     if reading == "potentials":
         return totals
-    ranks = scores(heard, "potentials").argsort().argsort() / len(totals)
-    return np.asarray(totals + ranks / (1 if reading == "hard" else max(1, heard.spikes.ids.size)))
+    ranks = scores(response, "potentials").argsort().argsort() / len(totals)
+    return np.asarray(totals + ranks / (1 if reading == "hard" else max(1, response.spikes.ids.size)))
 
 
-def decide(heard: LayerResponse, reading: str = "hard") -> int:
+def decide(response: LayerResponse, reading: str = "hard") -> int:
     """Return the class of a recording by `decisive`, -1 without C1 spikes.
 
     Args:
-        heard: result of `s2_heard`.
+        response: result of `s2_heard`.
         reading: see `scores`.
     """
-    totals = decisive(heard, reading)
+    totals = decisive(response, reading)
     return -1 if np.isnan(totals).all() else int(totals.argmax())
 
 
@@ -437,7 +437,7 @@ class HFirst(Method, HFirstSettings):
             C1 spikes: ``times`` in ms and ``ids``, (spikes,); inputs ``on_events`` and ``off_events``, (spikes, 2) step
             and neuron; ``lasts`` (1,) us from the first event to the last.
         """
-        inputs = shown(self, self.inside(events))
+        inputs = input_spikes(self, self.inside(events))
         c1 = c1_spikes(_c1(self), self, s1_spikes(self, inputs))
         steps = {name: np.rint(spikes.times / self.resolution) for name, spikes in inputs.items()}
         return (

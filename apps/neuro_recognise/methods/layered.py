@@ -135,7 +135,7 @@ class Layered(Framewise):
         """Draw each feature, and the learning curve of the layer above."""
         from neuro_recognise.telling.pictures import history, images
 
-        pictures = self.drawn(np.asarray(learnt["features"]))
+        pictures = self.images(np.asarray(learnt["features"]))
         about = "one image per feature: the bank's filters, scaled by the weights"
         features = images(pictures, [""] * len(pictures), "Learnt features", about)
         return {"features": features, "learning": history(np.asarray(learnt["history"]), len(classes))}

@@ -7,14 +7,14 @@ from neuro.apps import allocating, subkernel
 
 
 @allocating
-def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out):
+def largest_responses(x, y, values, bounds, bank, sizes, height, width, cell, out):
     """Correlate every frame of a recording with the filters, and write the largest response of each cell, at least 0.
 
     Few pixels of a frame have events, so each of these adds its value times the rotated filter to the responses. This
     is the 'same' correlation with zeros outside of the frame. A row of a filter is contiguous with orientations
     innermost, so that the loop over it is vectorised.
 
-    x, y: uint16[n], inside the frame; held: float64[n], values above 0; bounds: int64[frames + 1]; bank:
+    x, y: uint16[n], inside the frame; values: float64[n], values above 0; bounds: int64[frames + 1]; bank:
     float64[scales, orientations, side, side]; sizes: int64[scales]; cell: side of a cell, px; out:
     float64[frames, scales, orientations, height // cell, width // cell].
     """
@@ -38,18 +38,18 @@ def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out)
                 rows[active] = y[k]
                 columns[active] = x[k]
                 active += 1
-            value[y[k], x[k]] += held[k]
+            value[y[k], x[k]] += values[k]
         for s in range(bank.shape[0]):
             first = (side - sizes[s]) // 2
             last = first + sizes[s]
             response[:] = 0.0
             for k in range(active):
-                sent = value[rows[k], columns[k]]
+                pixel = value[rows[k], columns[k]]
                 for i in range(first, last):
                     to = response[rows[k] + i, (columns[k] + first) * many : (columns[k] + last) * many]
                     taps = turned[s, i, first * many : last * many]
                     for j in range(len(taps)):
-                        to[j] += sent * taps[j]
+                        to[j] += pixel * taps[j]
             for i in range(out.shape[3]):
                 tallest[:] = 0.0
                 for a in range(half + cell * i, half + cell * (i + 1)):

@@ -193,11 +193,11 @@ class Bank(Part):
     """Base of the banks of filters.
 
     Class attributes:
-        shown: whether filters are applied to a representation; otherwise they are applied to single events.
+        framewise: whether filters are applied to a representation; otherwise they are applied to single events.
     """
 
     kind = "bank"
-    shown: ClassVar[bool] = True
+    framewise: ClassVar[bool] = True
 
     sizes: tuple[int, ...] = setting((3, 5, 7, 9), "px", "sides of the filters, odd, one per scale", TABLE_2, above=0)
     orientations: tuple[float, ...] = setting((0.0, 45.0, 90.0, 135.0), "degrees", "0 is a vertical bar", TABLE_2)
@@ -312,7 +312,7 @@ class LeakyGabors(_OfGabors):
     """Gabor filters that are added at each event. Their responses leak to 0 at a constant rate and are never reset."""
 
     known_as = "leaky_gabors"
-    shown = False
+    framewise = False
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A; MK-Tempotron, zb_filters2.m, conv_integNoFire.m"
 
     leak: float = setting(0.01, "1/ms", "leak rate of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)

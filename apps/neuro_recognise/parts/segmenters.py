@@ -22,12 +22,12 @@ class Cleaner(Part):
     kind = "cleaner"
 
     @abstractmethod
-    def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
+    def new_filter(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
         """Return a function that filters a recording part after part."""
 
     def clean(self, events: Events) -> Events:
         """Return the events of a recording that pass the filter."""
-        return self.begun(events.sensor_size)(events)
+        return self.new_filter(events.sensor_size)(events)
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Plain(Cleaner):
 
     source = "default of methods without a filter"
 
-    def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
+    def new_filter(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
         """Return the identity."""
         return lambda events: events
 
@@ -51,7 +51,7 @@ class Tar(Cleaner):
     theta: float = setting(2.4, "events", "activity that must be exceeded", "thesis figure 85", above=0)
     radius: int = setting(1, "px", "radius of the neighbourhood", "thesis figure 85", at_least=0)
 
-    def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
+    def new_filter(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
         """Return a filter that passes events whose neighbourhood was recently active."""
         return filters.TAR(sensor_size, tau=self.tau, theta=self.theta, radius=self.radius)
 

@@ -151,7 +151,7 @@ def page(
     )  # the mean is subtracted because votes grow for all classes over time
     low, high = (float(np.nanmin(scores)), float(np.nanmax(scores))) if finite.any() else (0.0, 1.0)
     end = max(1.0, length_ms(events), float(at[-1]))
-    track, about = shown(events, end, 10, 20.0)
+    track, about = event_track(events, end, 10, 20.0)
     lit = np.array([one.label for one in decisions])[:, None] == np.arange(len(recogniser.classes))
     bars = {
         "labels": [name[:12] for name in recogniser.classes], "values": scores.ravel(), "lit": lit.ravel(),
@@ -214,7 +214,7 @@ def played(
     return player.page("neuro recognise", title, about, timeline, top, [below], columns=columns, script=script)
 
 
-def shown(events: Events, end: float, parts: float, most: float) -> tuple[dict[str, Any], list[str]]:
+def event_track(events: Events, end: float, parts: float, most: float) -> tuple[dict[str, Any], list[str]]:
     """Return the events as a track of a page, evenly subsampled if there are many, and a few words about them.
 
     Args:
