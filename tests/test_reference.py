@@ -7,7 +7,7 @@ from pathlib import Path
 
 import neuro
 from beside import beside
-from neuro.cli.catalogue import body, bounds, catalogue, shown
+from neuro.cli.catalogue import body, bounds, catalogue, default_text
 from neuro.model.language.including import SECTIONS
 from neuro.model.parts import Trials
 
@@ -43,7 +43,7 @@ def parameters(choice) -> list[str]:
     rows = [
         (
             f"`{word}`",
-            f"`{shown(defaults[word])}`" if word in defaults else "required",
+            f"`{default_text(defaults[word])}`" if word in defaults else "required",
             q.unit,
             bounds(q),
             "yes" if q.arrays else "",

@@ -144,7 +144,7 @@ class ActorCritic(Learner):
         steps = check(Quantity(kind="integer", at_least=1), steps, "energy: steps")
         actor = Deployed(self, "event")
         for k in range(steps):
-            actor.decide(self.seen[None, k % len(self.seen)])
+            actor.decide(self.last_vectors[None, k % len(self.last_vectors)])
         bill: Energy = actor.sim.energy(target)
         return bill
 

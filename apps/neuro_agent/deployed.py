@@ -63,7 +63,7 @@ def deployed(agent: Learner) -> neuro.Network:
     Raises:
         ModelError: the agent has not been trained, so its preferences are not known.
     """
-    if not len(agent.seen):
+    if not len(agent.last_vectors):
         raise ModelError("the agent has not been trained: expected one that has seen its environment", hint="train it")
     size, share = ramp_size()
     net = neuro.Network("deployed_actor", resolution=1.0)
@@ -86,7 +86,7 @@ def deployed(agent: Learner) -> neuro.Network:
 
 def _largest(agent: Learner, weight: npt.NDArray[np.float64]) -> float:
     """Return the largest preference over the last observations, if each active place had just spiked."""
-    sums = [float((amounts @ weight[cells]).max()) for cells, amounts in map(agent.places.activity, agent.seen)]
+    sums = [float((amounts @ weight[cells]).max()) for cells, amounts in map(agent.places.activity, agent.last_vectors)]
     return max(sums) / (1.0 - math.exp(-PERIOD / TAU))
 
 

@@ -73,7 +73,7 @@ def _arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
     counts = {"explored": np.array([agent.explored, has_scale], dtype=np.bool_), "begun": np.array(agent.begun)}
     visits = {"visits": teacher["visits"]} if "visits" in teacher else {}
     scales = {"rewards": np.array(rewards), **bounds, **counts, **visits}
-    return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.seen}}
+    return {"learnt": agent.weights, "scales": scales, "seen": {"vectors": agent.last_vectors}}
 
 
 def _put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:

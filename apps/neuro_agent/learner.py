@@ -77,7 +77,7 @@ class Learner:
         return {name: each.copy() for name, each in self._memory["learnt"].items()}
 
     @property
-    def seen(self) -> Floats:
+    def last_vectors(self) -> Floats:
         """Observations of the last control steps, (n, dimensions)."""
         return self._memory["seen"]["vectors"]
 

@@ -130,16 +130,16 @@ def network(
     places: Any,
     actions: Actions,
     environment: Mapping[str, Any],
-    learnt: Weights | None = None,
+    weights: Weights | None = None,
 ) -> neuro.Network:
-    """Return the network that learns, or with `learnt` the frozen network with static synapses and no critic.
+    """Return the network that learns, or with `weights` the frozen network with static synapses and no critic.
 
     Args:
         settings: settings of the network, its learning and its world.
         places: neurons that encode observations, with their fields.
         actions: actions that the neurons of the circuits stand for.
         environment: words of the world's environment.
-        learnt: weights by projection, mV, (places, neurons).
+        weights: weights by projection, mV, (places, neurons).
     """
     net = neuro.Network("actor_critic", resolution=1.0)
     etas = _etas(rates_of(settings, places.active), places.active)
@@ -149,10 +149,10 @@ def network(
     common: dict[str, Any] = {"tau": TAU, "decay": settings.discount * settings.decay, "Wmin": -100.0, "Wmax": 100.0}
 
     def connect(target: Any, name: str, rule: Synapse) -> None:
-        weight = 0.0 if learnt is None else learnt[name].ravel()
+        weight = 0.0 if weights is None else weights[name].ravel()
         net.connect(place_population, target, neuro.all_to_all(), rule, weight=weight, delay=1.0, name=name)
 
-    if learnt is None:
+    if weights is None:
         point = neuro.pp_psc_delta(
             tau_m=TAU,
             with_reset=False,
@@ -166,10 +166,10 @@ def network(
         net.signal("error", to=critic)
         connect(critic, "value", neuro.td_lambda(signal="error", eta=etas[1], **common))
     for k, size in enumerate(actions.sizes):
-        width = 1.0 if learnt is None else 1.0 / settings.sharpness
+        width = 1.0 if weights is None else 1.0 / settings.sharpness
         actor = net.population(circuits[k], size, neuro.soft_wta(tau_m=TAU, Delta_V=width))
         rule: Synapse = neuro.static(receptor="ex")
-        if learnt is None:
+        if weights is None:
             net.signal(f"error{k}", to=actor)
             rule = neuro.reinforce(signal=f"error{k}", eta=etas[0], receptor="ex", **common)
         connect(actor, f"policy{k}", rule)
@@ -190,7 +190,7 @@ def network(
         step=float(STEP),
         observe={"places": encoder_of(settings), "ask": ENCODERS["pulse"]()},
         act=DECODERS["winner"](of=circuits),
-        reward=errors if learnt is None else None,
+        reward=errors if weights is None else None,
         explore=settings.explore,
     )
     return net

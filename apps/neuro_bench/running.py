@@ -125,14 +125,14 @@ class Request:
 def run(
     request: Request,
     report: Callable[[str, int, int], None] = lambda label, n_done, n_total: None,
-    kept: Path | None = None,
+    file: Path | None = None,
 ) -> dict[str, Any]:
     """Run a method on all folds of a task.
 
     Args:
         request: the task, the method and their options.
         report: called before each fold with its label, the number of finished folds and the number of all folds.
-        kept: file of the finished folds, from which the same request resumes; None for no file.
+        file: file of the finished folds, from which the same request resumes; None for no file.
 
     Returns:
         data for JSON: the request, the settings, tries, score and costs of each fold, the mean score with its 95 %
@@ -154,7 +154,7 @@ def run(
     source = provenance()
     identity = {"task": request.task, "split": task.split, "method": request.method, **options}
     identity |= {field: source[field] for field in ("neuro", "commit", "inputs")}
-    results: list[dict[str, Any]] = [] if kept is None else KEPT.read(kept, identity).get("folds", [])
+    results: list[dict[str, Any]] = [] if file is None else KEPT.read(file, identity).get("folds", [])
     trainings = [(seed, k) for seed in request.seeds for k in range(len(folds))]
     for seed, k in trainings[len(results) :]:
         fold = folds[k]
@@ -166,8 +166,8 @@ def run(
             settings = next((results[j]["settings"] for j in same), None)
         candidates = tries(method, options["changes"], request.tries, seed) if settings is None else [settings]
         results.append(_run_fold(task, method, fold, candidates, seed))
-        if kept is not None:
-            KEPT.write(kept, identity, {"folds": results})
+        if file is not None:
+            KEPT.write(file, identity, {"folds": results})
     scores = [each["score"] for each in results]
     mean, low, high = interval(scores)
     data = None if request.data is None else Path(request.data).absolute()

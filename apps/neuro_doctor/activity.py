@@ -111,8 +111,8 @@ def _fast(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
     if float(np.max(part.parameters.get("max_spikes", 1.0))) > 1.0:
         return  # these neurons emit several spikes per step on purpose
     rate, most = run.rate(k), min(ceiling_hz(part, run.program.resolution), FAST_HZ)
-    again = wiring.excites_itself(k)
-    if rate < max((RUNAWAY if again else CEILING) * most, SLOW_HZ):
+    feedback = wiring.excites_itself(k)
+    if rate < max((RUNAWAY if feedback else CEILING) * most, SLOW_HZ):
         return
     fires = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
     h = run.program.resolution
@@ -121,7 +121,7 @@ def _fast(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
     evidence = f"{fires}, {rate / most:.0%} of the {most:,.0f} Hz that {allows}"
     if alone := _alone(wiring, k, rate):
         yield fault("ceiling", part, f"{evidence}; {alone[0]}", alone[1], part.name)
-    elif again:
+    elif feedback:
         names = wiring.names(wiring.loops(k))
         remedy = f"lower `weight` of {names}, or strengthen the inhibition onto it"
         yield fault("runaway", part, f"{evidence}; it excites itself through {names}", remedy, part.name)
@@ -244,20 +244,20 @@ class Silence:
 
     def falls(self, k: int) -> Iterator[Finding]:
         """Yield a finding if a population fires at first and falls silent although its inputs continue."""
-        part, (early, late), after = self.program.populations[k], self._thirds(k), self.wiring.reached([k])
+        part, (n_first, n_last), after = self.program.populations[k], self._thirds(k), self.wiring.reached([k])
         onto = [q for q in self.wiring.onto(k) if self.wiring.may_excite(q)]
         inputs = [self._thirds(j) for j in {self.program.projections[q].source for q in onto} - after]
-        if self.run.ms < SHORT_MS or early < EARLY or self.wiring.onto(k, "current"):
+        if self.run.ms < SHORT_MS or n_first < EARLY or self.wiring.onto(k, "current"):
             return
         if not inputs or any(then < KEPT * before or not then for before, then in inputs):
             return
         learning = {q: self.run.learning[q] for q in onto if q in self.run.learning}
         shrunk = [q for q, w in learning.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]
-        slow = bool(shrunk) and 3000.0 * late < WITHERED_HZ * part.size * self.run.ms
-        if late > (WITHERED if slow else FADED) * early:
+        slow = bool(shrunk) and 3000.0 * n_last < WITHERED_HZ * part.size * self.run.ms
+        if n_last > (WITHERED if slow else FADED) * n_first:
             return
         evidence = (
-            f"{some(early, 'spike')} in the first third of the run, {late} in the last, though its inputs continued"
+            f"{some(n_first, 'spike')} in the first third of the run, {n_last} in the last, though its inputs continued"
         )
         inhibit, severity = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]], "fault"
         more, remedy = self._long_refractory(part) or self._depleted(onto)
@@ -266,7 +266,7 @@ class Silence:
             more = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {first:.3g} to {last:.3g}"
             remedy = f"{balanced(self.program.projections[shrunk[0]], grows=False)}, or lower the learning rate"
         elif inhibit and not more:
-            if not late and not after & {
+            if not n_last and not after & {
                 self.program.projections[q].source for q in inhibit
             }:  # not a loop that settles
                 yield self._inhibited(k, "falls-silent", evidence, inhibit)
@@ -290,11 +290,11 @@ class Silence:
         """Return evidence and remedy for the first projection with strong short-term depression; empty if none."""
         for q in onto:
             part, rate = self.program.projections[q], self.run.per_step()
-            rested, left = (self.wiring.efficacy(q, per_step) for per_step in (1e-9, rate[part.source]))
-            if left < DEPLETED * rested:
+            rested, remaining = (self.wiring.efficacy(q, per_step) for per_step in (1e-9, rate[part.source]))
+            if remaining < DEPLETED * rested:
                 words = [word for word in ("U", "tau_rec") if word in part.synapse.parameters()]
                 evidence = (
-                    f"; short-term depression leaves {left:.2g} of the weights of '{part.name}' at the "
+                    f"; short-term depression leaves {remaining:.2g} of the weights of '{part.name}' at the "
                     f"{self.run.rate(part.source):.3g} Hz of its source, where a rested synapse sends {rested:.2g}"
                 )
                 return evidence, f"lower {' or '.join(words) or 'the depression'} of '{part.name}'"
@@ -421,14 +421,14 @@ def synchrony_findings(wiring: Wiring, run: Observation, k: int) -> Iterator[Fin
     sources = [j for j, p in enumerate(run.program.populations) if p.kind != "neuron" and k in wiring.reached([j])]
     if width > 2 and any(run.varies(j) for j in sources):
         return
-    listed = any(run.program.populations[j].kind == "listed" and run.populations[j].spikes.any() for j in sources)
+    listed_input = any(run.program.populations[j].kind == "listed" and run.populations[j].spikes.any() for j in sources)
     period, lasts = float(np.median(np.diff(begins))) * run.bin * h, width * run.bin * h
     text = f"{begins.size} volleys of more than half of {active:,} neurons within {lasts:g} ms"
     evidence = f"{share:.0%} of its spikes fall into {text}, {period:.3g} ms apart"
     names = wiring.names(loops)
     spread = "spread its delays (`delay: {uniform: ...}`)"
     remedy = f"lower `weight` of {names}, {spread}, or give each neuron noise of its own"
-    severity = "warning" if listed else "fault"
+    severity = "warning" if listed_input else "fault"
     yield finding("synchrony", severity, part, evidence, remedy, part.name)
 
 

@@ -49,10 +49,10 @@ def _finding(each: Finding, run: Observation | None) -> Iterator[html.Html]:
     evidence = [k for k, p in enumerate(run.program.populations) if p.name in each.shows]
     yield from _raster(run, evidence)
     yield from (_potential(run, k) for k in evidence if has_threshold(run.program.populations[k]))
-    for q, learnt in run.learning.items():
+    for q, record in run.learning.items():
         name = run.program.projections[q].name
         if each.what == f"projection '{name}'":
-            weights = histograms.histogram(name, "", {"first": learnt.first, "last": learnt.last})
+            weights = histograms.histogram(name, "", {"first": record.first, "last": record.last})
             yield histograms.drawings([weights], {"first": "at the beginning", "last": "at the end"})
 
 
@@ -152,9 +152,9 @@ class Diagnosis:
         by_name: dict[tuple[str, str], list[Finding]] = {}
         for each in self.findings:
             by_name.setdefault((each.severity, each.name), []).append(each)
-        for alike in by_name.values():
-            yield from map(str, alike[:MOST_ALIKE])
-            if more := alike[MOST_ALIKE:]:
+        for group in by_name.values():
+            yield from map(str, group[:MOST_ALIKE])
+            if more := group[MOST_ALIKE:]:
                 names = ", ".join(each.what for each in more[:MOST_ALIKE])
                 yield f"  the same for {names}{', ...' * (len(more) > MOST_ALIKE)} ({len(more)} more)"
 

@@ -153,42 +153,42 @@ def examine(program: Program, options: Options) -> Diagnosis:
         return Diagnosis(program.name, sort_findings(findings), f"Nothing ran: {options.backend} refuses the network.")
     steps = math.ceil(options.ms / program.resolution - 1e-6)
     try:
-        seen = observe(backend.build(program, threads=1), program, steps, options.drive, SECONDS)
+        run = observe(backend.build(program, threads=1), program, steps, options.drive, SECONDS)
     except ModelError as error:
         findings.append(_mistake(error))
         return Diagnosis(program.name, sort_findings(findings), "The run stopped with an error.")
     fired = {
-        f"population '{p.name}'" for p, s in zip(program.populations, seen.populations, strict=True) if s.spikes.any()
+        f"population '{p.name}'" for p, s in zip(program.populations, run.populations, strict=True) if s.spikes.any()
     }
     # Initial states or a model's dynamics can make neurons fire against a check of the description: the run decides.
     findings = [each for each in findings if each.name not in ("cannot-fire", "no-path") or each.what not in fired]
     findings += structure.isolated_outputs(wiring)
-    acts = list(activity.findings(wiring, seen))
+    acts = list(activity.findings(wiring, run))
     # "silent" uses the true rates of the inputs, "cannot-fire" assumes a spike in every step: keep only the former.
     silent = {each.what for each in acts if each.name == "silent" and each.severity == "fault"}
     findings = [each for each in findings if each.name != "cannot-fire" or each.what not in silent]
-    findings += [*acts, *learning.findings(wiring, seen, options.ran, options.steered)]
+    findings += [*acts, *learning.findings(wiring, run, options.ran, options.steered)]
     if options.chip is not None or options.train:
         from neuro_doctor import on_request
 
-        findings += on_request.chip_findings(wiring, seen, options.chip) if options.chip is not None else ()
-        findings += on_request.gradient_findings(wiring, seen) if options.train else ()
-    if not (_works(wiring, seen) or seen.idle):
+        findings += on_request.chip_findings(wiring, run, options.chip) if options.chip is not None else ()
+        findings += on_request.gradient_findings(wiring, run) if options.train else ()
+    if not (_works(wiring, run) or run.idle):
         causes = [each for each in findings if each.severity == "warning" and each.name in EXPLAIN]
         findings = [replace(each, severity="fault") if each in causes else each for each in findings]
-    return Diagnosis(program.name, sort_findings(findings), _about(seen, options), seen)
+    return Diagnosis(program.name, sort_findings(findings), _about(run, options), run)
 
 
-def _works(wiring: Wiring, seen: Observation) -> bool:
+def _works(wiring: Wiring, run: Observation) -> bool:
     """Return whether an output fired, or any population if there is no output. Runs below `SHORT_MS` always pass."""
-    neurons = [k for k, part in enumerate(seen.program.populations) if part.kind == "neuron"]
+    neurons = [k for k, part in enumerate(run.program.populations) if part.kind == "neuron"]
     ends = [k for k in neurons if structure.is_end(wiring, k)] or neurons
-    return seen.ms < SHORT_MS or not ends or any(seen.populations[k].spikes.any() for k in ends)
+    return run.ms < SHORT_MS or not ends or any(run.populations[k].spikes.any() for k in ends)
 
 
-def _about(seen: Observation, options: Options) -> str:
-    seed = f"seed {seen.program.seed}"
-    early = f" of {options.ms:g}, as it was stopped after {SECONDS:g} s" if seen.steps < seen.wanted else ""
-    names = ", ".join(seen.program.populations[k].name for k in sorted(seen.driven))
+def _about(run: Observation, options: Options) -> str:
+    seed = f"seed {run.program.seed}"
+    limit = f" of {options.ms:g}, as it was stopped after {SECONDS:g} s" if run.steps < run.max_steps else ""
+    names = ", ".join(run.program.populations[k].name for k in sorted(run.driven))
     driven = f"; {names} driven at {options.drive:g} Hz" if names else ""
-    return f"It ran {seen.ms:g} ms{early} on {options.backend}, {seed}{driven}."
+    return f"It ran {run.ms:g} ms{limit} on {options.backend}, {seed}{driven}."

@@ -245,10 +245,10 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
         by_chance = (
             f"by chance epsilon brings a mean weight to Wmax in {figure(soon)} trials, and then all maps decide alike"
         )
-        early = f"at this chance ReMuS on N-MNIST has {limit:.0%} to {reach:.0%} right early: weights may saturate"
+        saturation = f"at this chance ReMuS on N-MNIST has {limit:.0%} to {reach:.0%} right early: weights may saturate"
         evidence = (
             f"epsilon = {rule.epsilon:g} outweighs rewards and punishments until {share:.0%} of the trials are right, "
-            f"of which chance is {chance:.0%}; {by_chance if share > reach else early}"
+            f"of which chance is {chance:.0%}; {by_chance if share > reach else saturation}"
         )
         least, most = (sufficient_epsilon(rule, weight, before, trials.maps_per_label, end) for end in (limit, reach))
         lower = f"lower epsilon to about {figure(least)}" if least > 0.0 else "set epsilon to 0"

@@ -38,7 +38,7 @@ def findings(wiring: Wiring, run: Observation, ran: float, steered: bool) -> Ite
         ran: time that the user's simulation ran before the diagnosis, ms; 0 for a network.
         steered: True if the user's simulation set signals.
     """
-    for q, learnt in run.learning.items():
+    for q, record in run.learning.items():
         part = run.program.projections[q]
         if not changes_weights(part.synapse):
             continue
@@ -46,10 +46,10 @@ def findings(wiring: Wiring, run: Observation, ran: float, steered: bool) -> Ite
         if part.signal >= 0 and not steered and run.program.signals[part.signal].values is None:
             yield _unset_signal(run, part, ran)
         if part.dopamine >= 0:
-            yield from _dopamine(run, part, learnt)
+            yield from _dopamine(run, part, record)
         if not (pre and post) or run.unstable:
             continue
-        changed = learnt.last != learnt.first
+        changed = record.last != record.first
         modulated = part.synapse.modulated or part.synapse.learns == "moves"
         if not changed.any() and not modulated:
             each = "delay" if part.synapse.delays else "weight"
@@ -57,7 +57,7 @@ def findings(wiring: Wiring, run: Observation, ran: float, steered: bool) -> Ite
             remedy = "raise its learning rate, check that its time constants (ms) span the times between spikes"
             yield fault("learns-nothing", part, evidence, remedy)
         elif changed.any() and not part.synapse.delays:
-            yield from _bounds(part, learnt, run)
+            yield from _bounds(part, record, run)
 
 
 def _unset_signal(run: Observation, part: Projection, ran: float) -> Finding:
@@ -71,7 +71,7 @@ def _unset_signal(run: Observation, part: Projection, ran: float) -> Finding:
     return note("signal-not-set", part, f"signal '{signal.name}' stayed at 0: it has no values", remedy)
 
 
-def _dopamine(run: Observation, part: Projection, learnt: LearningRecord) -> Iterator[Finding]:
+def _dopamine(run: Observation, part: Projection, record: LearningRecord) -> Iterator[Finding]:
     releases = run.program.populations[part.dopamine]
     if part.dopamine in run.idle - run.driven:
         return
@@ -80,10 +80,10 @@ def _dopamine(run: Observation, part: Projection, learnt: LearningRecord) -> Ite
         remedy = f"make '{releases.name}' fire: give it an input, spikes or a rate"
         yield fault("no-dopamine", part, evidence, remedy, releases.name)
         return
-    c, n = learnt.eligibility, learnt.modulator
+    c, n = record.eligibility, record.modulator
     if not c.size or c.max() == 0.0 or n.max() == 0.0:
         return
-    overlap = float(learnt.together.max() / (c.max() * n.max()))
+    overlap = float(record.product.max() / (c.max() * n.max()))
     if overlap < LEFT:
         tau = float(np.max(part.synapse.parameters()["tau_c"]))
         gap = abs(int(n.argmax()) - int(c.argmax())) * run.ms / c.size
@@ -95,18 +95,18 @@ def _dopamine(run: Observation, part: Projection, learnt: LearningRecord) -> Ite
         yield fault("eligibility-dies", part, evidence, remedy)
 
 
-def _bounds(part: Projection, learnt: LearningRecord, run: Observation) -> Iterator[Finding]:
-    low, high = (np.broadcast_to(end, learnt.last.shape) for end in part.synapse.bounds())
-    w = learnt.last
+def _bounds(part: Projection, record: LearningRecord, run: Observation) -> Iterator[Finding]:
+    low, high = (np.broadcast_to(end, record.last.shape) for end in part.synapse.bounds())
+    w = record.last
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         return
-    slack, change = NEAR * np.maximum(high - low, 1e-300), w - learnt.first
+    slack, change = NEAR * np.maximum(high - low, 1e-300), w - record.first
     top, bottom = w >= high - slack, w <= low + slack
-    divided = list(_divided(part, learnt, top, bottom, run.ms))
+    divided = list(_divided(part, record, top, bottom, run.ms))
     strengthens = float(np.abs(high).mean()) >= float(np.abs(low).mean())  # False for inhibitory weights, below 0
     for way, at, end, name in ((1.0, top, high, "largest"), (-1.0, bottom, low, "smallest")):
-        share, before = float(at.mean()), float((np.abs(learnt.first - end) <= slack).mean())
-        covered = float((way * change).mean()) / max(float(np.abs(end - learnt.first).mean()), 1e-300)
+        share, before = float(at.mean()), float((np.abs(record.first - end) <= slack).mean())
+        covered = float((way * change).mean()) / max(float(np.abs(end - record.first).mean()), 1e-300)
         towards = float((way * change[change != 0.0] > 0.0).mean())
         remedy = f"{balanced(part, (way > 0.0) == strengthens)}, or lower the learning rate"
         most = share >= AT_BOUND > before and w.size >= 4
@@ -129,9 +129,9 @@ def _bounds(part: Projection, learnt: LearningRecord, run: Observation) -> Itera
     yield from divided
 
 
-def _divided(part: Projection, learnt: LearningRecord, top: Flags, bottom: Flags, ms: float) -> Iterator[Finding]:
+def _divided(part: Projection, record: LearningRecord, top: Flags, bottom: Flags, ms: float) -> Iterator[Finding]:
     """Yield a finding if a short run divides the weights between both bounds."""
-    w, first = learnt.last, learnt.first
+    w, first = record.last, record.first
     if w.size < 20 or not (top.any() and bottom.any()) or float((top | bottom).mean()) < AT_BOTH:
         return
     if ms > QUICK_MS or float(w.std()) < SPREAD * float(first.std()) or first.std() == 0.0:

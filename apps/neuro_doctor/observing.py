@@ -54,14 +54,14 @@ class LearningRecord:
     Attributes:
         first, last: weights at the beginning and at the end of the run; delays, ms, if the rule learns delays.
         eligibility, modulator: largest magnitude over the synapses at each reading; empty if the rule has none.
-        together: largest magnitude of eligibility * modulator over the synapses at each reading.
+        product: largest magnitude of eligibility * modulator over the synapses at each reading.
     """
 
     first: Floats
     last: Floats
     eligibility: Floats
     modulator: Floats
-    together: Floats
+    product: Floats
 
 
 @dataclass(slots=True, eq=False)
@@ -70,7 +70,7 @@ class Observation:
 
     Attributes:
         program: the program.
-        steps: completed steps; `wanted` are the requested ones.
+        steps: completed steps; `max_steps` are the requested ones.
         bin: steps per bin.
         populations: records of the populations.
         learning: records of the projections that learn, by index of the projection.
@@ -80,12 +80,12 @@ class Observation:
         counts: counts of the engine.
         drive: rate of the driven generators, Hz.
         course: spikes of each population between two readings, (readings, populations).
-        kept: steps and neurons of all spikes, each once per step, of the requested populations.
+        all_spikes: steps and neurons of all spikes, each once per step, of the requested populations.
     """
 
     program: Program
     steps: int
-    wanted: int
+    max_steps: int
     bin: int
     populations: list[PopulationRecord]
     learning: dict[int, LearningRecord]
@@ -95,7 +95,7 @@ class Observation:
     drive: float
     course: Ints
     unstable: str = ""
-    kept: Mapping[int, tuple[Ints, Ints]] = field(default_factory=dict)
+    all_spikes: Mapping[int, tuple[Ints, Ints]] = field(default_factory=dict)
 
     @property
     def native(self) -> Mapping[str, int]:
@@ -168,14 +168,14 @@ def observe(
 class _Watch:
     """Feeds an engine with input and records its activity."""
 
-    def __init__(self, engine: Engine, program: Program, wanted: int, drive: float, keep: Iterable[int]) -> None:
-        self.engine, self.program, self.wanted, self.drive = engine, program, wanted, drive
+    def __init__(self, engine: Engine, program: Program, max_steps: int, drive: float, keep: Iterable[int]) -> None:
+        self.engine, self.program, self.max_steps, self.drive = engine, program, max_steps, drive
         self.steps, self.unstable = 0, ""
         self.signals = signals_of(program, engine)
         self.bin = max(1, round(BIN_MS / program.resolution))
         self.idle = idle_inputs(program)
         self.driven = self.idle if drive > 0.0 else set[int]()
-        self.bins = np.zeros((len(program.populations), wanted // self.bin + 1), dtype=np.int64)
+        self.bins = np.zeros((len(program.populations), max_steps // self.bin + 1), dtype=np.int64)
         self.ids = [_sample(part.size) for part in program.populations]
         self.rasters: list[list[tuple[Ints, Ints]]] = [[] for _ in program.populations]
         self.potentials: list[list[Floats]] = [[] for _ in program.populations]
@@ -195,7 +195,7 @@ class _Watch:
         self.traces: dict[int, list[tuple[float, float, float]]] = {
             q: [] for q in self.plastic if self._has_eligibility(q)
         }
-        self.kept: dict[int, list[tuple[Ints, Ints]]] = {k: [] for k in keep}
+        self.all_spikes: dict[int, list[tuple[Ints, Ints]]] = {k: [] for k in keep}
         self.totals: list[list[int]] = [[0] * len(program.populations)]
         self._drive_rates()
 
@@ -254,8 +254,8 @@ class _Watch:
         ids = self.ids[population]
         rows = np.searchsorted(ids, spikes.ids).clip(max=ids.size - 1)
         in_sample = ids[rows] == spikes.ids
-        if population in self.kept:
-            self.kept[population].append((spikes.steps, spikes.ids))
+        if population in self.all_spikes:
+            self.all_spikes[population].append((spikes.steps, spikes.ids))
         self.rasters[population].append((spikes.steps[in_sample], rows[in_sample]))
 
     def _read_potentials(self, population: int) -> None:
@@ -265,7 +265,7 @@ class _Watch:
         hidden = unreadable(self.engine)
         names = [state.name for state in part.model.states if not state.hidden and state.name not in hidden]
         # Only every tenth reading checks all neurons, since that updates neurons which the engine would skip.
-        check_all = len(self.potentials[population]) % 10 == 0 or self.steps >= self.wanted
+        check_all = len(self.potentials[population]) % 10 == 0 or self.steps >= self.max_steps
         if not np.isfinite(v).all() or (check_all and not self._is_finite(population, names)):
             self.unstable = f"a state of '{part.name}' was NaN or infinite after {self.steps:,} steps"
 
@@ -290,10 +290,10 @@ class _Watch:
             learning[q] = LearningRecord(self.first[q], self._learnt_values(q), *traces)
             if not np.isfinite(learning[q].last).all() and not self.unstable:
                 self.unstable = f"a weight of '{self.program.projections[q].name}' became NaN or infinite"
-        kept = {k: _concatenate(parts) for k, parts in self.kept.items()}
-        run, inputs = (self.program, self.steps, self.wanted, self.bin), (self.idle, self.driven)
+        all_spikes = {k: _concatenate(parts) for k, parts in self.all_spikes.items()}
+        run, inputs = (self.program, self.steps, self.max_steps, self.bin), (self.idle, self.driven)
         course = np.diff(self.totals, axis=0)
-        return Observation(*run, populations, learning, *inputs, counts, self.drive, course, self.unstable, kept)
+        return Observation(*run, populations, learning, *inputs, counts, self.drive, course, self.unstable, all_spikes)
 
 
 def _sample(size: int) -> Ints:

@@ -52,7 +52,7 @@ def chip_findings(wiring: Wiring, run: Observation, name: str) -> Iterator[Findi
         if each.refused or each.what.partition(":")[0] not in measured_parts:
             yield _problem(each, chip)
     if not any(each.refused for each in problems):
-        yield from _late(program, chip, run)
+        yield from _slower_than_real_time(program, chip, run)
         if chip.arithmetic in ARITHMETICS:
             yield from _compare_runs(program, chip, run)
 
@@ -111,7 +111,7 @@ def _merged_rates(program: Program, run: Observation) -> list[float]:
     recording = replace(program, populations=tuple(parts))
     backend = find_backend("event")
     first = observe(backend.build(recording, threads=1), recording, run.steps, run.drive, SECONDS, inputs)
-    for k, (steps, ids) in first.kept.items():
+    for k, (steps, ids) in first.all_spikes.items():
         part = replace(parts[k], kind="listed", model=spike_generator(), parameters={}, schedule=None, stream=None)
         parts[k] = replace(part, spike_steps=steps, spike_ids=ids, start=0, stop=NEVER)
     replaying = replace(program, populations=tuple(parts))
@@ -119,7 +119,7 @@ def _merged_rates(program: Program, run: Observation) -> list[float]:
     return [second.rate(k) for k in range(len(parts))]
 
 
-def _late(program: Program, chip: Chip, run: Observation) -> Iterator[Finding]:
+def _slower_than_real_time(program: Program, chip: Chip, run: Observation) -> Iterator[Finding]:
     """Yield a finding if the chip needs more time for the run than the run's biological time."""
     try:
         placement = place(program, chip) if chip.mesh is not None else None
@@ -193,8 +193,8 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
         return
     for wires in program.projections:
         target = program.populations[wires.target]
-        alike = wires.layout == "dense" and bool((wires.weight == wires.weight[:1]).all())
-        if alike and target.size > 1 and wiring.out_of(wires.target):
+        equal_rows = wires.layout == "dense" and bool((wires.weight == wires.weight[:1]).all())
+        if equal_rows and target.size > 1 and wiring.out_of(wires.target):
             evidence = f"all its weights are {wires.weight[0]:g}: all neurons of '{target.name}' get one gradient"
             yield fault("weights-alike", wires, evidence, "draw them, as `weight: {normal: {mean: 0.0, std: 0.1}}`")
     sizes = _sizes(wiring, run)
@@ -226,14 +226,14 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
 
 def _layers(wiring: Wiring, k: int) -> int:
     """Return the least number of projections from a population to an output."""
-    ahead, passed = {k}, {k}
+    front, passed = {k}, {k}
     for layers in range(len(wiring.program.populations)):
-        after = {wiring.program.projections[q].target for j in ahead for q in wiring.out_of(j)} - passed
+        after = {wiring.program.projections[q].target for j in front for q in wiring.out_of(j)} - passed
         if not after:
             break
         if any(is_end(wiring, j) for j in after):
             return layers + 1
-        ahead, passed = after, passed | after
+        front, passed = after, passed | after
     return 1
 
 
@@ -269,7 +269,7 @@ def _factor(wiring: Wiring, run: Observation, q: int, whole: bool) -> float | No
 def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
     """Return the gradient at each population on a path to an output, relative to the output; without recurrence."""
     program = wiring.program
-    ahead = {
+    forward = {
         k: [
             q
             for q in wiring.out_of(k)
@@ -280,7 +280,7 @@ def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
 
     @cache
     def size(k: int, before: frozenset[int]) -> float | None:
-        ways = [q for q in ahead[k] if program.projections[q].target not in before]
+        ways = [q for q in forward[k] if program.projections[q].target not in before]
         if not ways:
             return 1.0
         parts = []
@@ -290,7 +290,7 @@ def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
                 parts.append(factor * beyond)
         return float(np.sqrt(np.square(parts).sum())) if parts else None
 
-    every = {k: size(k, frozenset()) for k in range(len(program.populations))} if len(ahead) <= 12 else {}
+    every = {k: size(k, frozenset()) for k in range(len(program.populations))} if len(forward) <= 12 else {}
     return {k: g for k, g in every.items() if g is not None}
 
 

@@ -113,8 +113,8 @@ def _mixed(wiring: Wiring, q: int, source: Population) -> Iterator[Finding]:
     sign, name = np.sign(w.mean), _name(wiring.program, source)
     others = [wiring.weights[j] for j in wiring.out_of(part.source) if j != q]
     single = any(x.synapses and min(x.least * sign, x.largest * sign) > 0.0 for x in others)
-    named = _EXCITATORY.search(name) if sign > 0.0 else _INHIBITORY.search(name)
-    if MIXED[0] < share < MIXED[1] and (named or single):
+    name_match = _EXCITATORY.search(name) if sign > 0.0 else _INHIBITORY.search(name)
+    if MIXED[0] < share < MIXED[1] and (name_match or single):
         does, bound = ("inhibit", "low") if sign > 0.0 else ("excite", "high")
         evidence = f"{share:.0%} of its weights {does}, though their mean is {w.mean:.3g}: '{source.name}' does both"
         remedy = f"truncate their distribution by `{bound}: 0`, or draw them with less spread"
@@ -202,18 +202,18 @@ def isolated_outputs(wiring: Wiring) -> Iterator[Finding]:
     noise = {k for k in generators if populations[k].kind == "current" or _BACKGROUND.search(populations[k].name)}
     inputs = [k for k in generators if k not in noise]
     reached, loud = wiring.reached(inputs, excite=False), wiring.reached(noise)
-    named = {k for k, part in enumerate(populations) if part.kind == "neuron" and _OUTPUT.search(part.name)}
-    ends = [k for k, part in enumerate(populations) if k in named or (part.kind == "neuron" and is_end(wiring, k))]
-    dead = [k for k in ends if k in reached and k not in named]
+    by_name = {k for k, part in enumerate(populations) if part.kind == "neuron" and _OUTPUT.search(part.name)}
+    ends = [k for k, part in enumerate(populations) if k in by_name or (part.kind == "neuron" and is_end(wiring, k))]
+    dead = [k for k in ends if k in reached and k not in by_name]
     for k in ends if inputs and program.trials is None else ():
-        if k in reached or not (k in named or dead):
+        if k in reached or not (k in by_name or dead):
             continue
         last = dead or [j for j in reached if populations[j].kind == "neuron"]
         names, ways = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, last))
         evidence = f"no path leads from {names} to it, only noise or currents of its own; {names} reaches {ways}"
         remedy = f"connect {ways} towards '{populations[k].name}'"
         # A population without the name of an output may be an unstimulated control on purpose.
-        severity = "fault" if k in named else "note" if loud & set(dead) else "warning"
+        severity = "fault" if k in by_name else "note" if loud & set(dead) else "warning"
         yield finding("no-path", severity, populations[k], evidence, remedy, populations[k].name)
 
 
@@ -281,9 +281,9 @@ def _most(part: Population, h: float) -> float:
 
 def _signals(wiring: Wiring) -> Iterator[Finding]:
     program = wiring.program
-    heard = {index for part in program.projections for index in (part.signal, part.gate)}
+    used_signals = {index for part in program.projections for index in (part.signal, part.gate)}
     for index, signal in enumerate(program.signals):
-        if index not in heard:
+        if index not in used_signals:
             target = program.populations[signal.target].name
             evidence = f"no rule of a projection onto '{target}' listens to it"
             remedy = f"name it in a rule, as `synapse: {{stdp_dopa: {{signal: {signal.name}}}}}`, or remove it"

@@ -189,21 +189,21 @@ def plain_ground(matrix, focal, middle, shades, work, base):
 
 
 @subkernel
-def tilt_changed(matrix, drawn):
+def tilt_changed(matrix, base_pose):
     """Return whether the horizon or the distance of the ground differs from the drawn base."""
-    same = matrix[3, 2] == drawn[3, 2]
+    same = matrix[3, 2] == base_pose[3, 2]
     for k in range(3):
-        same &= matrix[k, 2] == drawn[k, 2]
+        same &= matrix[k, 2] == base_pose[k, 2]
     return not same
 
 
 @subkernel
-def pose_changed(matrix, drawn):
+def pose_changed(matrix, base_pose):
     """Return whether the camera's pose differs from that of the drawn base."""
     same = True
     for i in range(4):
         for k in range(3):
-            same &= matrix[i, k] == drawn[i, k]
+            same &= matrix[i, k] == base_pose[i, k]
     return not same
 
 
@@ -216,15 +216,15 @@ def copy(source, target):
 
 
 @subkernel
-def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
+def ground(matrix, focal, middle, shades, pattern, work, base_pose, base):
     """Draw ground and sky if they differ from those in the base. Return whether they differ."""
     levels, size, wide, sharp, x, y = pattern
-    fresh = drawn[4, 0] != 0.0
-    tilted = fresh or tilt_changed(matrix, drawn)
+    fresh = base_pose[4, 0] != 0.0
+    tilted = fresh or tilt_changed(matrix, base_pose)
     if levels.size:
-        differs = fresh or pose_changed(matrix, drawn)
+        differs = fresh or pose_changed(matrix, base_pose)
     else:
-        differs = fresh or (tilted and not (all_ground(matrix, focal, middle) and all_ground(drawn, focal, middle)))
+        differs = fresh or (tilted and not (all_ground(matrix, focal, middle) and all_ground(base_pose, focal, middle)))
     if not differs:
         return False
     plain_ground(matrix, focal, middle, shades, work, base)
@@ -232,8 +232,8 @@ def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
         if tilted:
             sharpness(matrix, focal, middle, wide, sharp)
         textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base)
-    copy(matrix, drawn)
-    drawn[4, 0] = 0.0
+    copy(matrix, base_pose)
+    base_pose[4, 0] = 0.0
     return True
 
 
@@ -323,15 +323,15 @@ def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, pi
 
     shades: brightness of sky, ground, line and ball. pattern: levels, size, wide, sharp, x and y of `textured_ground`;
     empty levels for plain ground. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on
-    the ground, m. work: buffers. picture: drawn (the camera matrix of the base, and 1 in its last row to draw
+    the ground, m. work: buffers. picture: base_pose (the camera matrix of the base, and 1 in its last row to draw
     everything), base, image, and box, filled with the columns and rows that may differ from the previous picture (first
     column and row, last + 1).
     """
     points, corners, cover, spans, painted = work
-    drawn, base, image, box = picture
+    base_pose, base, image, box = picture
     height, width = image.shape
     box[0], box[1], box[2], box[3] = width, height, 0, 0
-    if ground(matrix, focal, middle, shades, pattern, work, drawn, base):
+    if ground(matrix, focal, middle, shades, pattern, work, base_pose, base):
         copy(base, image)
         box[0], box[1], box[2], box[3] = 0, 0, width, height
     for row in range(height):

@@ -80,9 +80,9 @@ class _Radio:
     step_s: float
     missed: int = 0
     steps: int = 0
-    _sent: int = 0
+    _n_events: int = 0
     _begins: bool = True
-    _due: float = 0.0
+    _step_end: float = 0.0
     _t_us: int = 0
     _last_us: int = 0
     _action: Floats = field(default_factory=lambda: np.zeros(3))
@@ -95,17 +95,17 @@ class _Radio:
         """Send the events of the last step, wait until the current step ends, and return the last action received."""
         events: Events = infos[0]["events"]
         if self._begins:
-            self._due = time.monotonic()
+            self._step_end = time.monotonic()
         if len(events):
             shifted = Events(events.t + self._t_us, events.x, events.y, events.p, events.sensor_size)
             self._last_us = int(shifted.t[-1])
             send(self.url, shifted, format=FORMAT, speed=inf)
-        self._sent += len(events)
+        self._n_events += len(events)
         self.steps += 1
-        self.socket.send(_LOOK.pack(self._begins, self.steps, self._sent))
+        self.socket.send(_LOOK.pack(self._begins, self.steps, self._n_events))
         self._begins = False
-        self._due = max(self._due + self.step_s, time.monotonic())
-        time.sleep(max(0.0, self._due - time.monotonic()))
+        self._step_end = max(self._step_end + self.step_s, time.monotonic())
+        time.sleep(max(0.0, self._step_end - time.monotonic()))
         number = 0
         while number < self.steps:
             try:
@@ -244,7 +244,7 @@ class _Pilot:
         except TimeoutError:
             return
         began = time.monotonic_ns()
-        begins, number, sent = _LOOK.unpack(message)
+        begins, number, n_sent = _LOOK.unpack(message)
         self._counts[...] = 0
         deadline = time.monotonic() + self._patience_s
         while True:
@@ -253,10 +253,10 @@ class _Pilot:
             count(events.x, events.y, self._shift, self._counts)
             self._received += len(events)
             remaining_s = deadline - time.monotonic()
-            if self._received >= sent or remaining_s <= 0:
+            if self._received >= n_sent or remaining_s <= 0:
                 break
             self._stream.wait(remaining_s)
-        self.lost, self._received = self.lost + max(0, sent - self._received), max(sent, self._received)
+        self.lost, self._received = self.lost + max(0, n_sent - self._received), max(n_sent, self._received)
         if begins:
             self._controller.begin(1, 0)
         message_action, action = np.zeros(3), self._act()

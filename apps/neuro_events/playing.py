@@ -30,7 +30,7 @@ class Played(Protocol):
         """Width and height in px, None if unknown before the recording is played."""
 
     @property
-    def again(self) -> bool:
+    def repeatable(self) -> bool:
         """True if the recording can be played several times."""
 
     @property
@@ -62,7 +62,7 @@ class OfFile:
     path: str
     format: str | None
     sensor_size: Size
-    again: bool = True
+    repeatable: bool = True
     no_sensor: str = ""
 
     @property
@@ -98,7 +98,7 @@ class OfEvents:
     kind: ClassVar[str] = "recording"
     no_sensor: ClassVar[str] = "its events are an array, which has no sensor"
     stored_parts: Sequence[Events | NDArray[Any]]
-    again: bool = True
+    repeatable: bool = True
 
     def __repr__(self) -> str:
         size = self.sensor_size
@@ -132,7 +132,7 @@ class OfIterator:
 
     kind: ClassVar[str] = "recording"
     make: Callable[[], Iterable[Events]]
-    again: bool
+    repeatable: bool
     sensor_size: Size | None = None
     identity: str = "events of an iterator"
     no_sensor: str = "no sensor is known before it is played"
@@ -146,7 +146,7 @@ class OfIterator:
 
     def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
         """Yield the parts, each checked when it is requested."""
-        if self._is_started and not self.again:
+        if self._is_started and not self.repeatable:
             hint = "give Events, a list of them, or a function that makes an iterator"
             raise ModelError("its events come from an iterator, which can be played only once", hint=hint)
         self._is_started = True
@@ -175,9 +175,9 @@ def played(events: Any) -> Played:
             return OfEvents((np.array([tuple(each) for each in events], dtype=_WIDE),))
         return OfEvents(tuple(_part(part) for part in events))
     if isinstance(events, Iterator):
-        return OfIterator(lambda: events, again=False)
+        return OfIterator(lambda: events, repeatable=False)
     if callable(events):
-        return OfIterator(events, again=True)
+        return OfIterator(events, repeatable=True)
     raise _no_events(events)
 
 

@@ -172,7 +172,7 @@ def _run(jobs: list[Job], total: int, workers: int, progress: bool) -> None:
     finished = count(existing + 1)
     with Bar() if progress else nullcontext() as bar:
 
-        def show(_done: None) -> None:
+        def show(_: None) -> None:
             if bar is not None:
                 now = next(finished)
                 if now - existing <= workers:  # each process compiles kernels before its first recording

@@ -414,9 +414,9 @@ class TuneTable(RunRows):
         folder, rows = Folder(self.path, TUNING), []
         trials = trials_of(folder)
         items = [self.plan.items(self.key_prefix, point_of(self.plan, trial.params)) for trial in trials]
-        kept = folder.outcomes({item.key: None for each in items for item in each})
+        by_key = folder.outcomes({item.key: None for each in items for item in each})
         for trial, each in zip(trials, items, strict=True):
-            outcomes = [kept[item.key] for item in each if item.key in kept]
+            outcomes = [by_key[item.key] for item in each if item.key in by_key]
             state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
             metrics = mean_metrics([run.metrics for run in outcomes]) if len(outcomes) == len(each) else {}
             error = next((run.error for run in outcomes if run.failed), "")

@@ -199,7 +199,7 @@ class _Training:
         }
         # If weights are `size` times as large, their gradients are as much smaller, so steps must be as much larger.
         weights: dict[float, list[Tensor]] = {}
-        for name, weight in self._module.weights.learnt().items():
+        for name, weight in self._module.weights.tensors().items():
             weights.setdefault(self._sizes[name], []).append(weight)
         groups: list[dict[str, Any]] = [
             {"params": each, "size": size, "weight_decay": plan.decay / size, "eps": 1e-8 / size}

@@ -64,7 +64,7 @@ class ChipEngine(Settable):
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
         """Add spikes to a population of listed spikes."""
-        if self._machine.listed.add(population, steps, ids, self.step, payloads):
+        if self._machine.spike_lists.add(population, steps, ids, self.step, payloads):
             self._machine.bind()
 
     # recordings and counts

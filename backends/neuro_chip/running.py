@@ -114,7 +114,7 @@ class RunningMachine:
             self.arrays |= nothing_listed(self.program)
 
     @property
-    def listed(self) -> ListedSpikes:
+    def spike_lists(self) -> ListedSpikes:
         """Spikes that the host sends."""
         assert self._lists is not None
         return self._lists

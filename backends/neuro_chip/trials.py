@@ -77,7 +77,7 @@ class ChipTrials:
         decided = machine.arrays["groups"][group, t.CLOSED] == 1
         if not (decided and section.stop_at_decision):
             machine.advance_to(began + section.duration, group if section.stop_at_decision else t.NONE)
-        machine.listed.drop(section.input)
+        machine.spike_lists.drop(section.input)
         potential, best = np.empty(section.maps), np.empty(section.maps, dtype=np.int64)
         cells, bound = machine.cells.fixed[section.output], machine.bound
         wrapped = end_trial(
@@ -113,10 +113,10 @@ class ChipTrials:
     def _begin(self, trial: Trial) -> None:
         """Drop pending input, reset the states of the output, and list the trial's spikes."""
         machine, output = self._machine, self._section.output
-        machine.listed.drop(self._section.input)
-        if machine.listed.reserve(self._section.input, trial.ids.size, self._began):
+        machine.spike_lists.drop(self._section.input)
+        if machine.spike_lists.reserve(self._section.input, trial.ids.size, self._began):
             machine.bind()
-        first = machine.listed.place(self._section.input)
+        first = machine.spike_lists.place(self._section.input)
         view, words = machine.bound.view, machine.bound.words
         begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
         cells = machine.cells.fixed[output]

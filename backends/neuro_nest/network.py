@@ -440,15 +440,15 @@ class Activity:
     def add(self, trains: list[InjectedTrain], after: int, to: int) -> None:
         """Count the steps after < k <= to, from the spikes of all populations."""
         steps = to - after
-        heard = [np.concatenate((h, np.zeros((steps, h.shape[1]), dtype=bool))) for h in self._heard]
+        arrivals = [np.concatenate((h, np.zeros((steps, h.shape[1]), dtype=bool))) for h in self._heard]
         for synapses in self._synapses:
             spikes = trains[synapses.part.source]
             at_once = max(1, SYNAPSES_AT_ONCE // synapses.longest_row)
             for first in range(0, len(spikes.ids), at_once):
                 indices, number = synapses.rows(spikes.ids[first : first + at_once])
                 arrival = np.repeat(spikes.steps[first : first + at_once], number) + synapses.delay[indices]
-                heard[synapses.part.target][arrival - after - 1, synapses.target[indices]] = True
-        for index, (spikes, receives) in enumerate(zip(trains, heard, strict=True)):
+                arrivals[synapses.part.target][arrival - after - 1, synapses.target[indices]] = True
+        for index, (spikes, receives) in enumerate(zip(trains, arrivals, strict=True)):
             receives[spikes.steps - after - 1, spikes.ids] = True
             first, end = self._share.of(receives.shape[1])
             self.active[index] += np.count_nonzero(receives[:steps, first:end])

@@ -124,12 +124,12 @@ class ReferenceNetwork:
         self.potentials = [cells.states[:1].copy() for cells in self.cells]
         for index in range(len(self.program.groups)):
             self._decide(index, reached, step)
-        for index, (x, _, heard) in enumerate(inputs):
+        for index, (x, _, received) in enumerate(inputs):
             self._emit(index, step, reached[index], x, presented)
             self.records[index].add(step, self.ids[index], self.multiplicity[index])
             if self.cells[index].part.kind == "neuron":
-                heard[self.ids[index]] = True
-                self.records[index].active += int(heard.sum())
+                received[self.ids[index]] = True
+                self.records[index].active += int(received.sum())
         for index, synapses in enumerate(self.synapses):
             if synapses.part.carries == "current":
                 if synapses.part.receptor is not None:  # adds to the state that holds the receptor's current

@@ -67,9 +67,9 @@ class ReferenceProjection:
         self.due: Floats = np.zeros((self.slots, max(2, self.receptors), self.n_target))
         self.heard = np.zeros((self.slots, self.n_target), dtype=bool)
 
-    def set_out(self, some: slice | Ints, late: Floats) -> None:
+    def set_out(self, some: slice | Ints, delays: Floats) -> None:
         """Set the delay in steps of the next spikes along some synapses to the nearest of their delays in ms."""
-        self.delay[some] = [steps_of(delay, self.h, self.fewest, self.most) for delay in late]
+        self.delay[some] = [steps_of(delay, self.h, self.fewest, self.most) for delay in delays]
 
     def row(self, source: int) -> slice:
         """Return the range of synapses of one source."""

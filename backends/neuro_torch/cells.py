@@ -43,7 +43,7 @@ class TensorCells:
         resolution: float,
         seed: int,
         device: torch.device,
-        learnt: Mapping[str, Tensor] | None = None,
+        trainable: Mapping[str, Tensor] | None = None,
     ) -> None:
         assert isinstance(part.model, Neuron)
         self.part, self.model, self.shape, self.device = part, part.model, (batch, part.size), device
@@ -51,7 +51,7 @@ class TensorCells:
         self.receptors = max(2, part.model.receptors)
         self._h, self._key = resolution, keyed_random.key(seed, drawn_for(part), part.name)
         self.parameters = {word: values.copy() for word, values in part.parameters.items()}
-        self._learnt = dict(learnt or {})
+        self._trainable = dict(trainable or {})
         self._refractory = self.names.index("refractory") if "refractory" in self.names else -1
         self.start_anew()
         self.refresh()
@@ -69,7 +69,7 @@ class TensorCells:
 
     def refresh(self) -> None:
         """Compute the constants after a change of parameters."""
-        if self._learnt:
+        if self._trainable:
             self._constants_with_gradient()
             return
         columns = constants_of(self.part, self.parameters, self._h).T
@@ -80,8 +80,8 @@ class TensorCells:
 
     def _constants_with_gradient(self) -> None:
         values: list[Any] = [
-            self._learnt[word]
-            if word in self._learnt
+            self._trainable[word]
+            if word in self._trainable
             else float(v[0])
             if v.size == 1
             else torch.tensor(v, device=self.device)
@@ -96,10 +96,10 @@ class TensorCells:
         The unit is V_th - V_reset in mV. For graded neurons it is vth, or infinite where every change is sent.
         """
         if self.model.graded:
-            vth = torch.as_tensor(self._learnt.get("vth", self.parameters.get("vth", 0.0)), device=self.device)
+            vth = torch.as_tensor(self._trainable.get("vth", self.parameters.get("vth", 0.0)), device=self.device)
             unit = 2.0 ** sum(float(self.parameters.get(word, [0.0])[0]) for word in ("spike_exp", "state_exp"))
             return torch.where(vth > 0.0, vth * unit, torch.inf)
-        both = [self._learnt.get(word, self.parameters[word]) for word in ("V_th", reset_of(self.part))]
+        both = [self._trainable.get(word, self.parameters[word]) for word in ("V_th", reset_of(self.part))]
         top, bottom = (each if isinstance(each, Tensor) else torch.tensor(each, device=self.device) for each in both)
         return top - bottom
 

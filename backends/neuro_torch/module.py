@@ -188,7 +188,7 @@ class Module(torch.nn.Module):
             inside = self._paths(part.inside, weights)
             spikes, before = scans.scan(layers.component(part, inside), drives, [weight for _, weight in inside], task)
             emitted |= spikes
-            for k in before.keys() & task.wanted:
+            for k in before.keys() & task.potentials_of:
                 reset = torch.as_tensor(populations[k].parameters["V_reset"]).to(task.device, task.dtype)
                 potentials[k] = torch.where(spikes[k] > 0, reset, before[k])
         return emitted, potentials
@@ -209,7 +209,7 @@ class Module(torch.nn.Module):
     def _synapse_list(self, projection: int) -> layers.Synapses:
         """Return the synapses of a projection as a list."""
         if projection not in self._synapse_lists:
-            self._synapse_lists[projection] = layers.synapses(self.program, projection, listed=True)
+            self._synapse_lists[projection] = layers.synapses(self.program, projection, by_synapse=True)
         return self._synapse_lists[projection]
 
     def _rounded_synapses(self, projection: int) -> layers.Synapses:

@@ -387,7 +387,7 @@ def stepped(
         parameters={name: {word: v.double() for word, v in each.items()} for name, each in learning.parameters.items()},
     )
     names = [part.name for part in program.populations]
-    with_v = [k for k in task.wanted if "V_m" in [s.name for s in program.populations[k].model.states]]
+    with_v = [k for k in task.potentials_of if "V_m" in [s.name for s in program.populations[k].model.states]]
     inputs = {name: tensor.double() for name, tensor in input_spikes.items()}
     spikes: dict[int, list[Tensor]] = {}
     potentials: dict[int, list[Tensor]] = {k: [] for k in with_v}

@@ -161,7 +161,7 @@ class Named(torch.nn.Module):
         """Return names and current entries."""
         return {name: self[name] for name in self._at}.items()
 
-    def learnt(self) -> dict[str, Any]:
+    def tensors(self) -> dict[str, Any]:
         """Return the tensors that an optimiser changes by name, e.g. the original of a parametrised tensor."""
         parametrised: Any = getattr(self, "parametrizations", {})
         return {
@@ -277,12 +277,12 @@ def hold(program: Program, weights: Named, delays: Named, neurons: Named) -> Non
 
 def _check_numbers(program: Program, weights: Named, delays: Named, neurons: Named) -> None:
     for word, entries in (("weights", weights), ("delays", delays)):
-        for name, values in entries.learnt().items():
+        for name, values in entries.tensors().items():
             _check_finite(f"{word} of '{name}'", values)
     for part in program.populations:
         if part.name in neurons:
             quantities = part.model.quantities()
-            for word, values in neurons[part.name].learnt().items():
+            for word, values in neurons[part.name].tensors().items():
                 _check_finite(f"{word} of '{part.name}'", values, quantities[word].infinite)
 
 

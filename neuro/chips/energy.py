@@ -281,17 +281,17 @@ class Energy:
             chips = f"{self.chips} chip" + "s" * (self.chips != 1)
             head = [chips, *head, f"{quantity(self.chip_time_s, 's')} of chip time"]
         rows = aligned(table if sources else [row[:-1] for row in table], "<<>>>")
-        listed = [f"[{i}] {each}" for i, each in enumerate(cited, 1)] if sources else []
+        references = [f"[{i}] {each}" for i, each in enumerate(cited, 1)] if sources else []
         parts = (
             [f"{self.title} ({self.target}), energy per {self.of}: {', '.join(head)}"],
             rows,
             aligned(self.sums(), "<>>"),
-            listed,
-            [f"- {note}" for note in self.noted(sources)],
+            references,
+            [f"- {note}" for note in self.remarks(sources)],
         )
         return "\n\n".join("\n".join(part) for part in parts if part)
 
-    def noted(self, sources: bool = False) -> tuple[str, ...]:
+    def remarks(self, sources: bool = False) -> tuple[str, ...]:
         """Return the notes and the extrapolated costs; with `sources` also the sources of chip time and ranges."""
         marked = tuple(f"extrapolated (*): {', '.join(names)}: {why}" for why, names in self.extrapolated.items())
         if not sources:
@@ -380,7 +380,7 @@ def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
     """Yield the notes of several bills, and with `sources` the figures by source. A shared line names its targets."""
     targets: dict[str, list[str]] = {}
     for bill in priced:
-        for line in (*(_sources(bill) if sources else ()), *bill.noted(sources)):
+        for line in (*(_sources(bill) if sources else ()), *bill.remarks(sources)):
             targets.setdefault(line, []).append(bill.target)
     return (f"{', '.join(names)}: {line}" for line, names in targets.items())
 

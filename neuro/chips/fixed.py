@@ -27,14 +27,14 @@ class Rounding:
 
     Attributes:
         quantity: as the language names it, e.g. "tau_m".
-        unit: of `wanted` and `got`.
-        wanted, got: the described value and the value of the register, for the neuron with the largest difference.
+        unit: of `exact` and `got`.
+        exact, got: the described value and the value of the register, for the neuron with the largest difference.
         error: their difference relative to a scale that matters (for a potential, the distance from E_L to V_th).
     """
 
     quantity: str
     unit: str
-    wanted: float
+    exact: float
     got: float
     error: float
 
@@ -264,9 +264,9 @@ def farthest_weight(weights: Floats, step: Floats, low: int, high: int) -> Farth
     return FarthestWeight(float(every[at]), float(steps[at]))
 
 
-def worst_rounding(name: str, unit: str, wanted: ArrayLike, got: ArrayLike, scale: ArrayLike) -> Rounding:
+def worst_rounding(name: str, unit: str, exact: ArrayLike, got: ArrayLike, scale: ArrayLike) -> Rounding:
     """Return the rounding of the neuron with the largest difference, relative to `scale`."""
-    w, g, s = np.broadcast_arrays(np.atleast_1d(wanted), np.atleast_1d(got), np.asarray(scale, dtype=np.float64))
+    w, g, s = np.broadcast_arrays(np.atleast_1d(exact), np.atleast_1d(got), np.asarray(scale, dtype=np.float64))
     with np.errstate(invalid="ignore"):
         error = np.nan_to_num(np.where(w == g, 0.0, (g - w) / s), nan=np.inf)
     at = int(np.argmax(np.abs(error)))
@@ -319,13 +319,13 @@ def judge(weights, above, below, low, high, grain, peak, mantissas, statistics):
             m = min(max(np.rint(w / (step * grain)) * grain, low), high)
             if keep:
                 mantissas[e] = m
-            sent = m * step
+            value = m * step
             if w != 0.0:
                 nonzero += 1
                 if m != 0:
                     survivors += 1
-                    worst = max(worst, abs(sent / w - 1.0))
-            error = (sent - w) / peak
+                    worst = max(worst, abs(value / w - 1.0))
+            error = (value - w) / peak
             square = w / peak
             error_run += error * error
             square_run += square * square

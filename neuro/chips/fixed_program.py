@@ -64,7 +64,7 @@ class FixedProgram:
                     "kind": part.kind,
                     "units_per_mV": part.volt,
                     "rounding": {
-                        r.quantity: {"unit": r.unit, "wanted": r.wanted, "got": r.got, "error": r.error}
+                        r.quantity: {"unit": r.unit, "wanted": r.exact, "got": r.got, "error": r.error}
                         for r in part.rounding
                     },
                 }
@@ -107,7 +107,7 @@ def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
         scaled = f"{cells.volt:.6g}" if cells.rounding else "-"
         own = (part.name, f"{part.size:,}", cells.kind, scaled)
         rows = [
-            (r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True))
+            (r.quantity, f"{r.exact:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True))
             for r in cells.rounding
         ] or [("-",) * 4]
         for k, row in enumerate(rows):

@@ -153,8 +153,8 @@ def _text(node: Node, name: str) -> str:
 def _arithmetic(node: Node) -> str:
     names = ("", *ARITHMETICS)
     if node.value not in names:
-        known = ", ".join(f"'{name}'" for name in names)
-        raise mistake(node, f"arithmetic: {found_text(node)}: expected one of {known}", "'' has limits and costs only")
+        texts = ", ".join(f"'{name}'" for name in names)
+        raise mistake(node, f"arithmetic: {found_text(node)}: expected one of {texts}", "'' has limits and costs only")
     return str(node.value)
 
 

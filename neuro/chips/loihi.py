@@ -303,8 +303,8 @@ class Loihi(Arithmetic):
             why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
             problems.append(refused(part, f"weight = {value:g}", why, "raise weight_exp and lower the mantissas"))
         mantissas: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
-        sent: Floats = word(mantissas, exponent, bits, mode == "mixed") * 2.0**-exponent
-        rounding = judge_weights(mantissas.astype(np.float64), sent, 1.0, low, high)
+        on_chip: Floats = word(mantissas, exponent, bits, mode == "mixed") * 2.0**-exponent
+        rounding = judge_weights(mantissas.astype(np.float64), on_chip, 1.0, low, high)
         wires = self.wires(inputs, index, mantissas, rounding, exponent=exponent, mode=mode, bits=bits, native=True)
         return wires, problems
 
@@ -371,8 +371,8 @@ class Loihi(Arithmetic):
         keep = exponent < 0 or inputs.keeps(index)
         mantissas, rounding = round_weights(part.weight, per_synapse, per_synapse, low, high, grain, keep)
         if exponent < 0:  # learning uses the lowest bits of a mantissa, but spikes do not send them
-            sent: Floats = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
-            rounding = judge_weights(np.broadcast_to(part.weight, mantissas.shape), sent, per_synapse, low, high)
+            on_chip: Floats = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
+            rounding = judge_weights(np.broadcast_to(part.weight, mantissas.shape), on_chip, per_synapse, low, high)
         if rounding.saturated > 0.0:
             beyond = farthest_weight(part.weight, per_synapse, low, high)
             limit = low if beyond.weight < 0.0 else high

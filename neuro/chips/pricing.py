@@ -309,12 +309,12 @@ def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
         raise ModelError(f"network '{program.name}' does not fit on chip '{chip.name}'", others=refused)
 
 
-def unrunnable(program: Program, chip: Chip, placed: bool) -> str:
+def unrunnable(program: Program, chip: Chip, is_placed: bool) -> str:
     """Return why a chip cannot run a network, as far as the chip is known; "" if it can."""
     if chip.arithmetic in ARITHMETICS:
         problems = refusals(program, chip)
     else:
-        problems = () if placed else tuple(too_late(program, chip))
+        problems = () if is_placed else tuple(too_late(program, chip))
     more = f" (and {len(problems) - 1} more, see neuro fit)" if len(problems) > 1 else ""
     return f"{problems[0].what}: {problems[0].why}{more}" if problems else ""
 
@@ -478,9 +478,9 @@ class _Bill:
 
 def _line(figure: Figure, run: Run, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
     low, high = range_of(figure, run)
-    known = (figure.value, count * figure.value, figure.source, figure.conditions)
+    best = (figure.value, count * figure.value, figure.source, figure.conditions)
     why = why_extrapolated(figure, run)
-    return BillItem(what, kind, of, count, *known, least * low, most * high, figure.spread, why)
+    return BillItem(what, kind, of, count, *best, least * low, most * high, figure.spread, why)
 
 
 def dense(

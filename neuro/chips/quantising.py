@@ -350,11 +350,11 @@ def losses(
         for r in cells.rounding:
             limit = LIMITS.get(r.quantity)
             if r.quantity == "V_th" and abs(r.error) > HOPELESS:
-                what = f"V_th = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                what = f"V_th = {r.exact:g} becomes {r.got:.6g} {r.unit}"
                 why = f"{cells.volt:.3g} units per mV leave no threshold: its largest weight or current takes all bits"
                 yield refused(part, what, why, "lower what is far above V_th - E_L, or set another scale")
             elif limit is not None and abs(r.error) > limit.share:
-                what = f"{r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                what = f"{r.quantity} = {r.exact:g} becomes {r.got:.6g} {r.unit}"
                 yield approximated(part, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
     for projection, fixed in zip(program.projections, wires, strict=True):
         if fixed is None:

@@ -117,7 +117,7 @@ def describe(choice: type[Choice], out: Any) -> None:
     rows = [
         (
             word,
-            shown(defaults[word]) if word in defaults else "required",
+            default_text(defaults[word]) if word in defaults else "required",
             q.unit,
             bounds(q),
             "yes" if q.arrays else "",
@@ -159,7 +159,7 @@ def bounds(q: Quantity) -> str:
     return text + (", also .inf" if q.infinite else "")
 
 
-def shown(value: object) -> str:
+def default_text(value: object) -> str:
     """Format a default value as in YAML."""
     if isinstance(value, bool):
         return str(value).lower()

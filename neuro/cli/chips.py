@@ -21,8 +21,8 @@ from neuro.cli.options import (
     Threads,
     Until,
     assignments,
-    listed,
     milliseconds,
+    name_list,
     refuse_unused,
     stoppable,
 )
@@ -191,7 +191,7 @@ PRICED = "loihi,spinnaker,spinnaker2,truenorth,cpu,gpu"
 
 Chips = Annotated[
     Any,
-    typer.Option("--chips", metavar="A,B,...", parser=listed, help="Chips, or files of chips' tables, to price on."),
+    typer.Option("--chips", metavar="A,B,...", parser=name_list, help="Chips, or files of chips' tables, to price on."),
 ]
 Per = Annotated[
     tuple[int, str],
@@ -259,7 +259,7 @@ def energy(
             from neuro.realtime.closed_loop import closed_loop
 
             loop = closed_loop(net, backend=backend, seed=seed, threads=threads)
-            placements = [placed(loop.sim.program, each) for each in targets]
+            placements = [placement_on(loop.sim.program, each) for each in targets]
             block_counts: list[EngineCounts] = []
             log = loop.run(
                 until=until,
@@ -274,10 +274,10 @@ def energy(
             ms = duration if steps is None else steps * net.world_section.step
             loop = lived(net, ms, progress=True, backend=backend, seed=seed, threads=threads)
             sim, per = loop.sim, (max(1, round(loop.sim.time / net.world_section.step)), "step") if per[0] == 1 else per
-            placements = [placed(sim.program, each) for each in targets]
+            placements = [placement_on(sim.program, each) for each in targets]
         else:
             sim = compiled(net, backend=backend, seed=seed, threads=threads)
-            placements = [placed(sim.program, each) for each in targets]
+            placements = [placement_on(sim.program, each) for each in targets]
             advance(sim, ticks, bar)
     counts = counts or sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
@@ -311,7 +311,7 @@ def priceable(name: str) -> Chip:
     return description
 
 
-def placed(program: Program, chip: Chip) -> Placement | None:
+def placement_on(program: Program, chip: Chip) -> Placement | None:
     """Place a network on the cores of a chip; None for a processor without cores.
 
     Raises:

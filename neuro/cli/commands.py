@@ -56,10 +56,10 @@ class Commands(TyperGroup):
         """Return a command as the help lists it, or None if no command has the name."""
         entry = apps().get(cmd_name)
         command = super().get_command(ctx, cmd_name)
-        listed = with_extensions(command) if command else placeholder(entry) if entry else None
-        if listed is not None:
-            listed.rich_help_panel = next((panel for panel, names in PANELS.items() if cmd_name in names), OTHERS)
-        return listed
+        item = with_extensions(command) if command else placeholder(entry) if entry else None
+        if item is not None:
+            item.rich_help_panel = next((panel for panel, names in PANELS.items() if cmd_name in names), OTHERS)
+        return item
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """Import the command that the arguments begin with; return its name, the command and the other arguments.

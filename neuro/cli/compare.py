@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Backends, Duration, NetworkFile, Seed, Set, Threads, assignments, listed, stoppable
+from neuro.cli.options import Backends, Duration, NetworkFile, Seed, Set, Threads, assignments, name_list, stoppable
 
 if TYPE_CHECKING:
     from neuro.compare.result import Comparison
@@ -49,7 +49,7 @@ def compare(
     net = load(file, params=assignments(set))
     Clock(net.resolution).step(duration, "--for")
     if rules:
-        _check_alone({"--backends": backends != listed(BACKENDS), "--out": out, "--html": html})
+        _check_alone({"--backends": backends != name_list(BACKENDS), "--out": out, "--html": html})
         _compare_rules(net, duration, seed, as_json)
         return
     _check_apart(html, out)

@@ -54,7 +54,7 @@ def telling() -> Iterator[None]:
 def listed_approximations() -> Iterator[None]:
     """Print warnings in full, including lists such as a rule's differences on a chip."""
     previous = warnings.showwarning
-    warnings.showwarning = lambda message, *more, **named: _print_warning(str(message))
+    warnings.showwarning = lambda message, *more, **options: _print_warning(str(message))
     try:
         yield
     finally:
@@ -74,11 +74,11 @@ def counted_approximations(backend: str, command: str) -> Iterator[None]:
     approximations: list[str] = []
     previous = warnings.showwarning
 
-    def count(message: Warning | str, category: type[Warning], *more: Any, **named: Any) -> None:
+    def count(message: Warning | str, category: type[Warning], *more: Any, **options: Any) -> None:
         if issubclass(category, ApproximationWarning):
             approximations.append(str(message))
         else:
-            previous(message, category, *more, **named)
+            previous(message, category, *more, **options)
 
     warnings.showwarning = count
     try:
@@ -108,7 +108,7 @@ def _output_error(error: Exception) -> str | None:
     return f"standard output: cannot be written: {error.strerror}"
 
 
-def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
+def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **options: object) -> None:
     """Print a warning without the line of code that raised it; a list in the warning is replaced by its length."""
     _print_warning(_LIST.sub(_number_of_items, str(message)))
 

@@ -180,7 +180,7 @@ def resumable() -> Iterator[None]:
         raise typer.Exit(130) from None
 
 
-def listed(text: str) -> list[str]:
+def name_list(text: str) -> list[str]:
     """Parse different names with commas between them."""
     names = [name.strip() for name in text.split(",") if name.strip()]
     if not names or len(set(names)) < len(names):
@@ -254,7 +254,7 @@ Backend = Annotated[
 Backends = Annotated[
     Any,
     typer.Option(
-        "--backends", metavar="A,B,...", parser=listed, help="Simulators and chips; the first is the reference."
+        "--backends", metavar="A,B,...", parser=name_list, help="Simulators and chips; the first is the reference."
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of all random numbers.")]

@@ -298,10 +298,10 @@ class OneHot(_Grids):
     """
 
     def __init__(self, dimensions: Sequence[Dimension]) -> None:
-        super().__init__([_listed(one) for one in dimensions], 1, 2, 1)
+        super().__init__([_with_states(one) for one in dimensions], 1, 2, 1)
 
 
-def _listed(one: Dimension) -> Dimension:
+def _with_states(one: Dimension) -> Dimension:
     """Return a dimension with a state for each of its values."""
     if one.states:
         return one

@@ -41,13 +41,13 @@ def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> lis
                 for k, (low, high) in enumerate(ends)
             ]
         case spaces.Dict():
-            return [one for key, part in _named(space, name) for one in dimensions_of(part, f"{name}[{key!r}]")]
+            return [one for key, part in _parts_by_key(space, name) for one in dimensions_of(part, f"{name}[{key!r}]")]
         case spaces.Tuple():
             return [one for k, part in enumerate(space.spaces) for one in dimensions_of(part, f"{name}[{k}]")]
     raise ModelError(f"{name} space: found {type(space).__name__}: expected {EXPECTED}")
 
 
-def _named(space: spaces.Dict, name: str = "observation") -> list[tuple[str, gymnasium.Space[Any]]]:
+def _parts_by_key(space: spaces.Dict, name: str = "observation") -> list[tuple[str, gymnasium.Space[Any]]]:
     """Return the parts of a Dict by key, since equal spaces may have different orders."""
     for key in space.spaces:
         if not isinstance(key, str):
@@ -59,12 +59,12 @@ def _bound(value: float) -> float:
     return value if abs(value) < BOUNDLESS else float(np.copysign(np.inf, value))
 
 
-def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
+def flat(space: gymnasium.Space[Any], observation: Any, n: int = 0) -> Floats:
     """Observations as vectors, (observations, dimensions), which stay: many environments write on in their arrays.
 
     Args:
         space: of one observation.
-        found: one observation, or with `n` as many as a vector of environments gives them.
+        observation: one observation, or with `n` as many as a vector of environments gives them.
         n: how many there are.
 
     Raises:
@@ -73,14 +73,14 @@ def flat(space: gymnasium.Space[Any], found: Any, n: int = 0) -> Floats:
     leading = (n,) if n else ()
     try:
         if type(space) is not spaces.Box and isinstance(space, (spaces.Dict, spaces.Tuple)):
-            vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, found, leading)], axis=1)
+            vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, observation, leading)], axis=1)
         else:
-            vectors = _array(space, found, leading).reshape(n or 1, -1)
+            vectors = _array(space, observation, leading).reshape(n or 1, -1)
         whole, vectors = vectors.dtype.kind in "biu", vectors.astype(np.float64)
     except (TypeError, ValueError, KeyError, IndexError, OverflowError):
         form_expected = f"{n} of {space}, one for each environment" if n else f"one of {space}"
-        shape = getattr(found, "shape", None)
-        form = type(found).__name__ if shape is None else f"an array of shape {list(shape)}"
+        shape = getattr(observation, "shape", None)
+        form = type(observation).__name__ if shape is None else f"an array of shape {list(shape)}"
         raise ModelError(f"observation: found {form}: expected {form_expected}") from None
     if whole:
         return vectors
@@ -122,7 +122,7 @@ class States:
 
 def _parts(space: gymnasium.Space[Any], value: Any, leading: tuple[int, ...]) -> Any:
     if isinstance(space, spaces.Dict):
-        for key, part in _named(space):
+        for key, part in _parts_by_key(space):
             yield from _parts(part, value[key], leading)
     elif isinstance(space, spaces.Tuple):
         for part, one in zip(space.spaces, value, strict=True):

@@ -148,7 +148,7 @@ def _rounded(fixed: FixedProgram) -> Iterator[tuple[object, ...]]:
     for part in fixed.populations:
         for i, r in enumerate(part.rounding):
             name = "" if i else part.name
-            yield (name, r.quantity, f"{r.wanted:.6g}", f"{r.got:.6g}", r.unit, f"{r.error:+.3%}")
+            yield (name, r.quantity, f"{r.exact:.6g}", f"{r.got:.6g}", r.unit, f"{r.error:+.3%}")
 
 
 def _scaled(fixed: FixedProgram) -> Iterator[tuple[object, ...]]:

@@ -71,7 +71,7 @@ class CameraInput:
         self._played = model.played()
         self._eyes: dict[tuple[int, int, int], Eye] = {}
         self._sensor = None if self._played is None else self._played.sensor_size
-        self.repeatable = self._played is None or self._played.again
+        self.repeatable = self._played is None or self._played.repeatable
         ratio = Fraction(clock.resolution).limit_denominator(_FINEST) * 1000
         self._step_us = ratio.numerator, ratio.denominator
         self._offset = round(model.offset * 1000.0)

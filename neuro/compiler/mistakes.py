@@ -150,7 +150,7 @@ class _Search:
         while len(self.changed) < MOST:
             net = None
             try:
-                net = build(sections, together=True)
+                net = build(sections, every_mistake=True)
                 self.program = compile_network(net, self.seed, backend_draws=self.backend_draws)
                 uncertain = self.failed | self.touched
                 self.unsure = {

@@ -17,17 +17,17 @@ from neuro.program.program import Grid, Ints
 Shape = tuple[int, ...]
 
 
-def resolve_shapes(net: Network, known: Mapping[str, Shape]) -> dict[str, Shape]:
+def resolve_shapes(net: Network, resolved: Mapping[str, Shape]) -> dict[str, Shape]:
     """Return the shape of every population, with `auto` resolved along chains of grids.
 
     Args:
         net: the network.
-        known: shapes that are known already, by population.
+        resolved: shapes that are known already, by population.
 
     Raises:
         ModelError: an `auto` has no grid projection that determines it.
     """
-    shapes: dict[str, Shape] = dict(known)
+    shapes: dict[str, Shape] = dict(resolved)
     for name in net.populations:
         _shape(net, name, shapes, ())
     return shapes

@@ -125,7 +125,7 @@ def _details(about: str, e: Energy) -> Html:
     (_, *clocks), *sums = e.sums()
     both = html.table(("", *(f">{clock}" for clock in clocks)), sums)
     foot = tag("ol", *(tag("li", source) for source in sources))
-    remarks = e.noted(sources=True)
+    remarks = e.remarks(sources=True)
     notes = tag("ul", *(tag("li", note) for note in remarks)) if remarks else None
     head = tag("summary", f"{e.title}, {about}: {e.totals()}")
     return tag("details", head, html.table(ITEM_COLUMNS, rows), both, tag("h4", "Sources"), foot, notes)

@@ -281,7 +281,7 @@ class Emission:
         z: Floats = keyed_random.normal_table(self._key, moments, self.columns) if self._model.draws else t
         return np.broadcast_to(self._model.values(expanded, t, z), (moments.size, self.columns))
 
-    def drawn(self, steps: Ints, histories: Mapping[str, History]) -> tuple[Ints, Floats]:
+    def table(self, steps: Ints, histories: Mapping[str, History]) -> tuple[Ints, Floats]:
         """Return the current of neighbouring steps, with values that are held stored once.
 
         Returns:
@@ -299,11 +299,11 @@ class Emission:
 
     def during(self, steps: Ints, histories: Mapping[str, History]) -> Floats:
         """Return the current of neighbouring steps, shape (steps, columns)."""
-        rows, values = self.drawn(steps, histories)
+        rows, values = self.table(steps, histories)
         return values[rows]
 
     def room(self, steps: int) -> int:
-        """Return the largest number of rows that `drawn` can return for this number of steps."""
+        """Return the largest number of rows that `table` can return for this number of steps."""
         return int(np.unique(self.moments(np.arange(self.first, self.first + steps))).size) + 2
 
 

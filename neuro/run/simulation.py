@@ -154,7 +154,7 @@ class Simulation(RunningNetwork):
         of: ArrayLike | None = None,
         pre: Side = None,
         post: Side = None,
-        **named: Any,
+        **keywords: Any,
     ) -> None:
         """Change parameters or states of neurons, or weights or parameters of the synapse model of a projection.
 
@@ -165,16 +165,16 @@ class Simulation(RunningNetwork):
 
         Args:
             part: the population, a view, or the projection.
-            values: values by name, in addition to or instead of `named`.
+            values: values by name, in addition to or instead of `keywords`.
             of: of a projection only the synapses of these pairs (source, target) of neurons, shape (n, 2).
             pre: only the synapses from these neurons: a population, a view of it, or ids.
             post: only the synapses onto these neurons, in the same forms.
-            named: values by name, e.g. `V_m=-60.0`.
+            keywords: values by name, e.g. `V_m=-60.0`.
 
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
-        self._values.set(part, values, named, of, pre, post)
+        self._values.set(part, values, keywords, of, pre, post)
         self.steered["set"] = None
 
     @exclusive

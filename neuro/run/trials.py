@@ -331,10 +331,10 @@ class TrialLoop:
                 raise ModelError("trials: learn=True without labels: expected one label for each trial")
             return None
         array = _one_per_trial(labels, n, "labels")
-        known = self.section.maps // self.per_label
-        bad = np.flatnonzero((array < 0) | (array >= known))
+        n_labels = self.section.maps // self.per_label
+        bad = np.flatnonzero((array < 0) | (array >= n_labels))
         if bad.size:
-            raise ModelError(f"trials: labels[{bad[0]}] = {array[bad[0]]}: expected a label from 0 to {known - 1}")
+            raise ModelError(f"trials: labels[{bad[0]}] = {array[bad[0]]}: expected a label from 0 to {n_labels - 1}")
         return array
 
     def _dropout(self, samples: ArrayLike | None, n: int, epoch: int) -> Bools:

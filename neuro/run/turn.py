@@ -39,15 +39,15 @@ def exclusive(method: F) -> F:
     name = method.__name__
 
     @wraps(method)
-    def call(self: Any, *args: Any, **named: Any) -> Any:
+    def call(self: Any, *args: Any, **keywords: Any) -> Any:
         turn: Turn | None = self._turn
         if turn is None:
-            return method(self, *args, **named)
+            return method(self, *args, **keywords)
         mine = (name, get_ident())
         try:
             if turn.setdefault(NOW, mine) is not mine:
                 raise refused(name, turn)
-            return method(self._inner, *args, **named)
+            return method(self._inner, *args, **keywords)
         finally:
             if turn.get(NOW) is mine:
                 del turn[NOW]

@@ -281,7 +281,7 @@ class Values:
         self,
         part: Population | View | Described | str,
         values: Any,
-        named: Mapping[str, Any],
+        keywords: Mapping[str, Any],
         of: Any,
         pre: Side,
         post: Side,
@@ -290,7 +290,7 @@ class Values:
         by_name = {} if values is None else values
         if not isinstance(by_name, Mapping) or not all(isinstance(word, str) for word in by_name):
             raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
-        new = {word_of(word): value for word, value in {**by_name, **named}.items()}
+        new = {word_of(word): value for word, value in {**by_name, **keywords}.items()}
         neurons = self._run.handles.neurons_or_projection(part)
         if not new:
             raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")

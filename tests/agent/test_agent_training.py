@@ -259,7 +259,7 @@ def test_an_environment_may_write_on_in_its_observation():
 
     own, copied = trained(True), trained(False)
     np.testing.assert_array_equal(own.places.spread, copied.places.spread)
-    np.testing.assert_array_equal(own.seen, copied.seen)
+    np.testing.assert_array_equal(own.last_vectors, copied.last_vectors)
     np.testing.assert_array_equal(own.weights["policy0"], copied.weights["policy0"])
 
 

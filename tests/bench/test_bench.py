@@ -205,12 +205,12 @@ def test_folds_that_are_done_are_kept(tmp_path, failing):
     fitted = failing(KeyboardInterrupt())
     kept, asked = tmp_path / "folds.json", Request(task="bars", method="failing")
     with pytest.raises(KeyboardInterrupt):
-        run(asked, kept=kept)
-    found = run(asked, kept=kept)
+        run(asked, file=kept)
+    found = run(asked, file=kept)
     assert (len(fitted), len(found["folds"])) == (4, 3)
     assert [one["score"] for one in found["folds"]] == [one["score"] for one in run(asked)["folds"]]
     fitted[:] = [0, 0]
-    run(Request(task="bars", method="failing", changes={"x": 1}), kept=kept)
+    run(Request(task="bars", method="failing", changes={"x": 1}), file=kept)
     assert fitted[2:] == [1, 1, 1]
 
 

@@ -146,13 +146,13 @@ class Deep(Fixed, ABC):
         name: name of the agent.
         acts: names of the layers of the policy network.
         activation: activation of the hidden layers.
-        kept: names of the arrays of the package's buffer, for checkpoints.
+        buffer_arrays: names of the arrays of the package's buffer, for checkpoints.
     """
 
     name: ClassVar[str]
     acts: ClassVar[tuple[str, ...]]
     activation: ClassVar[str] = "relu"
-    kept: ClassVar[tuple[str, ...]]
+    buffer_arrays: ClassVar[tuple[str, ...]]
 
     def __init__(self, scenario: Scenario, seed: int, settings: Any) -> None:
         self._seed, self._settings = seed, settings
@@ -256,7 +256,7 @@ class Deep(Fixed, ABC):
         return (
             {name: np.frombuffer(text, np.uint8) for name, text in texts.items()}
             | {_POLICY + name: array for name, array in self.learnt().items()}
-            | {_KEPT + name: getattr(buffer, name)[: buffer.size()].copy() for name in self.kept}
+            | {_KEPT + name: getattr(buffer, name)[: buffer.size()].copy() for name in self.buffer_arrays}
         )
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -272,7 +272,7 @@ class Deep(Fixed, ABC):
         for optimizer, one in zip(self.optimizers(), optimizers, strict=True):
             optimizer.load_state_dict(one)
         buffer, words = self.buffer, json.loads(state["words"].tobytes())
-        for name in self.kept:
+        for name in self.buffer_arrays:
             array = state[_KEPT + name]
             getattr(buffer, name)[: len(array)] = array
         buffer.pos, buffer.full, self._steps = words["pos"], words["full"], words["steps"]
@@ -341,7 +341,7 @@ class ReplayingSettings(DeepSettings):
 class Replaying(Deep):
     """An agent that learns from random transitions of its replay buffer."""
 
-    kept = ("observations", "next_observations", "actions", "rewards", "dones")
+    buffer_arrays = ("observations", "next_observations", "actions", "rewards", "dones")
 
     @property
     def buffer(self) -> Any:

@@ -57,7 +57,7 @@ class PPO(Deep):
     acts = ("mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2", "action_net")
     judges = ("mlp_extractor.value_net.0", "mlp_extractor.value_net.2", "value_net")
     activation = "tanh"
-    kept = ("observations", "actions", "rewards", "episode_starts", "values", "log_probs")
+    buffer_arrays = ("observations", "actions", "rewards", "episode_starts", "values", "log_probs")
 
     def __init__(self, scenario: Scenario, seed: int, settings: PPOSettings) -> None:
         super().__init__(scenario, seed, settings)

@@ -341,7 +341,7 @@ class OfStream:
         sensor_size: width and height, px.
         until_silent: as for `listen`, s.
         first_within: as for `listen`, s.
-        again: False, since a stream cannot be played again.
+        repeatable: False, since a stream cannot be played again.
         no_sensor: "", since its sensor is known.
     """
 
@@ -350,7 +350,7 @@ class OfStream:
     sensor_size: tuple[int, int]
     until_silent: float
     first_within: float
-    again: bool = False
+    repeatable: bool = False
     no_sensor: str = ""
 
     @property

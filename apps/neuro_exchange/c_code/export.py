@@ -66,7 +66,7 @@ class CCode:
         code: upper bound of the bytes of machine code on a Cortex-M4.
         ram: upper bound of the bytes of states and the gaps between them.
         steps: steps of the recorded run.
-        drawn: the input of the recorded run is random, since the network's own inputs send no spikes.
+        random_input: the input of the recorded run is random, since the network's own inputs send no spikes.
         input_spikes: spikes of inputs in the recorded run.
         output_spikes: spikes of outputs in the recorded run.
         rewards: number of times that the recorded run sets a signal.
@@ -79,13 +79,13 @@ class CCode:
     code: int
     ram: int
     steps: int
-    drawn: bool
+    random_input: bool
     input_spikes: int
     output_spikes: int
     rewards: int
 
     def __str__(self) -> str:
-        random = " (random, since the network's inputs send none)" if self.drawn else ""
+        random = " (random, since the network's inputs send none)" if self.random_input else ""
         rewards = f", {self.rewards:,} rewards" if self.rewards else ""
         return "\n".join(
             [
@@ -170,7 +170,7 @@ def save_c(
     input_events, rewards = _check_given(given, source.signals)
     steps = _steps(program, check(_DURATION, duration, "duration"), input_events, rewards)
     rewards = {**_draw_rewards(source.signals, steps), **rewards}
-    run, drawn = _run(sim, source, outputs, steps, input_events, rewards)
+    run, random_input = _run(sim, source, outputs, steps, input_events, rewards)
     place = file_path(folder, "folder")
     words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
     words |= {"data": _data(run, name, source.signals), "id": source.id}
@@ -192,7 +192,7 @@ def save_c(
     input_spikes, output_spikes = (each.shape[1] if graded else int(each[2].sum()) for each in spikes)
     sets = sum(when.size for when, _ in rewards.values())
     sizes = source.flash, code, source.ram
-    return CCode(place, name, fixed.chip.title, *sizes, steps, drawn, input_spikes, output_spikes, sets)
+    return CCode(place, name, fixed.chip.title, *sizes, steps, random_input, input_spikes, output_spikes, sets)
 
 
 def _compile(net: Network, chip: Chip, words: dict[str, Any], signals: Any) -> tuple[Simulation, FixedProgram]:
@@ -264,17 +264,17 @@ def _steps(program: Program, duration: float | None, inputs: InputSpikes, reward
 
 
 def _run(
-    sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, given: InputSpikes, rewards: Rewards
+    sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, input_spikes: InputSpikes, rewards: Rewards
 ) -> tuple[RecordedRun, bool]:
     """Record a run with the given input, else the network's own, else random input. Return whether it is random."""
     inputs = [part for part in sim.program.populations if part.kind in INPUTS]
     names = [part.name for part in inputs if part.kind == "listed"]
-    for name, (when, *rest) in given.items():
+    for name, (when, *rest) in input_spikes.items():
         if name not in names:
             raise unknown("input", name, [*names, *source.signals])
         sim.inject(name, when * sim.program.resolution, *rest)
     run = record(sim, source, outputs, steps, rewards)
-    if run.input_spikes.size or given or not inputs:
+    if run.input_spikes.size or input_spikes or not inputs:
         return run, False
     sim.reset()
     rng = np.random.default_rng(0)
@@ -370,12 +370,12 @@ def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int
     return RecordedRun(steps, input_spikes, output_spikes, spike_digests, digests, rewards)
 
 
-def with_recorded_spikes(net: Network, given: Container[str] = ()) -> Network:
-    """Return a copy of the network that records all spikes. Poisson generators in `given` do not draw spikes."""
+def with_recorded_spikes(net: Network, names: Container[str] = ()) -> Network:
+    """Return a copy of the network that records all spikes. Poisson generators in `names` do not draw spikes."""
     recorded = copy.copy(net)
     recorded.probes, recorded.populations = dict(net.probes), dict(net.populations)
     for name, part in net.populations.items():
-        if name in given and isinstance(part.model, poisson_generator):
+        if name in names and isinstance(part.model, poisson_generator):
             recorded.populations[name] = replace(part, model=spike_generator())
     for name, part in net.populations.items():
         if part.model.role != "current":

@@ -312,11 +312,11 @@ class Learning:
         unused = [f"(void){name};" for name in ("i", "j", "number", "w", "t")]
         body = [f"int32_t sum = {word} * 128;", *unused]
         for term in terms:
-            due = [f"(number & {(1 << term.every) - 1}u) == 0"] if term.every else []
-            due += {"x0": [f"x_last_{self._q}[i] != 0"], "y0": [f"y_last_{self._q}[j] != 0"], "u": []}[term.gate]
+            conditions = [f"(number & {(1 << term.every) - 1}u) == 0"] if term.every else []
+            conditions += {"x0": [f"x_last_{self._q}[i] != 0"], "y0": [f"y_last_{self._q}[j] != 0"], "u": []}[term.gate]
             factors = " * ".join(["(int64_t)" + number(term.mantissa), *(self._factor(f, term) for f in term.factors)])
             line = f"sum = summed(sum, {factors}, {term.exponent + loihi_rule.FRACTION_BITS});"
-            body.append(f"if ({' && '.join(due)}) {line}" if due else line)
+            body.append(f"if ({' && '.join(conditions)}) {line}" if conditions else line)
         head = f"static int32_t d{word}_{self._q}(uint32_t i, uint32_t j, uint32_t number, int32_t w, int32_t t)"
         return function(head, [*body, f"return sum - {word} * 128;"])
 

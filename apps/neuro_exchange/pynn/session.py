@@ -95,16 +95,16 @@ class Session(mock_simulator.State):
         self.saved: list[str] = []
         self.failure: Failure | None = None
 
-    def begin(self, folder: Path, script: Path, beside: Path, gather: Callable[[Experiment, str], Any]) -> None:
+    def begin(self, folder: Path, script: Path, run_folder: Path, gather: Callable[[Experiment, str], Any]) -> None:
         """Start the session of a script.
 
         Args:
             folder: folder for the networks.
             script: the script's file.
-            beside: folder in which the script runs. Modules in the folder belong to the script.
+            run_folder: folder in which the script runs. Modules in the folder belong to the script.
             gather: returns the builder of a network from an experiment and a name.
         """
-        self.folder, self.script, self.files, self.gather = folder, script, (str(script), f"{beside}/"), gather
+        self.folder, self.script, self.files, self.gather = folder, script, (str(script), f"{run_folder}/"), gather
 
     def where(self) -> Where | None:
         """Return the line of the script that is running, or None."""

@@ -84,7 +84,7 @@ _SIMULATORS = ("nest", "neuron", "brian", "brian2", "arbor", "moose", "nengo", "
 """Packages that a script must not import: the networks that they build are not recorded."""
 
 
-def _nothing(*args: Any, **words: Any) -> None:
+def _no_operation(*args: Any, **words: Any) -> None:
     """Replacement of functions that place neurons on a machine."""
 
 
@@ -105,7 +105,7 @@ class Simulator(ModuleType):
             return self
         if self.spinnaker and name.startswith(("set_", "add_", "get_", "activate_", "extract_")):
             SESSION.note(f"{name} is ignored: it concerns only the machine")
-            return _nothing
+            return _no_operation
         if self.spinnaker and name == "name":
             return lambda: "neuro"
         return Absent(f"{self.__name__}.{name}")

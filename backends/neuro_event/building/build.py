@@ -399,9 +399,9 @@ def set_rate(arrays: EventArrays, k: int, rate: Floats, step: int) -> None:
     """Set the rate of a poisson_generator in Hz, for all neurons or for each, after a step."""
     place, row = arrays.places[k], arrays.net["pops"][k]
     net, own = arrays.net, slice(place.begin, place.end)
-    mean, nothing = net["mean"][own], net["nothing"][own]
+    mean, p_silent = net["mean"][own], net["nothing"][own]
     np.multiply(rate, arrays.program.resolution * 1e-3, out=mean)
-    np.exp(np.negative(mean, out=nothing), out=nothing)
+    np.exp(np.negative(mean, out=p_silent), out=p_silent)
     wake_emitting(net["mean"], net["awake"], net["busy"], row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)
     if row[t.COUNTS] >= 0:
         _tabulate(arrays, k, mean)

@@ -146,7 +146,7 @@ class VaryingCurrents:
         emitted, rows = self._arrays.net["emitted"], self._arrays.net["emitted_rows"]
         for k, line in enumerate(self._lines):
             part = self._program.projections[line.projection]
-            rows[k], values = self._emissions[line.projection].drawn(steps, self._currents.parameters(part.source))
+            rows[k], values = self._emissions[line.projection].table(steps, self._currents.parameters(part.source))
             rows[k, (steps <= line.since) | (steps > line.until)] = 0
             begin = self._arrays.net["lines"][k, t.FIRST_VALUE]
             emitted[begin : begin + values.size] = values.ravel()

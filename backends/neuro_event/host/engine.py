@@ -30,7 +30,7 @@ class EventEngine(Settable):
         spec = self._program.trials
         assert spec is not None
         place = self._arrays.places[spec.output]
-        if self._listed.replace(spec.input, trial.ticks + (self._step + 1), trial.ids, self._step):
+        if self._spike_lists.replace(spec.input, trial.ticks + (self._step + 1), trial.ids, self._step):
             self._pack()
         self._arrays.net["muted"][place.begin : place.end] = trial.silenced[self._arrays.net["map_of"]]
         net, start, h = self._arrays.net, self._step, self._program.resolution
@@ -52,7 +52,7 @@ class EventEngine(Settable):
             except BaseException:
                 self._torn = int(self._stop[0]) == AT_ONCE
                 raise
-        self._listed.drop(spec.input)
+        self._spike_lists.drop(spec.input)
         steps.end_trial(self._view, spec.output, spec.group, start + ticks, h)
         self._trial_start, self._step = start, start + ticks
         inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))
@@ -99,12 +99,12 @@ class EventEngine(Settable):
         local = neuron if inside is None else int(inside[neuron])
         spikes = self._spikes_that_teach(part.source)
         moment, h = self._trial_start + 1 + tick, self._program.resolution
-        late = self._arrays.net["late"][learning.delay_slice(self._arrays, projection)] if part.synapse.delays else None
-        values, where = self._trial_weights(projection) if late is None else late, (spikes, moment, neuron, local)
+        lags = self._arrays.net["late"][learning.delay_slice(self._arrays, projection)] if part.synapse.delays else None
+        values, where = self._trial_weights(projection) if lags is None else lags, (spikes, moment, neuron, local)
         self._trial_updates[projection] += trial_rules.teacher(arithmetic.teach)(
             self._view, projection, values, constants, *where, lesson, h
         )
-        if late is not None:
+        if lags is not None:
             trial_rules.round_inputs(self._view, projection, values, local, *part.delay_range(h), h)
         elif (settle := getattr(arithmetic, "settle", None)) is not None:
             total, where = np.zeros(1), (spikes[:1], moment, neuron, local)

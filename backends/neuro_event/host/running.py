@@ -246,13 +246,13 @@ class Running:
         return all(bool(np.isfinite(rows[names.index(name), place.begin : place.end]).all()) for name in states)
 
     @property
-    def _listed(self) -> ListedSpikes:
+    def _spike_lists(self) -> ListedSpikes:
         assert self._lists is not None
         return self._lists
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
         """Add spikes of a listed population at steps after the present one."""
-        if self._listed.add(population, steps, ids, self._step, payloads):
+        if self._spike_lists.add(population, steps, ids, self._step, payloads):
             self._pack()
 
     def spikes(self, population: int, since: int) -> Spikes:

@@ -319,10 +319,10 @@ QUEUE = 256
 def by_delay(row_ends, targets, delays):
     """Return whether the synapses of every source are sorted by delay, then target."""
     for source in range(row_ends.size - 1):
-        late, to = delays[row_ends[source] : row_ends[source + 1]], targets[row_ends[source] : row_ends[source + 1]]
+        row, to = delays[row_ends[source] : row_ends[source + 1]], targets[row_ends[source] : row_ends[source + 1]]
         disorder = 0
-        for e in range(1, late.size):  # without an early exit, so that the loop is vectorised
-            disorder += (late[e] < late[e - 1]) | ((late[e] == late[e - 1]) & (to[e] < to[e - 1]))
+        for e in range(1, row.size):  # without an early exit, so that the loop is vectorised
+            disorder += (row[e] < row[e - 1]) | ((row[e] == row[e - 1]) & (to[e] < to[e - 1]))
         if disorder > 0:
             return False
     return True

@@ -167,14 +167,14 @@ def move_entry(model):
         for at in range(n):
             target = plastic.move_concerned[to_target + lo + at]
             place = to_target + target
-            spikes, seen, gate = plastic.move_spikes[place], plastic.move_seen[place], plastic.move_gate[place]
+            spikes, value, gate = plastic.move_spikes[place], plastic.move_seen[place], plastic.move_gate[place]
             if row[t.LAYOUT] == t.DENSE:  # the synapse follows from the target without a search
-                gather(y, np.uint64(to + first + target - lo), c, pre, spikes, seen, gate)
+                gather(y, np.uint64(to + first + target - lo), c, pre, spikes, value, gate)
                 continue
             for s in range(first_synapse_onto(net, row, source, first, end, target), end):
                 if target_of(net, row, source, s) != target:
                     break
-                gather(y, np.uint64(to + s), c, pre, spikes, seen, gate)
+                gather(y, np.uint64(to + s), c, pre, spikes, value, gate)
 
     @subkernel
     def gather_all(view, k, step, thread):

@@ -62,13 +62,13 @@ def fired_by_all(views, pop, out):
 
 
 @kernel
-def rate_all(views, pop, mean, nothing, step):
+def rate_all(views, pop, mean, p_silent, step):
     """Set the mean spikes per step of a poisson_generator and exp(-mean), (engines, neurons), in internal order."""
     for k in range(views.shape[0]):
         net = net_of(views[k])
         row = net.pops[pop]
         for i in range(mean.shape[1]):
-            net.mean[row[t.BEGIN] + i], net.nothing[row[t.BEGIN] + i] = mean[k, i], nothing[k, i]
+            net.mean[row[t.BEGIN] + i], net.nothing[row[t.BEGIN] + i] = mean[k, i], p_silent[k, i]
         wake_emitting(net.mean, net.awake, net.busy, row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)
 
 

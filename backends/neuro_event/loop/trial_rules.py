@@ -153,13 +153,13 @@ def grower(encourage):
 
 
 @kernel
-def round_inputs(view, q, late, local, fewest, most, h):
+def round_inputs(view, q, delays, local, fewest, most, h):
     """Round the delays in ms of the inputs of a neuron to steps.
 
     The delay in ms keeps its fraction. If it were rounded too, small lessons would have no effect.
     """
     net = net_of(view)
     row = net.projections[q]
-    for k in range(late.shape[0]):
+    for k in range(delays.shape[0]):
         if net.targets[row[t.SYNAPSE] + k] == local:
-            net.delays[row[t.DELAY] + k] = nearest(late[k], h, fewest, most)
+            net.delays[row[t.DELAY] + k] = nearest(delays[k], h, fewest, most)

@@ -158,7 +158,7 @@ class _Population:
         self.c, self.push = part.constants.astype(dtype), task.push[part.population].astype(dtype)
         self.v, self.current = (np.repeat(x[None].astype(dtype), batch, axis=0) for x in (part.v, part.current))
         self.refractory = np.zeros_like(self.v)
-        self.keep = int(keep or part.population in task.wanted)
+        self.keep = int(keep or part.population in task.potentials_of)
         n_saved = task.steps if self.keep else 1
         self.potential = torch.empty(batch, n_saved, part.size, dtype=task.dtype)
         self.fate = np.empty((batch, n_saved, part.size), dtype=np.uint8)

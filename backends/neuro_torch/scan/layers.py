@@ -198,19 +198,19 @@ def push(program: Program, part: Cells, steps: int) -> Floats:
     return pushed
 
 
-def synapses(program: Program, index: int, listed: bool = False) -> Synapses:
+def synapses(program: Program, index: int, by_synapse: bool = False) -> Synapses:
     """Return the synapses of a projection.
 
     Args:
         program: the network.
         index: index of the projection.
-        listed: whether to list the synapses one by one even if they are a matrix.
+        by_synapse: whether to list the synapses one by one even if they are a matrix.
     """
     part = program.projections[index]
     sizes = program.populations[part.source].size, program.populations[part.target].size
     first, empty = int(part.delay.min()) if part.delay.size else 1, np.zeros(0, dtype=np.int64)
     ends = index, part.source, part.target, sizes, shape_of(part, sizes)
-    if not listed and part.layout == "dense" and np.all(part.delay == first):
+    if not by_synapse and part.layout == "dense" and np.all(part.delay == first):
         return Synapses(*ends, True, empty, empty.astype(np.int32), empty, np.array([first]), first)
     source, target, slot = program.synapses(index)
     slot = np.zeros(len(source), dtype=np.int64) if part.weight.size == 1 else np.asarray(slot, dtype=np.int64)
@@ -281,7 +281,7 @@ class ScanTask:
         surrogate: derivative of a spike.
         damping: factor of gradients each time they pass a synapse of a cycle.
         push: potential that currents add, by population, see `neuro_torch.scan.kernels`.
-        wanted: populations whose potentials are returned.
+        potentials_of: populations whose potentials are returned.
     """
 
     batch: int
@@ -291,7 +291,7 @@ class ScanTask:
     surrogate: Surrogate
     damping: float
     push: Mapping[int, Floats]
-    wanted: frozenset[int]
+    potentials_of: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

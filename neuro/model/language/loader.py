@@ -271,21 +271,21 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
 
 
 @uncollected()
-def build(sections: Mapping[str, Node], together: bool = False) -> Network:
+def build(sections: Mapping[str, Node], every_mistake: bool = False) -> Network:
     """Build the network that sections without `$names` describe. Errors are the same as those of `load`.
 
     Args:
         sections: sections of the description.
-        together: whether the error has the mistakes of the other parts in the same section as `others`.
+        every_mistake: whether the error has the mistakes of the other parts in the same section as `others`.
     """
-    return _Builder(sections, together).network()
+    return _Builder(sections, every_mistake).network()
 
 
 class _Builder:
     """Builder of a network, which adds the sections in the order in which they refer to each other."""
 
-    def __init__(self, sections: Mapping[str, Node], together: bool) -> None:
-        self.sections, self.together = sections, together
+    def __init__(self, sections: Mapping[str, Node], every_mistake: bool) -> None:
+        self.sections, self.every_mistake = sections, every_mistake
         self.net = Network()
         self.models: dict[str, type[Choice]] = {}
         self.synapses: dict[str, type[Choice]] = {}
@@ -325,7 +325,7 @@ class _Builder:
                 add(name, node)
             except ModelError as error:
                 named_error = error.at(None, f"{word} '{name}'")
-                if not self.together:
+                if not self.every_mistake:
                     raise named_error from None
                 errors += [named_error, *named_error.others]
         if errors:

@@ -3,7 +3,7 @@
 A `MoveRule` collects eligibility, and a signal applies it to the weights. Beside `constants`, the class of the rule or
 its module has
 
-    gather(y, e, c, pre, spikes, seen, gate)    add the contribution of a step to the eligibility of synapse e
+    gather(y, e, c, pre, spikes, state, gate)   add the contribution of a step to the eligibility of synapse e
     teach(y, e, c, n)                           apply the signal n of the post neuron at the end of a move
 
 In `y`, row 0 is the weight and the other rows are the states. `gather` is called after each step for the synapses with
@@ -101,7 +101,7 @@ class td_lambda(MoveRule):
         """Fill `c` with learning rate, decay per move and bounds. `p` is x_min, then the parameters above in order."""
         c[ETA], c[DECAY], c[W_MIN], c[W_MAX], c[LEAST] = p[2], p[3], p[4], p[5], p[0]
 
-    def gather(y, e, c, pre, spikes, seen, gate):
+    def gather(y, e, c, pre, spikes, state, gate):
         """Add the pre trace, the contribution of the pre spikes to the potential, at post spikes."""
         y[E, e] += gate * spikes * pre[0]
 
@@ -130,9 +130,9 @@ class reinforce(td_lambda):
     source: ClassVar[str] = "Williams, Machine Learning 8:229, 1992; Pfister et al., Neural Comput. 18:1318, 2006"
     sees: ClassVar[str] = "p"
 
-    def gather(y, e, c, pre, spikes, seen, gate):
+    def gather(y, e, c, pre, spikes, state, gate):
         """Add the difference between the spikes and their probability, times the pre trace."""
-        y[E, e] += gate * (spikes - seen) * pre[0]
+        y[E, e] += gate * (spikes - state) * pre[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,18 +22,18 @@ class Room(gymnasium.Env):
         super().reset(seed=seed)  # seeds self.np_random
         self.room, self.weather = self.np_random.uniform(12.0, 28.0), self.np_random.uniform(0.0, 10.0)
         self.steps = 0
-        return self._seen(), {}
+        return self._observation(), {}
 
     def step(self, action):
         """Heat for a step; what is seen then, the reward, whether it has ended, whether it is cut off."""
         self.room += 0.05 * (self.weather - self.room) + 0.8 * action + self.np_random.normal(0.0, 0.1)
         self.steps += 1
         reward = float(abs(self.room - AIM) < 1.0)
-        return self._seen(), reward, False, self.steps == 100, {}
+        return self._observation(), reward, False, self.steps == 100, {}
 
-    def _seen(self):
-        seen = np.array([self.room, self.weather], np.float32)
-        return np.clip(seen, self.observation_space.low, self.observation_space.high)
+    def _observation(self):
+        values = np.array([self.room, self.weather], np.float32)
+        return np.clip(values, self.observation_space.low, self.observation_space.high)
 
     def render(self):
         """A thermometer of 10 to 30 degrees, with a line at what is wanted."""

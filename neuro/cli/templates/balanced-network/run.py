@@ -17,8 +17,8 @@ def firing(seed=1, **parameters):
     sim = neuro.compile(neuro.load(NETWORK, params=parameters), seed=seed)
     sim.run(1000.0)  # ms
     times, ids = sim.spikes("exc")
-    late = times > 200.0  # the network has settled
-    times, ids = times[late], ids[late]
+    settled = times > 200.0  # the network has settled
+    times, ids = times[settled], ids[settled]
     intervals = [np.diff(times[ids == i]) for i in np.unique(ids)]
     variation = [t.std() / t.mean() for t in intervals if t.size > 4]
     return times.size / 400 / 0.8, float(np.mean(variation))

@@ -12,8 +12,8 @@ MODEL = Path(__file__).with_name("model.h5")
 
 def halves():
     """Every second recording to learn from, and the others."""
-    found = recordings(DATA)
-    return found[::2], found[1::2]
+    data = recordings(DATA)
+    return data[::2], data[1::2]
 
 
 def trained(data, out=None, **settings):

@@ -23,8 +23,8 @@ class Light(gymnasium.Env):
         """Turn; return observation, reward, terminated, truncated and info."""
         self.heading += float(action[0])
         self.steps += 1
-        seen, info = self._look()
-        return seen, 1.0 - abs(info["offset"]) / 3.5, False, self.steps >= self.end, info
+        observation, info = self._look()
+        return observation, 1.0 - abs(info["offset"]) / 3.5, False, self.steps >= self.end, info
 
     def _look(self):
         light = 3.0 * np.sin(2.0 * np.pi * self.steps / 60.0)

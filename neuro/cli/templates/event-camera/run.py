@@ -9,7 +9,7 @@ import neuro
 NETWORK = Path(__file__).with_name("network.yaml")
 
 
-def seen(duration=1000.0, seed=1, **parameters):
+def spike_counts(duration=1000.0, seed=1, **parameters):
     """The number of spikes of each neuron of the grid within `duration` ms: (rows, columns)."""
     sim = neuro.compile(neuro.load(NETWORK, params=parameters), seed=seed)
     sim.run(duration)  # the recording is read while the network runs
@@ -18,5 +18,5 @@ def seen(duration=1000.0, seed=1, **parameters):
 
 
 if __name__ == "__main__":
-    for row in seen():
+    for row in spike_counts():
         print("".join(f"{count:5d}" for count in row))
