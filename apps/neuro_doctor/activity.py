@@ -343,7 +343,7 @@ class Silence:
         stimuli = all(self.program.populations[j].kind == "listed" for j in sources)
         probed = any(p.population == k and p.record not in ("spikes", "rate") for p in self.program.probes)
         severity = "note" if probed and stimuli and not self.wiring.out_of(k) else "fault"
-        # Recurrent weights are no remedy: they have no effect before the first spike, and too much after it.
+        # Recurrent weights are no remedy: no effect before the first spike, and too much after it.
         active = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         onto = [q for q in active if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
         slow = {j for j in (self.program.projections[q].source for q in onto) if self.run.rate(j) < WITHERED_HZ}

@@ -1,4 +1,4 @@
-"""The diagnosis of a network, its text and its web page."""
+"""The diagnosis of a network, as text and as a web page."""
 
 from __future__ import annotations
 

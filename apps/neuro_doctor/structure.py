@@ -34,7 +34,7 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
 
 
 def is_open(program: Program) -> bool:
-    """Return whether a user's program has to feed inputs. Such a program may also set weights."""
+    """Return whether a user's program has to feed inputs, and may therefore also set weights."""
     return bool(idle_inputs(program))
 
 

@@ -30,7 +30,7 @@ def resolves(net: Network, finding: Finding) -> bool:
 
 
 def findings(net: Network, backend: str, seed: int) -> Iterator[Finding]:
-    """Run a network in its world for a short time with learning on, and check its rewards.
+    """Run a network in its world for a short time with learning on, and check the rewards.
 
     Args:
         net: the network. Without a world with rewards there are no findings.

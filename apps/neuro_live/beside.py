@@ -150,7 +150,7 @@ def begin() -> Work:
 
 @lru_cache(1)
 def _placements(path: str, seed: int) -> tuple[Program, list[tuple[Chip, Placement | None] | tuple[Chip, str]]]:
-    """Compile the network; return it with its placement, or the reason why it does not fit, for each priced chip."""
+    """Compile the network; return the program, and for each priced chip the placement or the reason for a refusal."""
     program = compile_network(load(path), seed, 1)
     placements: list[Any] = []
     for name in chips():

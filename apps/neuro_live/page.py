@@ -410,7 +410,7 @@ class Page:
 
 
 def _serve() -> tuple[subprocess.Popen[bytes], Channel]:
-    """Start the process that serves the page, and return it with the channel to it."""
+    """Start the process that serves the page; return the process and the channel to it."""
     own_end, other_end = socket.socketpair()
     paths = [os.path.abspath(path) for path in sys.path]
     process = subprocess.Popen(

@@ -1,8 +1,8 @@
 """The process that serves the page: `python -m neuro_live.serving DESCRIPTOR`, started by `neuro_live.page`.
 
-This process does not interpret the messages. It serves four files, forwards the messages of the network's process to
-the browsers, and forwards small requests of the browsers. All queues are bounded: a browser that reads slowly misses
-frames, a browser that sends too much is disconnected, and requests are refused while the network's process is busy.
+This process serves four files, and forwards the messages of the network's process and small requests of the browsers
+without interpreting either. All queues are bounded: a browser that reads slowly misses frames, a browser that sends too
+much is disconnected, and requests are refused while the network's process is busy.
 """
 
 from __future__ import annotations

@@ -210,7 +210,7 @@ class _Place(NamedTuple):
 
 
 class _File:
-    """An open file of evidence. It stays readable after another file has replaced its name.
+    """An open file of evidence, which stays readable after another file has replaced its name.
 
     HDF5 is used only to find the arrays' positions, because reading a small array with it takes ten times as long.
     """

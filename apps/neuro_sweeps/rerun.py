@@ -308,7 +308,7 @@ def _files_of(value: Any) -> Iterator[str]:
 
 
 def _rerun_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
-    """Repeat a run of a sweep or a tuning, and compare its metrics, and its results if they were kept."""
+    """Repeat a run of a sweep or a tuning, and compare the metrics, and the results if they were kept."""
     from neuro_sweeps.definition import recorded_run
     from neuro_sweeps.folder import PRUNED, Folder
     from neuro_sweeps.network import NetworkRun

@@ -425,7 +425,7 @@ def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format:
 
 
 def _overlaps(trace: Trace, views: Sequence[View]) -> bool:
-    """Return whether a trace has a neuron in one of the views of its population; without such views, True."""
+    """Return whether a trace has a neuron in a view of its population; without views of the population, True."""
     own_views = [view for view in views if view.population.name == trace.population]
     if not own_views or trace.single or trace.ids is None:
         return True

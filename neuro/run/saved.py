@@ -37,7 +37,7 @@ def learnt_network(run: Run) -> Network:
 
     Delays that learn have the values of the next spikes, in whole steps. Random synapses become listed pairs. Random
     weights, delays and initial states become arrays, and encoded input becomes spikes or rates. States such as V_m
-    start from their initial values.
+    start from the initial values.
     """
     net, program = run.net, run.program
     copy = Network(net.name, resolution=net.resolution)
@@ -213,7 +213,7 @@ def _present_population(index: int, part: Population, engine: Engine) -> Populat
         listed_keys, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
         keys = np.concatenate([listed_keys, emitted.steps * part.size + emitted.ids])
         spikes, places = np.unique(keys, return_inverse=True)
-        # A listed spike is also among the emitted ones if its time has passed.
+        # A listed spike is also among the emitted spikes if its time has passed.
         most = np.zeros(spikes.size, dtype=np.int64)
         np.maximum.at(most, places, np.concatenate([several, emitted.multiplicity]))
         spikes = np.repeat(spikes, most)

@@ -331,7 +331,7 @@ class Simulation(RunningNetwork):
         """Drive neurons by independent Poisson spikes, from the next step on.
 
         The spikes come from the `poisson_generator` that is connected one to one to the neurons, as by
-        `net.wiring(drive=...)`, with the weight of that projection. Of several such generators, the one with
+        `net.wiring(drive=...)`, with the weight of that projection. Of several generators, the one with
         a described rate of 0 is used.
 
         Args:

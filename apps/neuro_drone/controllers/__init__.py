@@ -76,7 +76,7 @@ class Learner(Controller, Protocol):
         """Restore the result of `learnt` or `state`."""
 
     def frozen(self) -> Controller:
-        """Return a copy that does not learn. Its episodes do not depend on earlier ones."""
+        """Return a copy that does not learn, so that no episode depends on an earlier one."""
 
 
 ERROR, REWARD, ORACLE, NOBODY = "the error", "the reward", "the oracle", "-"
@@ -187,7 +187,7 @@ def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, An
 def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return all settings of a controller, with defaults, as plain data.
 
-    A model stores them, so later changes of the defaults do not change its flight.
+    A model stores the settings, so later changes of the defaults do not change its flight.
 
     Args:
         name: a name of `CONTROLLERS`.

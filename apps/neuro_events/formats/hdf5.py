@@ -153,9 +153,9 @@ _HEAP = re.compile(b"GCOL\x01")
 def heaps_are_intact(data: Bytes) -> bool:
     """Return whether the heaps near the beginning and the end of a file are intact: the sizes of their objects add up.
 
-    HDF5 stores strings of variable length in heaps, and its library loops forever in a heap with damaged sizes. Such
-    strings are therefore read only if all heaps of the file are intact. Strings of fixed length, as in files of this
-    library, are not stored in heaps.
+    HDF5 stores strings of variable length in heaps, and its library loops forever in a heap with damaged sizes.
+    Strings of variable length are therefore read only if all heaps are intact. Strings of fixed length, as in files of
+    this library, are not stored in heaps.
 
     Source: "HDF5 File Format Specification 3.0", section III.E, "Disk Format: Level 1E - Global Heap".
     """

@@ -1,6 +1,6 @@
 """The process that runs a script of PyNN, started by `neuro_exchange.pynn.read`.
 
-The script can read files, and write into a temporary folder. It cannot start programs, use the network or write
+The script can read files, and write into a temporary folder, but cannot start programs, use the network or write
 elsewhere. Hooks of Python refuse these actions and name the line. The kernel refuses them as well, see
 `neuro_exchange.pynn.kernel`.
 """

@@ -125,7 +125,7 @@ class Session(mock_simulator.State):
         self.experiment.notes.setdefault((self.where(), message))
 
     def changed(self, what: str) -> None:
-        """Register a change of the network. Before a run it is part of the network, after a run it is a live change."""
+        """Register a change of the network: part of the network before a run, a live change after a run."""
         if self.experiment.runs:
             self.experiment.live.append((self.where(), what))
         else:

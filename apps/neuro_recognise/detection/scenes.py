@@ -2,8 +2,8 @@
 
 The events of each recording, including its noise, move along a straight path on a larger sensor; a recording that is
 shorter than the scene is repeated. A true box is measured from the events of its object alone, before events of other
-objects and of the background are added. It spans the given percentiles of columns and rows of those events in a slice
-of time that had a neighbour shortly before (`neuro.events.filters.BackgroundActivity`).
+objects and of the background are added. The box spans the given percentiles of columns and rows of the events in a
+slice of time that had a neighbour shortly before (`neuro.events.filters.BackgroundActivity`).
 
 A folder of scenes can be written in several runs and is read as a data set:
 

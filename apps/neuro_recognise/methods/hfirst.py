@@ -131,8 +131,8 @@ def input_spikes(settings: HFirstSettings, events: Events) -> dict[str, LayerSpi
 def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[str, LayerSpikes]:
     """Return the spikes of layer S1.
 
-    They equal those of the network, except if several orientations reach the threshold with the same potential: here
-    the first fires, in the network a random one.
+    The network has the same spikes, except if several orientations reach the threshold with the same potential: here
+    the first fires, in the network a random orientation.
 
     Args:
         settings: settings of the network.

@@ -1,6 +1,6 @@
 """Classifiers of vectors: linear and RBF support vector machines, ridge regression, and the nearest class mean.
 
-scikit-learn trains the support vector machines. Their parameters are stored as arrays, so scoring does not need it.
+scikit-learn trains the support vector machines. Scoring does not need scikit-learn: the parameters are arrays.
 """
 
 from __future__ import annotations

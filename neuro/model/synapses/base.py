@@ -15,7 +15,7 @@ holds the constants of the rule.
                                               of `Modulated`: n is the modulator's concentration at `begin`, `grid`
                                               the delivery grid
 
-A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. Such rules use emission times:
+A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. All times are then emission times:
 `pre` has the emissions, which arrive `y[1]` later, and post spikes reach the synapse without delay.
 
 A rule for trials returns from its method `lessons` which neurons the end of a trial teaches (`Lesson`), and has
