@@ -158,9 +158,9 @@ def constants(p, h, c):
     """None."""
 
 
-def gather(y, e, c, pre, spikes, seen, gate):
+def gather(y, e, c, pre, spikes, state, gate):
     """The potential counts, whether the neuron spikes or not."""
-    y[1, e] += pre[0] * seen
+    y[1, e] += pre[0] * state
 
 
 def teach(y, e, c, n):

@@ -84,7 +84,7 @@ class EventEngines:
         step, at_once = self._engines[0]._step, []
         for each in lists:
             population, offsets, ticks, ids = each
-            if any(engine._listed.pending(population, step) for engine in self._engines):
+            if any(engine._spike_lists.pending(population, step) for engine in self._engines):
                 for k, engine in enumerate(self._engines):
                     own = slice(offsets[k], offsets[k + 1])
                     engine.inject(population, step + ticks[own], ids[own])
@@ -93,11 +93,11 @@ class EventEngines:
             # First reserve memory for all populations: an engine that gets more memory replaces its table of arrays.
             n = len(ticks) if len(self._engines) == 1 else int((offsets[1:] - offsets[:-1]).max())
             for engine in self._engines:
-                if engine._listed.reserve(population, n, step):
+                if engine._spike_lists.reserve(population, n, step):
                     engine._pack()
         views = self._views
         for population, offsets, ticks, ids in at_once:
-            place = self._engines[0]._listed.place(population)
+            place = self._engines[0]._spike_lists.place(population)
             together.list_all(views, population, place, offsets, ticks, ids, step)
 
     def fired(self, population: int) -> Ints:
