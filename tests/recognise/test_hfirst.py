@@ -242,10 +242,8 @@ def test_pips_are_told_apart(shared):
     settings = HFirstSettings(size=(35, 35))
     found = [r for r in recordings(shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip") if "i." not in r.name]
     sim = neuro.compile(hfirst.c1_alone(settings))
-    c1 = [
-        hfirst.c1_spikes(sim, settings, hfirst.s1_spikes(settings, hfirst.input_spikes(settings, one.load())))
-        for one in found
-    ]
+    inputs = [hfirst.input_spikes(settings, one.load()) for one in found]
+    c1 = [hfirst.c1_spikes(sim, settings, hfirst.s1_spikes(settings, each)) for each in inputs]
     labels, train = np.array([one.label for one in found]), np.arange(len(found)) % 3 != 0
     learnt = hfirst.templates(settings, hfirst.c1_counts(settings, c1)[train], labels[train], 4)
     s2 = neuro.compile(hfirst.s2_alone(settings, learnt))
