@@ -81,7 +81,7 @@ AT_ONCE = (
     ("words", "told"),
     [
         ({"arithmetic": Arithmetic}, AT_ONCE),
-        ({"arithmetic": Arithmetic, "linear": False}, "V_m to .*, none of them to .*: expected the same, as `quiet`"),
+        ({"arithmetic": Arithmetic, "linear": False}, "V_m to .*, skipping them to .*: expected the same, as `quiet`"),
         ({"arithmetic": Restless}, "fires without input where `quiet` is true: expected it to be false there"),
     ],
     ids=["no silence step by step", "changes", "fires"],

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 FORMAT = "faery13"
-_LOOK = struct.Struct("<?qq")  # beginning of an episode, index of the step, events sent so far
-_ANSWER = struct.Struct("<q3d")  # index of the step, action
+_LOOK = struct.Struct("<?qq")  # message at the end of a step: whether an episode begins, step, number of sent events
+_ANSWER = struct.Struct("<q3d")  # message of the controller: step, action
 _HOST = "127.0.0.1"
 _LOST = 0.25
 """Longest wait for the events of a step, as a share of the step. Events that arrive later are lost."""
@@ -158,8 +158,8 @@ def fly_live(
         backend: backend of the controller's network.
         speed: factor on real time; 2 is twice as fast.
         report: called after each lap.
-        page: function that makes a page of the controller's network from the simulation and a function of figures to
-            show. The page is closed at the end.
+        page: function that opens a page of the controller's network. Its arguments are the simulation, and a function
+            that returns the figures to show. The page is closed at the end.
 
     Raises:
         ModelError: a start is impossible, the backend refuses the network, a page is requested for a controller without

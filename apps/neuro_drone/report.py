@@ -286,7 +286,7 @@ def motors(scenario: Scenario) -> tuple[str, ...]:
 
 
 def density(model: Model, test: FlightTest) -> Figure:
-    """Draw the positions of the target in the picture with their marginal distributions; for a line column and angle.
+    """Draw the target's positions in the picture (of a line: column and angle) with their marginal distributions.
 
     Args:
         model: the tested model.
@@ -333,7 +333,7 @@ def training(model: Model) -> Figure:
     Args:
         model: the trained model.
 
-    Source: thesis, figures 78 and 79; it has no frozen weights.
+    Source: thesis, figures 78 and 79, without the error of frozen weights.
     """
     at, steps = model.history["steps"], model.history["lengths"]
     reward, short = model.history["returns"] / steps, steps < model.episode

@@ -178,7 +178,7 @@ def slider_ends(
 
 
 def furthest(value: float, end: float, step: float, accepted: Callable[[float], bool]) -> float:
-    """Return the valid multiple of a step between a value and an end that is closest to the end, or the value.
+    """Return the valid multiple of `step`, from `value` to `end`, that is closest to `end`; `value` if none is valid.
 
     Validity is assumed to end at one point on the way, which is found by bisection.
     """

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from neuro.apps import Checkpoint
 
 
-SPLITS = "chosen on splits of N-MNIST's training recordings, which its accuracies are of, too"
+SPLITS = "chosen on the same splits of N-MNIST's training recordings as its accuracies"
 """Source of a value that was tuned on the same splits as its reported accuracy, not on separate recordings."""
 
 
@@ -195,7 +195,7 @@ class Method(Settings):
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     measured: ClassVar[Mapping[str, str]] = {}
 
-    size: tuple[int, int] = setting((0, 0), "px", "field that is looked at; [0, 0] takes the sensor's", at_least=0)
+    size: tuple[int, int] = setting((0, 0), "px", "field of the used events; [0, 0]: whole sensor", at_least=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -203,7 +203,7 @@ class Method(Settings):
             raise ModelError(f"{self.place()}: size = {list(self.size)}: expected width and height")
 
     def place(self) -> str:
-        """Return ``method`` and the method's name, as error messages begin."""
+        """Return the beginning of error messages: ``method`` and the method's name."""
         return f"method '{self.called()}'"
 
     def way_out_of_silence(self) -> str:
@@ -261,8 +261,8 @@ class Method(Settings):
         width, height = self.size
         if outside > MAX_OUTSIDE * total:
             raise ModelError(
-                f"{outside} of {total} events lie outside of the {width}x{height} field that is "
-                f"looked at, expected at most {MAX_OUTSIDE:.0%}",
+                f"{outside} of {total} events lie outside of the {width}x{height} field: "
+                f"expected at most {MAX_OUTSIDE:.0%}",
                 hint="crop the recording round the object first, train with a larger 'size', or find several objects: "
                 "'neuro recognise detect'",
             )
@@ -382,7 +382,7 @@ class Observer(ABC):
 
     @abstractmethod
     def evidence(self) -> Evidence:
-        """Return the evidence of all events so far, to the bit as `Method.observe` of the same events.
+        """Return the evidence of all events so far, bit-identical to `Method.observe` of the same events.
 
         Raises:
             ModelError: the events do not fit the method.

@@ -40,8 +40,8 @@ class Linear(Framewise):
     title = "softmax regression, online"
     source = "the linear twin of ReMuS: same frames, order and epochs"
     spikes = False
-    order: str = setting("frames", "", "what is shuffled in each epoch", "as ReMuS", words=("frames",))
-    rate: float = setting(0.01, "", "of a step of gradient descent", "not tuned", above=0)
+    order: str = setting("frames", "", "items to shuffle in each epoch", "as ReMuS", words=("frames",))
+    rate: float = setting(0.01, "", "learning rate of gradient descent", "not tuned", above=0)
 
     def fit(self, features: Features, course: Course) -> Learnt:
         """Return ``weights`` (inputs, classes) and ``history`` (epochs,), the share of right decisions on frames.
@@ -182,9 +182,7 @@ def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) ->
     for name in names or RULES:
         one = Contestant(name, Linear()) if name == "linear" else contestants([name])[0]
         if not isinstance(one.method, Framewise) or not one.method.layer.supervised:
-            raise ModelError(
-                f"{one.method.place()}: learns no labels epoch by epoch, so cannot relearn", hint=", ".join(RULES)
-            )
+            raise ModelError(f"{one.method.place()} does not learn from labels epoch by epoch", hint=", ".join(RULES))
         chosen.append(replace(one, method=one.method.changed(values or {})))
     return tuple(chosen)
 

@@ -26,8 +26,8 @@ class Rounding:
     """The rounding of a quantity that a register holds.
 
     Attributes:
-        quantity: as the language names it, e.g. "tau_m".
-        unit: of `exact` and `got`.
+        quantity: name of the quantity in the language, e.g. "tau_m".
+        unit: unit of `exact` and `got`.
         exact, got: the described value and the value of the register, for the neuron with the largest difference.
         error: their difference relative to a scale that matters (for a potential, the distance from E_L to V_th).
     """
@@ -44,10 +44,10 @@ class FixedPopulation:
     """A population in registers.
 
     Attributes:
-        name: of the population.
+        name: name of the population.
         kind: "source" and "current" (generators, on the host), "relay", or the integer step of the population's family,
             e.g. "loihi_lif".
-        registers: by name, shape (1,) where all neurons share the value, else (size,).
+        registers: registers by name, shape (1,) where all neurons share the value, else (size,).
         initial: state registers at step 0, of the same shapes.
         volt: units of the voltage register per mV.
         rest: potential in mV where the voltage register is 0, shape (1,) or (size,).
@@ -90,7 +90,7 @@ class FixedProjection:
     """A projection in words.
 
     Attributes:
-        name: of the projection.
+        name: name of the projection.
         mantissas: content of the weight memory, shape (1,) where shared, else one per synapse (for a grid, one per
             weight of its kernels). On SpiNNaker the sign selects the receptor.
         words: amount that a spike adds to the input of its target (Loihi: in units of 64).
@@ -158,7 +158,7 @@ SAMPLE = 512
 
 
 def thinned(weights: Floats) -> Floats:
-    """Return a sample of many weights: the largest, the smallest and evenly spaced others; or all of few."""
+    """Return few weights unchanged, and of many the largest, the smallest and evenly spaced others."""
     if weights.size > 64 * SAMPLE:
         return np.concatenate(([weights.min(), weights.max()], weights[:: weights.size // (32 * SAMPLE)]))
     return weights
@@ -218,7 +218,9 @@ def judge_weights(
     beyond = exact.max() > high + half or exact.min() < low - half
     saturated = float(np.mean((exact > high + half) | (exact < low - half))) if beyond else 0.0
     survives = nonzero & (mantissas != 0)
-    error = np.multiply(mantissas, step, out=exact)  # first the weight that is sent, below its error
+    error = np.multiply(
+        mantissas, step, out=exact
+    )  # holds the rounded weights here, and their errors further below, to save memory
     ratio = np.divide(error, weights, out=np.ones_like(error), where=survives)
     ratio -= 1.0
     worst = float(np.max(np.abs(ratio, out=ratio), initial=0.0))
@@ -300,8 +302,8 @@ def judge(weights, above, below, low, high, grain, peak, mantissas, statistics):
         peak: the largest magnitude of a weight, more than 0.
         mantissas: output, or empty.
         statistics: output: the number of weights beyond a mantissa, of nonzero weights, and of nonzero weights that do
-            not become 0; the largest relative error of one; the sums of all squared errors and of all squared weights,
-            relative to `peak`.
+            not become 0; the largest relative error of such a weight; the sums of all squared errors and of all squared
+            weights, relative to `peak`.
     """
     n = max(weights.size, above.size) if weights.size else 0
     own, each, keep = weights.size > 1, above.size > 1, mantissas.size > 0

@@ -5,13 +5,14 @@ Any table with `arithmetic: loihi2` uses it.
 | described | on the chip |
 | --- | --- |
 | weight of `loihi2_static` | the mantissa; bits that the memory lacks are rounded down |
-| weight of `static` onto neurons in whole numbers | m 2^e: with the largest e that is exact, else the nearest |
+| weight of `static` onto neurons in whole numbers | m 2^e with the largest exact e, else the smallest that fits |
 | `iaf_psc_exp`, `iaf_psc_delta` | as on Loihi 1 (`neuro.chips.loihi`); without a refractory period |
 | `sigma_delta` and other graded models | vth and bias in units of the states, 2^-(spike_exp + state_exp) |
 | `stdp_dopa` with a signal | a three-factor rule (`neuro.chips.loihi_learning`) |
 
-Differences from Loihi 1: mixed mantissas are rounded down, not towards 0; a negative exponent shifts the sum of a step,
-not each weight; the input of a step has 32 bits; there is no refractory period. Source: lava 0.10.0, `src/lava/proc`.
+Differences from Loihi 1: mantissas of sign mode "mixed" are rounded down, not towards 0; a negative exponent shifts the
+sum of a step, not each weight; the input of a step has 32 bits; there is no refractory period. Source: lava 0.10.0,
+`src/lava/proc`.
 """
 
 from __future__ import annotations

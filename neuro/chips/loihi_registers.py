@@ -83,10 +83,10 @@ def bounds(sign_mode: str, bits: int = 8) -> tuple[int, int, int]:
 
 
 COMFORT = 2.0**21
-"""Largest threshold of an automatic scale: the input of a step can be as large, and u four times as large."""
+"""Largest threshold of an automatic scale. It equals the limit of the input of a step, and a quarter of that of u."""
 
 FINE = 2.0**17
-"""Least units of the threshold at an automatic scale. The next smaller power of two is 1,024 steps of 64."""
+"""Smallest threshold of an automatic scale: 2,048 steps of 64 units."""
 
 BIAS_LARGEST = BIAS_MANTISSA << BIAS_EXPONENT
 SPARE = 1.0 - 2.0**-7
@@ -174,8 +174,8 @@ def safe_scales(inputs: Inputs, mv: InMillivolts) -> tuple[float, float]:
     """Return the scale at which nothing wraps even if all synapses of a neuron are active in every step.
 
     Returns:
-        this scale, which bounds the input of a step and u; and the larger of it and the scale at which threshold and
-        truncated decays are off by at most 0.1 %.
+        this scale, which bounds the input of a step and u; and this scale or, if larger, the smallest scale at
+        which the threshold and the truncated decays have errors of at most 0.1 %.
     """
     total = 0.0
     for sign in (1.0, -1.0):
@@ -202,8 +202,8 @@ def choose_scale(inputs: Inputs, mv: InMillivolts) -> float:
 
     The scale is as large as threshold, bias and weights allow. Candidates give the largest weight of the strongest
     projection a mantissa of 129..256. A factor of two changes no mantissa, so the largest allowed power is used. If
-    weights learn in pairs, the largest weight that they can reach gets the largest mantissa, at which the chip stops,
-    too. Of two scales with equal errors, the one at which sums do not wrap is used.
+    weights learn from spike pairs, the upper bound of learning gets the largest mantissa, so that the chip has the same
+    bound. Of two scales with equal errors, the one at which sums do not wrap is used.
     """
     cap, limit = scale_limits(mv)
     values = [(index, sampled(potential_changes(inputs, index, mv, few=True))) for index in inputs.spikes]

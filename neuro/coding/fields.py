@@ -1,6 +1,6 @@
 """Encoders of vectors: neurons with fields, which spike while the vector lies in their field.
 
-Noise of the spikes becomes noise of what is learnt from them, so regular spikes often teach faster than drawn ones.
+A readout learns the noise of random spikes, too, so that regular spikes are often learnt faster.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 MOST = 1 << 20
-"""Neurons of an encoder."""
+"""Largest number of neurons of an encoder."""
 PERIOD = 5
 """Ticks between two spikes of a neuron in the middle of its field."""
 REACH = 2.5
@@ -33,16 +33,16 @@ WIDTH = 1.5
 SILENT = 0.01
 """A neuron whose activity is below this does not spike."""
 NEAR = 5
-"""Tuning curves of one dimension that are at least SILENT somewhere."""
+"""Number of tuning curves of a dimension that can reach SILENT at the same value."""
 LOW, HIGH, STATES, MIDDLE, SPREAD = range(5)
 """Rows of the array of a space, (5, dimensions) float64: lowest and highest value, number of states or 0, and mean and
 standard deviation where a bound is missing."""
 Parts: TypeAlias = tuple[Ints, Ints, Floats, Ints]
-"""Of g grids of s dimensions: numbers of the dimensions, steps from one neuron to the next along each, and shares of a
-field by which a grid is shifted, (g, s); the first neuron, (g,). A plain tuple, of which a kernel takes an array in a
-quarter of the time of one in a named tuple: the kernel is called for each vector."""
+"""Arrays of g grids with s dimensions each: indices of the dimensions, strides of the neurons along each dimension, and
+shifts of the grid as shares of a field, all (g, s); index of the first neuron, (g,). The tuple is a plain one, because
+a kernel reads a named tuple four times slower, and is called for each vector."""
 GOLDEN = 0.6180339887498949
-"""Multiples of it, modulo 1, are phases that are spread evenly, for any number of neurons."""
+"""Neuron k has the phase k GOLDEN modulo 1, which spreads the phases evenly for any number of neurons."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,15 +87,15 @@ class Fields:
         if not self.dimensions:
             raise ModelError("dimensions = []: expected at least one")
         self.size = self.active = 0
-        self._some = min(argument("group", group, kind="integer", at_least=1), len(self.dimensions))
-        if math.comb(len(self.dimensions), self._some) > MOST:
+        self._group_size = min(argument("group", group, kind="integer", at_least=1), len(self.dimensions))
+        if math.comb(len(self.dimensions), self._group_size) > MOST:
             raise self._too_many()
-        self._groups = list(combinations(range(len(self.dimensions)), self._some))
+        self._groups = list(combinations(range(len(self.dimensions)), self._group_size))
         self._ends = np.ones((5, len(self.dimensions)))
-        for d, one in enumerate(self.dimensions):
-            middle = (one.low + one.high) / 2
-            middle = 0.0 if one.states or not np.isfinite(middle) else middle
-            self._ends[:SPREAD, d] = one.first if one.states else one.low, one.high, one.states, middle
+        for d, dim in enumerate(self.dimensions):
+            middle = (dim.low + dim.high) / 2
+            middle = 0.0 if dim.states or not np.isfinite(middle) else middle
+            self._ends[:SPREAD, d] = dim.first if dim.states else dim.low, dim.high, dim.states, middle
 
     @property
     def middle(self) -> Floats:
@@ -111,56 +111,57 @@ class Fields:
 
     def learn(self, vectors: Floats) -> None:
         """Set middle and spread of unbounded dimensions from at least two vectors, (vectors, dimensions)."""
-        for d, one in enumerate(self.dimensions):
-            if not one.bounded and len(vectors) > 1:
+        for d, dim in enumerate(self.dimensions):
+            if not dim.bounded and len(vectors) > 1:
                 self.middle[d] = vectors[:, d].mean()
                 self.spread[d] = max(float(vectors[:, d].std()), 1e-9)
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
-        """Spikes of some vectors, each shown for so many ticks to a copy of the neurons.
+        """Return the spikes of some vectors. Each vector is shown for a number of ticks to its own copy of the neurons.
 
         Args:
             vectors: (vectors, dimensions), finite.
-            ticks: how long each is shown.
-            rng: with one, spikes are drawn: in each tick a neuron spikes with probability activity / 5, as a Poisson
-                process does in a time that is short. Without one they are regular, every 5 / activity ticks.
+            ticks: number of ticks for which each vector is shown.
+            rng: random generator of Poisson spikes, with probability activity / 5 in each tick; None for regular
+                spikes, every 5 / activity ticks.
 
         Returns:
-            (offsets, ticks, ids) as `neuro.Stepper.step` takes them: spikes offsets[k] to offsets[k + 1] are of
-            vector k, by tick, then id; the last spike is one tick before the end.
+            (offsets, ticks, ids) as for `neuro.Stepper.step`: vector k has the spikes offsets[k] : offsets[k + 1], by
+            tick, then id. No neuron spikes in the last tick.
         """
         raise NotImplementedError
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
-        """The neurons that spike for one vector, (n,), and how active each is, in (0, 1]."""
+        """Return the neurons that spike for a vector, (n,), and the activity of each, in (0, 1]."""
         raise NotImplementedError
 
     def cells(self, vector: Floats) -> Ints:
-        """The neurons that stand for one vector: of each grid or group the one that is most active, (active,)."""
+        """Return the most active neuron of each grid or group for a vector, (active,)."""
         raise NotImplementedError
 
     def work(self, ticks: int, poisson: bool = False) -> Work:
         """Return the operations of `spikes` for one vector.
 
         Args:
-            ticks: how long the vector is shown.
+            ticks: number of ticks for which the vector is shown.
             poisson: whether spikes are drawn at random.
         """
         raise NotImplementedError
 
     def _placing(self, continuous: int, states: int) -> float:
-        """Return the operations that find the places of a vector along the dimensions of all groups.
+        """Return the number of operations that find the position of a vector along the dimensions of all groups.
+
+        The position of a value between its bounds takes 5 operations, see `_share`: a difference, a division, or a
+        factor and a tanh, and two limits.
 
         Args:
-            continuous: operations behind the share of a continuous dimension.
-            states: operations behind the limits of a dimension with states.
-
-        The share takes a difference, a division, or a factor and a tanh, and two limits.
+            continuous: operations that follow for a continuous dimension.
+            states: operations that follow the two limits and the difference of a dimension with states.
         """
         return sum(3 + states if self.dimensions[d].states else 5 + continuous for d in self._member.ravel().tolist())
 
     def _layout(self, members: Sequence[Sequence[int]], cells: Sequence[int]) -> None:
-        """Number the neurons of each grid or group, of which each has so many along each dimension."""
+        """Number the neurons of each grid or group, from the number of neurons along each dimension."""
         stride, first = [], []
         for chosen in members:
             steps = np.cumprod([1, *(cells[d] for d in chosen)], dtype=np.float64)
@@ -175,23 +176,23 @@ class Fields:
 
     def _too_many(self) -> ModelError:
         return ModelError(
-            f"places of {len(self.dimensions)} dimensions in groups of {self._some}: expected at most {MOST} places",
-            hint="group=1, fewer fields or active ones need fewer; a wrapper may leave dimensions out or make features",
+            f"places of {len(self.dimensions)} dimensions in groups of {self._group_size}: expected at most {MOST}",
+            hint="lower group, fields or active, or use a wrapper that leaves out dimensions or makes features",
         )
 
 
 class _Grids(Fields):
-    """Encoders of which each grid has one active neuron."""
+    """Base of the encoders by grids. Each grid has one active neuron."""
 
     _more: ClassVar[int] = 0
-    """Shares of a field by which a grid is shifted more along each next dimension of its group."""
+    """Dimension k of a group is shifted 1 + _more * k times as far as its first dimension."""
 
     def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, active: int) -> None:
         super().__init__(dimensions, group)
         self._fields = float(argument("fields", fields, kind="integer", at_least=2))
         grids = max(1, round(argument("active", active, kind="integer", at_least=1) / len(self._groups)))
         # A shifted grid has one field more along a dimension: a field at each end reaches beyond the bounds.
-        cells = [one.states or fields + 1 for one in self.dimensions]
+        cells = [dimension.states or fields + 1 for dimension in self.dimensions]
         members: list[tuple[int, ...]] = []
         shift = []
         for chosen in self._groups:
@@ -207,15 +208,15 @@ class _Grids(Fields):
         self._shift = np.array(shift, dtype=np.float64)
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
-        """Spikes of some vectors, see `Fields.spikes`; a neuron's phase is its number."""
+        """Return the spikes of some vectors, see `Fields.spikes`. The phase of a neuron is its index modulo 5."""
         n = len(vectors)
-        most = n * self.active * len(range(0, ticks - 1, PERIOD if rng is None else 1))
-        when, ids, count = np.empty(most, np.int64), np.empty(most, np.int64), np.zeros(n + 1, np.int64)
-        room = np.empty(self.active, np.int64)
+        limit = n * self.active * len(range(0, ticks - 1, PERIOD if rng is None else 1))
+        when, ids, count = np.empty(limit, np.int64), np.empty(limit, np.int64), np.zeros(n + 1, np.int64)
+        cells = np.empty(self.active, np.int64)
         draws = _NONE if rng is None else rng.random((n, ticks, self.active))
         parts = (self._member, self._stride, self._shift, self._first)
         _spikes(
-            np.ascontiguousarray(vectors), parts, self._ends, self._fields, ticks - 1, draws, room, count, when, ids
+            np.ascontiguousarray(vectors), parts, self._ends, self._fields, ticks - 1, draws, cells, count, when, ids
         )
         total = count[-1]
         return count, when[:total], ids[:total]
@@ -223,32 +224,33 @@ class _Grids(Fields):
     def work(self, ticks: int, poisson: bool = False) -> Work:
         """Return the operations for one vector, see `Fields.work`.
 
-        Each dimension of a grid takes a shift, a rounding and a stride behind the share; each tick of a grid a
+        After its position, each dimension of a grid takes a shift, a rounding and a stride. Each tick of a grid takes a
         comparison, and with `poisson` also a product with the draw.
         """
         macs = self._placing(3, 2) + self.active * (ticks - 1) * (2 if poisson else 1)
         return on_numbers(macs, len(self.dimensions) + self.active)
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
-        """The active neurons, see `Fields.activity`; each is as active as all."""
+        """Return the active neurons, see `Fields.activity`. All have activity 1."""
         return self.cells(vector), np.ones(self.active)
 
     def cells(self, vector: Floats) -> Ints:
-        """The active neuron of each grid, see `Fields.cells`."""
+        """Return the active neuron of each grid, see `Fields.cells`."""
         _, _ticks, ids = self.spikes(vector[None], PERIOD + 1)
         return np.sort(ids)
 
 
 class Places(_Grids):
-    """Place cells: for each group of dimensions some grids, each shifted, of each the field that holds the vector.
+    """Place cells: several shifted grids for each group of dimensions. In each grid the field of the vector is active.
 
     Dimensions are shifted by different odd shares of a field, so that the cells of no two grids lie along a diagonal.
 
     Args:
-        dimensions: of the vectors.
-        group: how many of them one group of grids sees together: all where there are no more.
-        fields: of a grid along a continuous dimension, at least 2; one that has states has a field for each.
-        active: about how many neurons are to be active at a time: so many grids a group has, at least one.
+        dimensions: dimensions of the vectors.
+        group: number of dimensions of a grid, at most all. There is a group of grids for each such set of dimensions.
+        fields: number of fields of a grid along a continuous dimension, at least 2. A dimension with states has a field
+            for each state.
+        active: approximate number of active neurons, which is the number of grids. Each group has at least one grid.
 
     Raises:
         ModelError: there is no dimension, a number is out of bounds, or there would be more than 2^20 neurons.
@@ -264,16 +266,16 @@ class Places(_Grids):
 
 
 class Tiles(_Grids):
-    """Tile coding: as `Places`, but each grid is shifted alike along all dimensions, and by default it sees all.
+    """Tile coding: as `Places`, but with equal shifts along all dimensions, and by default with all in one group.
 
     Args:
-        dimensions: of the vectors.
-        group: how many of them a grid sees together; None: all.
-        fields: of a grid along a continuous dimension, at least 2; one that has states has a field for each.
-        active: about how many neurons are to be active at a time.
+        dimensions: dimensions of the vectors.
+        group: number of dimensions of a grid; None for all.
+        fields: see `Places`.
+        active: see `Places`.
 
     Raises:
-        ModelError: as of `Places`.
+        ModelError: see `Places`.
 
     Source: Albus, J. Dyn. Syst. Meas. Control 97:220, 1975; Sutton & Barto, Reinforcement Learning, 2nd ed., section
         9.5.4.
@@ -286,13 +288,13 @@ class Tiles(_Grids):
 
 
 class OneHot(_Grids):
-    """A neuron for each value of each dimension; of each dimension one is active.
+    """A neuron for each value of each dimension. Each dimension has one active neuron.
 
     Args:
-        dimensions: of the vectors, each with `states`, or with bounds and `whole`.
+        dimensions: dimensions of the vectors, each with `states`, or with bounds and `whole`.
 
     Raises:
-        ModelError: a dimension is continuous, there is none, or there would be more than 2^20 neurons.
+        ModelError: a dimension is continuous, there is no dimension, or there would be more than 2^20 neurons.
 
     Source: the tabular case, Sutton & Barto, Reinforcement Learning, 2nd ed., section 9.4.
     """
@@ -314,15 +316,16 @@ def _with_states(one: Dimension) -> Dimension:
 
 
 class Population(Fields):
-    """Tuning curves: along each dimension n bells, and neurons that are as active as the product of a group's bells.
+    """Tuning curves: n bells along each dimension. The activity of a neuron is the product of a bell of each dimension.
 
-    With the share s of a value between its bounds, bell i, from 0, is exp(-(1.5 (s (n - 2) - i + 1/2))^2 / 2), which
-    is what `population` gives. A dimension that has states has a neuron for each, of which one is active.
+    A neuron is tuned to a group of dimensions. For a value at the share s of the way between its bounds, bell i is
+    exp(-(1.5 (s (n - 2) - i + 1/2))^2 / 2), i from 0, as in `population`. For a dimension with states the bell is 1
+    for the present state and 0 otherwise.
 
     Args:
-        dimensions: of the vectors.
-        group: how many of them a neuron is tuned to: 1 for a population for each dimension.
-        fields: bells along a continuous dimension, at least 3.
+        dimensions: dimensions of the vectors.
+        group: number of dimensions to which a neuron is tuned; 1 gives a separate population for each dimension.
+        fields: number n of bells along a continuous dimension, at least 3.
 
     Raises:
         ModelError: there is no dimension, a number is out of bounds, or there would be more than 2^20 neurons.
@@ -334,14 +337,14 @@ class Population(Fields):
     def __init__(self, dimensions: Sequence[Dimension], group: int = 1, fields: int = 8) -> None:
         super().__init__(dimensions, group)
         self._fields = float(argument("fields", fields, kind="integer", at_least=3))
-        self._layout(self._groups, [one.states or fields for one in self.dimensions])
-        self._room = min(self.size, self.active * NEAR**self._some)
+        self._layout(self._groups, [dimension.states or fields for dimension in self.dimensions])
+        self._room = min(self.size, self.active * NEAR**self._group_size)
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
-        """Spikes of some vectors, see `Fields.spikes`; phases of neurons are spread evenly."""
+        """Return the spikes of some vectors, see `Fields.spikes`. Phases of neurons are spread evenly."""
         n = len(vectors)
-        most = n * self._room * (ticks - 1)
-        when, ids, count = np.empty(most, np.int64), np.empty(most, np.int64), np.zeros(n + 1, np.int64)
+        limit = n * self._room * (ticks - 1)
+        when, ids, count = np.empty(limit, np.int64), np.empty(limit, np.int64), np.zeros(n + 1, np.int64)
         draws = _NONE if rng is None else rng.random((n, ticks, self._room))
         at = 0
         for k in range(n):
@@ -353,29 +356,29 @@ class Population(Fields):
     def work(self, ticks: int, poisson: bool = False) -> Work:
         """Return the operations for one vector, see `Fields.work`.
 
-        Each dimension of a group takes the place, two roundings and a limit behind the share. Each of up to five bells
-        takes a difference, a factor, a square, a factor and an exp. A combination of bells takes a product and a stride
-        a dimension, and a comparison with the least activity. The phase, two sums and two roundings give the regular
-        spikes of a tick; a comparison gives drawn ones.
+        After its position, each dimension of a group takes the middle bell, two roundings and a limit. Each of up to
+        five bells takes a difference, a factor, a square, a factor and an exp. A combination of bells takes a product
+        and a stride for each dimension, and a comparison with the least activity. A tick of regular spikes takes the
+        phase, two sums and two roundings, a tick of random spikes a comparison.
         """
         bells = [1 if one.states else min(NEAR, int(self._fields)) for one in self.dimensions]
         groups = [[bells[d] for d in group] for group in self._groups]
         macs = self._placing(4, 1) + sum(5 * n for group in groups for n in group if n > 1)
         combinations = sum(math.prod(group) for group in groups)
-        macs += combinations * (2 * self._some + 1)
+        macs += combinations * (2 * self._group_size + 1)
         macs += combinations * (1 + (ticks - 1)) if poisson else combinations * (2 + 5 * (ticks - 1))
         return on_numbers(macs, len(self.dimensions) + combinations)
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
-        """The neurons that spike and how active each is, see `Fields.activity`."""
+        """Return the neurons that spike and their activities, see `Fields.activity`."""
         cells, amounts = np.empty(self._room, np.int64), np.empty(self._room)
-        bells, lowest = np.empty((self._some, NEAR)), np.empty((2, self._some), np.int64)
+        bells, lowest = np.empty((self._group_size, NEAR)), np.empty((2, self._group_size), np.int64)
         parts = (self._member, self._stride, self._first)
         n = _bells(np.ascontiguousarray(vector), *parts, self._ends, self._fields, bells, lowest, cells, amounts)
         return cells[:n], amounts[:n]
 
     def cells(self, vector: Floats) -> Ints:
-        """The most active neuron of each group, see `Fields.cells`."""
+        """Return the most active neuron of each group, see `Fields.cells`."""
         cells, amounts = self.activity(vector)
         group = np.searchsorted(self._first, cells, side="right")
         order = np.lexsort((-amounts, group))
@@ -391,12 +394,12 @@ _NONE = np.empty((0, 0, 0))
 
 @subkernel
 def _share(x: float, ends: Floats, d: int) -> float:
-    """Return the place of a number of dimension d between its bounds, from 0 to 1."""
+    """Return the position of a value of dimension d between its bounds, from 0 to 1."""
     low, high = ends[LOW, d], ends[HIGH, d]
     if np.isfinite(low) and np.isfinite(high):
         share = (x - low) / (high - low) if high > low else 0.5
         return min(max(share, 0.0), 1.0)
-    # Beyond a few deviations fields widen, so that values not reached so far have a place, too.
+    # Beyond a few deviations fields widen, so that values outside the range seen by `learn` have a position, too.
     return float(0.5 + 0.5 * np.tanh((x - ends[MIDDLE, d]) / (REACH * ends[SPREAD, d])))
 
 
@@ -413,7 +416,7 @@ def _spikes(
     when: Ints,
     ids: Ints,
 ) -> None:
-    """Fill when and ids with the spikes of each vector, by tick, then id; draws are empty for regular ones."""
+    """Fill `when` and `ids` with the spikes of each vector, by tick, then id; `draws` is empty for regular spikes."""
     member, stride, shift, first = parts
     at = 0
     for k in range(vectors.shape[0]):
@@ -428,7 +431,7 @@ def _spikes(
                     inside = _share(x, ends, d) * fields * (1.0 - 1e-12) + shift[g, j]
                 place += stride[g, j] * np.int64(inside)
             cell[g] = place
-        # Places of later grids have larger numbers, so they are in order already.
+        # Cells of later grids have larger indices, so the cells are sorted.
         for tick in range(1, last + 1):
             for g in range(member.shape[0]):
                 if draws[k, tick, g] * PERIOD < 1.0 if draws.size else (tick - 1) % PERIOD == cell[g] % PERIOD:
@@ -450,7 +453,7 @@ def _bells(
     cells: Ints,
     amounts: Floats,
 ) -> int:
-    """Fill cells and amounts with the neurons that are active, and return how many these are."""
+    """Write the active neurons and the activities to `cells` and `amounts`, and return the number of neurons."""
     n = 0
     for g in range(member.shape[0]):
         combinations = 1

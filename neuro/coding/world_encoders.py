@@ -56,8 +56,8 @@ class _FieldEncoder(Encoder):
 
         columns, dimensions = self.columns(space), dimensions_of(space)
         fields = FIELDS[kind]([dimensions[k] for k in columns], **words)
-        some = self.key is not None or self.dimensions is not None
-        return _OfFields(fields, columns if some else slice(None), self.spikes == "poisson")
+        has_columns = self.key is not None or self.dimensions is not None
+        return _OfFields(fields, columns if has_columns else slice(None), self.spikes == "poisson")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,14 +108,14 @@ class population(_FieldEncoder):
 
 
 class _Rates(Shown):
-    """Rates as a function of the numbers that are observed, with so many operations each."""
+    """Rates as a function of the observed numbers, with a number of operations for each of them."""
 
     def __init__(
         self, encoder: Encoder, space: gymnasium.Space[Any], rates: Callable[[Floats], Floats], each: float
     ) -> None:
         columns = encoder.columns(space)
-        some = encoder.key is not None or encoder.dimensions is not None
-        self._columns, self.size, self._rates = columns if some else slice(None), columns.size, rates
+        has_columns = encoder.key is not None or encoder.dimensions is not None
+        self._columns, self.size, self._rates = columns if has_columns else slice(None), columns.size, rates
         self._each = each
 
     def rates(self, observations: Floats) -> Floats:
@@ -127,17 +127,19 @@ class _Rates(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class shares(Encoder):
-    """Rates that share a total: each neuron has its number's share of the sum, so that few events steer like many.
+    """Rates with a fixed total, in proportion to the numbers.
 
-    Source: the coding of the drone's camera, of which a field is a number of the observation.
+    Example: numbers 1 and 3 give a quarter and three quarters of the total.
+
+    Source: the coding of the drone's camera, with the counts of its fields as numbers.
     """
 
     gives: ClassVar[str] = "rates"
     total: float = quantity(400.0, "Hz", "rate of all neurons together", above=0)
     of: str = quantity(
-        "all", "", "the sum of all, of its row, or beyond twice the mean", kind="word", words=("all", "rows", "peaks")
+        "all", "", "sum over all, a row, or parts above twice the mean", kind="word", words=("all", "rows", "peaks")
     )
-    most: float = quantity(400.0, "Hz", "rate of a neuron at most", above=0)
+    most: float = quantity(400.0, "Hz", "largest rate of a neuron", above=0)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder; rows are those of the population."""
@@ -163,11 +165,11 @@ class shares(Encoder):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class rates(Encoder):
-    """A rate in proportion to each number; below 0 it is 0."""
+    """Rates in proportion to numbers; 0 for negative numbers."""
 
     gives: ClassVar[str] = "rates"
-    rate: float = quantity(20.0, "Hz", "for a number of 1", above=0)
-    most: float = quantity(400.0, "Hz", "rate of a neuron at most", above=0)
+    rate: float = quantity(20.0, "Hz", "rate for the number 1", above=0)
+    most: float = quantity(400.0, "Hz", "largest rate of a neuron", above=0)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder."""
@@ -194,9 +196,9 @@ class _Pulse(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class pulse(Encoder):
-    """A spike of each neuron in each control step: the actors choose then."""
+    """A spike of each neuron in each control step, at the time when the actors choose."""
 
-    at: float = quantity(0.95, "", "when, as a share of the step", above=0, at_most=1)
+    at: float = quantity(0.95, "", "time of the spikes, as a share of the step", above=0, at_most=1)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder."""
@@ -231,7 +233,7 @@ class rewards(Encoder):
     """
 
     gain: float = quantity(10.0, "", "spikes of each neuron for a reward of 1, rounded; none below 0", nonzero=True)
-    within: float = quantity(0.5, "", "the time of the spikes, as a share of the step", above=0, at_most=1)
+    within: float = quantity(0.5, "", "duration of the spikes, as a share of the step", above=0, at_most=1)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder."""
@@ -247,7 +249,7 @@ class _Events(Shown):
         *first, height, width = self._shape
         for info in infos:
             events = info.get(self._choice.info)
-            if events is None:  # the first observation of an episode may come without
+            if events is None:  # the first observation of an episode may have none
                 offsets.append(offsets[-1])
                 continue
             y, x = np.asarray(events.y) // self._choice.scale, np.asarray(events.x) // self._choice.scale
@@ -259,9 +261,9 @@ class _Events(Shown):
                 ids += np.asarray(events.p, dtype=np.int64) * height * width
             span = max(1.0, self._choice.step_us)
             tick = np.clip((np.asarray(events.t) % span * ticks / span).astype(np.int64) + 1, 1, ticks)
-            one = np.unique(tick * neurons + ids)
-            parts.append(one)
-            offsets.append(offsets[-1] + one.size)
+            ticks_and_ids = np.unique(tick * neurons + ids)
+            parts.append(ticks_and_ids)
+            offsets.append(offsets[-1] + ticks_and_ids.size)
         joined = np.concatenate(parts) if parts else np.zeros(0, np.int64)
         return np.array(offsets), joined // neurons, joined % neurons
 
@@ -271,13 +273,13 @@ class _Events(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class events(Encoder):
-    """The events of an event camera, pixel by pixel, at their times in the step; twice in a tick counts once.
+    """The events of an event camera, pixel by pixel, at their times in the step. A pixel spikes once in a tick at most.
 
     A population of shape [2, height, width] has one map for each polarity, a population of [height, width] takes both.
     """
 
-    info: str = quantity("events", "", "the word of the environment's info that has them", kind="name")
-    scale: int = quantity(1, "px", "in a row and in a column that are one neuron", kind="integer", at_least=1)
+    info: str = quantity("events", "", "key of the events in the environment's info", kind="name")
+    scale: int = quantity(1, "px", "side of the square of pixels that share a neuron", kind="integer", at_least=1)
     step_us: float = quantity(50_000.0, "us", "time of the camera in a control step", above=0)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:

@@ -206,7 +206,7 @@ def _check_ends(net: Network, part: Projection) -> None:
             refuse(
                 part,
                 f"{part.synapse.name} on a current from '{part.source}': expected a static synapse",
-                "only spikes teach",
+                "synapses learn from spikes only",
                 part.synapse.name,
             )
         if isinstance(part.rule, grid):
@@ -229,7 +229,7 @@ def _check_graded(net: Network, part: Projection) -> None:
     if target.receptors > 1 and (receptor is None or receptor in target.conductances):
         candidates = [name for name in target.named_receptors() if name not in target.conductances]
         expected = (
-            f"a synapse that names one, receptor: {' or '.join(candidates)}" if candidates else "a neuron with one"
+            f"a synapse with 'receptor', {' or '.join(candidates)}" if candidates else "a neuron with one receptor"
         )
         text = (
             f"graded spikes of '{part.source}' onto '{part.target}', {a(target.name)} with {target.receptors} receptors"

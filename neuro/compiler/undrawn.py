@@ -41,11 +41,13 @@ _WAY_OUT = "draw: neuro, or leave it out"
 
 
 def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Undrawn, Synapses]:
-    """Return the description of a projection for the backend, and the number and bounds in place of its synapses.
+    """Return the description of a projection whose synapses the backend draws, and a placeholder for the synapses.
+
+    The placeholder has the number of synapses, and the bounds of weights and delays.
 
     Raises:
-        ModelError: simulators have no such rule: the projection has a view, a synapse that is not static, or a value
-            for each synapse.
+        ModelError: backends cannot draw such synapses. The projection has a view, a synapse that is not static, or a
+            value for each synapse.
     """
     if part.source_view is not None or part.target_view is not None:
         _refuse(part, "a view", "whole populations")
@@ -56,7 +58,7 @@ def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Un
         check_distribution(delay, clock, "delay")
         steps = np.maximum(np.rint(np.array(bounds(delay)) / clock.resolution), 1.0)
         if steps.max() > LONGEST_DELAY:
-            hint = f"{delay.name}.high bounds it: backends must know it before they draw"
+            hint = f"lower {delay.name}.high: backends must know the longest delay before they draw"
             raise too_long_delay("the longest delay that may be drawn", int(steps.max()), clock).but(hint=hint)
         delays = steps.astype(np.int32)
     else:
@@ -155,13 +157,13 @@ def _within(edges: Edges, source: End, target: End) -> Edges:
         return edges
     inside = _mask(source)[edges.pre] & _mask(target)[edges.post]
 
-    def some(values: Floats | None) -> Floats | None:
+    def select(values: Floats | None) -> Floats | None:
         return None if values is None else values[inside]
 
-    return Edges(edges.pre[inside], edges.post[inside], some(edges.weight), some(edges.delay), edges.sign)
+    return Edges(edges.pre[inside], edges.post[inside], select(edges.weight), select(edges.delay), edges.sign)
 
 
 def _mask(end: End) -> NDArray[Any]:
-    among = np.zeros(end.size, dtype=bool)
-    among[slice(None) if end.ids is None else end.ids] = True
-    return among
+    mask = np.zeros(end.size, dtype=bool)
+    mask[slice(None) if end.ids is None else end.ids] = True
+    return mask

@@ -15,7 +15,7 @@ from neuro.core.values import shown
 
 NEVER = 2**62
 LARGEST = 2**40
-"""Steps that a time may have."""
+"""Largest number of steps of a time."""
 
 TOLERANCE = 1e-6
 
@@ -50,10 +50,10 @@ class Clock:
 
         Args:
             ms: the time, a number or with its unit: "1 s".
-            what: its name in the message.
+            what: name of the value in the message.
 
         Raises:
-            ModelError: it is no time.
+            ModelError: the value is not a time.
         """
         if type(ms) is not float:
             ms = in_ms(ms, what)
@@ -67,7 +67,7 @@ class Clock:
         """The last step at or before each of many finite times.
 
         Raises:
-            ModelError: one is too late; the first such is named.
+            ModelError: a time is too late. The message names the first one.
         """
         exact = times / self.resolution
         self._refuse_long(times, exact, what)
@@ -78,10 +78,10 @@ class Clock:
 
         Args:
             ms: the time, a number or with its unit: "1 s".
-            what: its name in the message, e.g. "duration".
+            what: name of the value in the message, e.g. "duration".
 
         Raises:
-            ModelError: it is no time or lies between two steps; the nearest right ones are named.
+            ModelError: the value is not a time, or lies between two steps. The message names the nearest valid times.
         """
         if type(ms) is not float:
             ms = in_ms(ms, what)
@@ -101,7 +101,7 @@ class Clock:
         """The steps of many finite times that must lie on the grid.
 
         Raises:
-            ModelError: one does not; the first such is named.
+            ModelError: a time does not lie on the grid. The message names the first one.
         """
         exact = times / self.resolution
         self._refuse_long(times, exact, what)

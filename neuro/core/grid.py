@@ -1,4 +1,4 @@
-"""A grid of jobs: results are sealed files, and a job whose file has its result already is not done again."""
+"""A grid of jobs, whose results are sealed files. A job whose file already has the result is skipped."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from neuro.core.outputs import Kind, check_output, kept_json, sealed, write_text
 from neuro.core.processes import side_by_side
 
 Result = dict[str, Any]
-"""Figures of a job by name, as plain data, with all that they follow from as `of`."""
+"""Figures of a job by name, as plain data. The key `of` has all inputs that decide the figures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +43,14 @@ class JobResults:
         return result if result | identity == result else {}
 
     def write(self, path: Path, of: Mapping[str, Any], figures: Mapping[str, Any]) -> Result:
-        """Write the result of a job and return it; errors as of `neuro.apps.write_text`."""
+        """Write the result of a job, and return the result as `read` would; see `neuro.apps.write_text` for errors."""
         text = json.dumps({"format": self.format, "of": dict(of), **figures}, indent=1)
         write_text(path, text, self.kind)
-        result: Result = json.loads(text)  # as it is read
+        result: Result = json.loads(text)
         return result
 
     def of_job(self, path: Path, of: Mapping[str, Any], work: Callable[[], Mapping[str, Any]]) -> Result:
-        """Return the result of a job from its file; do the job and write the file where it has none."""
+        """Return the result of a job from its file, or do the job and write the file."""
         if result := self.read(path, of):
             return result
         check_output(path, self.kind)
@@ -66,7 +66,7 @@ class GridJob(Protocol):
 
     @property
     def of(self) -> Mapping[str, Any]:
-        """All that the result follows from, as plain data."""
+        """All inputs that decide the result, as plain data."""
 
     def work(self, report: Callable[[Any], None]) -> Mapping[str, Any]:
         """Do the job and return its figures; figures with the name `refused` are not written."""

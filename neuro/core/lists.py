@@ -111,7 +111,7 @@ def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
 
 
 def _or_beyond(value: float) -> str:
-    """A number, with the bound of whole numbers where it is beyond that."""
+    """Return a number as text, and the largest whole number if the number exceeds it."""
     beyond = f", above {LARGEST}" if value > LARGEST else f", below -{LARGEST}" if value < -LARGEST else ""
     return shown(float(value)) + beyond
 

@@ -1,4 +1,4 @@
-"""The error for a value that a quantity does not accept, with a hint how it is written."""
+"""The error for a value that a quantity does not accept, with a hint on how to write the value."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
 
 
 def _with_exceeded(q: Quantity, value: Any) -> Quantity:
-    """Return the quantity with the bound of whole numbers on the unbounded side that the value exceeds."""
+    """Return the quantity, with the bound of whole numbers if the value exceeds that bound on an unbounded side."""
     if q.kind in ("integer", "shape", "ids") and is_number(value):
         if q.at_most is None and value > LARGEST:
             return replace(q, at_most=LARGEST)

@@ -219,7 +219,7 @@ def _neurons(results: Any, name: str, word: str, value: Any, population: str) ->
         part_name = part if isinstance(part, str) else part.name
         if part_name != population or (isinstance(part, Part) and not isinstance(part, Population)):
             text = repr(neurons) if isinstance(neurons, View) else f"'{part_name}'"
-            raise ModelError(f"{word} = {text}: expected neurons of '{population}', as '{name}' has there")
+            raise ModelError(f"{word} = {text}: expected neurons of '{population}', an end of '{name}'")
         return neurons.within(shape)[0] if isinstance(neurons, View) else np.arange(prod(shape))
     try:
         ids = [neurons] if isinstance(neurons, (int, np.integer)) else np.asarray(neurons)

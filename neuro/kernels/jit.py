@@ -35,7 +35,7 @@ def must_compile(backend: str) -> None:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile an entry point for Python and other kernels, with machine code on disk.
+    """Compile an entry point for Python and other kernels. The machine code is cached on disk.
 
     Kernels allocate no memory, so numba's reference counting, which costs more than a small network, is off.
     """
@@ -68,7 +68,7 @@ def subkernel(function: Callable[..., Any]) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a function that is always inlined into its callers: for the few in the innermost loops."""
+    """Compile a function that is always inlined into its callers. Only functions in innermost loops need this."""
     return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(_with_unique_name(function))
 
 

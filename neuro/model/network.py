@@ -442,7 +442,7 @@ class Network(Description):
             population, neurons = self._neurons(side, what, word)
             if population != end:
                 value = repr(side) if neurons is not None else f"'{population}'"
-                message = f"{what}: {word} = {value}: expected neurons of '{end}', as '{of}' has there"
+                message = f"{what}: {word} = {value}: expected neurons of '{end}', an end of '{of}'"
                 raise ModelError(message, where=self._where(), path=(word,), kind="neurons at an end")
             return neurons
         ids = [side] if is_number(side) else side

@@ -17,14 +17,14 @@ from neuro.core.memory import free_memory
 from neuro.realtime.report import Cost, Histogram, LiveRun
 
 SPIN_NS = 60_000
-"""Before a moment so much time is spent awake: a sleep may end later than asked for."""
+"""Time before a moment that is spent awake, because a sleep may end late, ns."""
 
 _SET_TIMER_SLACK = 29
 _POPULATE_WRITE = 23
 
 
 def wait_until(due_ns: int) -> int:
-    """Sleep until shortly before a moment of `time.monotonic_ns`, then look at the clock; the moment of return, ns."""
+    """Sleep until shortly before a moment of `time.monotonic_ns`, then poll the clock. Return the time after it, ns."""
     now = time.monotonic_ns()
     if due_ns - now > SPIN_NS:
         time.sleep((due_ns - now - SPIN_NS) / 1e9)
@@ -35,10 +35,10 @@ def wait_until(due_ns: int) -> int:
 
 @contextmanager
 def punctual() -> Iterator[None]:
-    """Let sleeps of this thread end on time, and no garbage be collected unasked, within the block.
+    """Within the block, let sleeps of this thread end on time, and let no garbage be collected automatically.
 
-    What is in memory already is left out of collections, so that those of the loop are short. Memory that was asked for
-    and never written is fetched before.
+    Existing objects are excluded from collections, so that collections of the loop are short. Memory that is allocated
+    but has never been written is mapped first.
     """
     was_on = gc.isenabled()
     gc.collect()
@@ -56,41 +56,41 @@ def punctual() -> Iterator[None]:
 
 
 def _timer_slack(ns: int) -> None:
-    """Set how late Linux may wake this thread so as to wake several at once; 0 sets 0.05 ms again."""
+    """Set the delay by which Linux may wake this thread to combine wake-ups, ns; 0 restores 50,000 ns."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, ns, 0, 0, 0)
 
 
 def _fetch_memory() -> None:
-    """Let all memory of this process be there: the first write to a huge page, of 2 MB, may wait 5 ms for it.
+    """Map all allocated memory of this process, because the first write to a huge page of 2 MB may take 5 ms.
 
-    Where that would take more than half of what is free, and on systems before Linux 5.14, nothing is done.
+    Nothing is done if this would take more than half of the free memory, or before Linux 5.14.
     """
     maps = Path("/proc/self/maps")
     if not maps.exists():
         return
-    places = []
+    regions = []
     for line in maps.read_text().splitlines():
         span, access, _, _, inode, *path = line.split(maxsplit=5)
         if access == "rw-p" and inode == "0" and path in ([], ["[heap]"]):
             first, end = (int(each, 16) for each in span.split("-"))
-            places.append((first, end - first))
+            regions.append((first, end - first))
     free = free_memory()
-    if free is None or sum(size for _, size in places) < free // 2:
+    if free is None or sum(size for _, size in regions) < free // 2:
         madvise = ctypes.CDLL(None).madvise
-        for first, size in places:
+        for first, size in regions:
             madvise(ctypes.c_void_p(first), ctypes.c_size_t(size), _POPULATE_WRITE)
 
 
 def empty_loop(tick_ms: float, ms: float) -> Histogram:
-    """Measure a loop that does nothing: the times from the moment of each tick to the awakening.
+    """Return the histogram of the wake-up delays of a loop that does nothing.
 
     Args:
-        tick_ms: the length of a tick.
-        ms: how long.
+        tick_ms: length of a tick.
+        ms: duration of the loop.
 
     Raises:
-        ModelError: one of them is not a number > 0.
+        ModelError: an argument is not a number > 0.
     """
     tick_ms, ms = argument("tick_ms", tick_ms, above=0), argument("ms", ms, above=0)
     times, tick = Histogram(), round(tick_ms * 1e6)
@@ -107,20 +107,20 @@ LATE = ("catch_up", "skip", "stop")
 
 
 class Pace:
-    """Ticks that are due one after the other, and the account of the time of each.
+    """Waits for ticks at regular moments, and records the times of each tick.
 
-    A tick is `wait`, then `mark` at the end of each phase, then `end`. The last phase is the action. The clock starts
-    by `begin`, or at the end of a tick that is not counted.
+    Call `wait` at the begin of a tick, `mark` at the end of each phase, and `end` at the end. The last phase is the
+    action. The clock starts at `begin`, or at the end of a first tick, which is not counted.
 
     Args:
-        account: counts ticks; has the length of a tick on the clock, and the names of its phases.
-        late: the policy for a late action, one of `LATE`.
+        account: counts and times of the run; also has the length of a tick on the clock and the names of the phases.
+        late: policy for a late action, one of `LATE`.
 
     Attributes:
-        tick: the length of a tick on the clock in ns.
-        due: the moment when the present tick is due, ns of `time.monotonic_ns`.
-        since: the moment after the last ticks that were skipped.
-        acted: the moment of the last action.
+        tick: length of a tick on the clock, ns.
+        due: moment when the present tick is due, ns of `time.monotonic_ns`; 0 while the clock stands.
+        since: begin of the first tick after skipped ticks, ns; 0 before the first skip.
+        acted: moment of the last action, ns.
     """
 
     def __init__(self, account: LiveRun, late: str = "catch_up") -> None:
@@ -128,13 +128,13 @@ class Pace:
         self.rest()
 
     def rest(self) -> None:
-        """Let the clock stand until the end of the next tick."""
+        """Stop the clock. The end of the next tick starts it again."""
         self.due = 0
 
     def begin(self) -> None:
-        """Let the clock start now: the first tick is due after the time of one."""
+        """Start the clock. The first tick is due after the length of a tick."""
         self.due, self.since = time.monotonic_ns() + self.tick, 0
-        self._collected, self._cost = self.due, Cost.now()
+        self._collected_at, self._cost = self.due, Cost.now()
 
     def wait(self) -> None:
         """Wait until the next tick is due, and begin it."""
@@ -149,10 +149,13 @@ class Pace:
         self._marks.append(self.acted)
 
     def end(self, most: int = NEVER) -> str:
-        """Account for the tick, and let the next one be due; return why to go no further, or "".
+        """Record the times of the tick, and set the moment of the next tick.
 
         Args:
-            most: ticks of the run, so that no more are skipped.
+            most: number of ticks of the run; later ticks are not skipped.
+
+        Returns:
+            the reason to stop the run; "" to continue.
         """
         if not self.due:
             self.begin()
@@ -170,15 +173,15 @@ class Pace:
         before, self._cost = self._cost, Cost.now()
         cost = self._cost.since(before)
         account.cost = account.cost.plus(cost)
-        if acted - self._collected > 1e9:
-            self._collected = acted
+        if acted - self._collected_at > 1e9:
+            self._collected_at = acted
             gc.collect()
         if acted <= self.due:
             return ""
         account.misses += 1
         account.missed_cost = account.missed_cost.plus(cost)
-        if self._late == "skip" and (past := min((acted - self.due) // self.tick, most - number)):
-            account.skipped += past
-            self.due += past * self.tick
+        if self._late == "skip" and (n_skipped := min((acted - self.due) // self.tick, most - number)):
+            account.skipped += n_skipped
+            self.due += n_skipped * self.tick
             self.since = self.due - self.tick
         return f"the action of tick {number} was {(acted - self.due) / 1e6:.3f} ms late" if self._late == "stop" else ""

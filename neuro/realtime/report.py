@@ -16,7 +16,7 @@ from neuro.kernels.jit import kernel
 from neuro.program.program import Ints
 
 _FINE = 5
-"""Bits of a time that are kept: bins are 1/32 of a power of two wide, so a percentile is at most 3.2 % too large."""
+"""Bits of resolution: bins are 1/32 of a power of two wide, so a percentile is at most 3.2 % too large."""
 
 
 def _bins() -> Ints:
@@ -36,7 +36,7 @@ class Histogram:
     largest_ns: int = 0
 
     def add(self, ns: int) -> None:
-        """Count one time; below 0 is 0."""
+        """Count one duration; a negative duration counts as 0."""
         ns = max(0, ns)
         shift = max(0, ns.bit_length() - _FINE - 1)
         self.counts[(shift << _FINE) + (ns >> shift)] += 1
@@ -44,20 +44,20 @@ class Histogram:
             self.largest_ns = ns
 
     def add_since(self, moments: NDArray[np.int64], now: int) -> None:
-        """Count how long before `now` each of some moments was, ns of one clock."""
+        """Count the durations from some moments to `now`, ns of one clock."""
         self.largest_ns = max(self.largest_ns, count_since(moments, now, self.counts))
 
     def __len__(self) -> int:
         return int(self.counts.sum())
 
     def ms(self, share: float) -> float:
-        """The time in ms that a share of all did not exceed, e.g. 0.99 of all; NaN where nothing was counted."""
+        """Return the duration in ms that a share of all, e.g. 0.99, did not exceed; NaN for an empty histogram."""
         sums = np.cumsum(self.counts)
         if not sums[-1]:
             return float("nan")
-        number = int(np.searchsorted(sums, share * sums[-1]))
-        shift = max(0, (number >> _FINE) - 1)
-        upper = ((number - (shift << _FINE) + 1) << shift) - 1
+        bin_index = int(np.searchsorted(sums, share * sums[-1]))
+        shift = max(0, (bin_index >> _FINE) - 1)
+        upper = ((bin_index - (shift << _FINE) + 1) << shift) - 1
         return min(upper, self.largest_ns) / 1e6
 
     @property
@@ -77,7 +77,7 @@ class Histogram:
 
 @kernel
 def count_since(moments: NDArray[np.int64], now: int, counts: Ints) -> int:
-    """Count each time into its bin; return the longest."""
+    """Count the durations from some moments to `now`, and return the longest."""
     largest, shift = 0, 0
     for k in range(moments.shape[0]):
         ns = max(0, now - moments[k])
@@ -91,7 +91,7 @@ def count_since(moments: NDArray[np.int64], now: int, counts: Ints) -> int:
 
 
 PHASES = ("take", "feed", "run", "act")
-"""What a tick does, in this order."""
+"""Phases of a tick, in order."""
 
 
 class Cost(NamedTuple):
@@ -109,12 +109,12 @@ class Cost(NamedTuple):
 
     @classmethod
     def now(cls) -> Cost:
-        """Up to now."""
+        """Return the counts since the start of this thread."""
         used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
         return cls(used.ru_nivcsw, used.ru_minflt, used.ru_majflt)
 
     def plus(self, other: Cost) -> Cost:
-        """Both together."""
+        """Return the sum with other counts."""
         return Cost(*map(operator.add, self, other))
 
     def since(self, before: Cost) -> Cost:
@@ -158,7 +158,7 @@ class LiveRun:
 
     @property
     def drops(self) -> int:
-        """Events that came and were not given to the network."""
+        """Number of events that were received but not fed to the network."""
         return sum(counts["dropped"] for counts in self.inputs.values())
 
     @property
@@ -178,7 +178,7 @@ class LiveRun:
         return as_html(repr(self), self.tables())
 
     def tables(self) -> list[Table]:
-        """Latencies, the slowest tick, inputs, and what misses cost."""
+        """Return tables of latencies, of the slowest tick, of inputs, and of events of the operating system."""
         times = tuple((name, *h.texts) for name, h in self._histograms())
         inputs = list[tuple[str, ...]]()
         for name, counts in self.inputs.items():

@@ -27,12 +27,12 @@ class Source(Protocol):
 
     A source may also have: `received_ns`, the times at which the events last taken were received, in ns of
     `time.monotonic_ns` (an array, or a number for all); `sensor_size`, width and height in px; `counts`, a mapping or
-    a dataclass of losses and damage; and `take_before(ns)`, which replaces `take` and leaves events of that time or
-    later in the source, so that events without known times of receipt stay in the right tick after a late one.
+    a dataclass of losses and damage; and `take_before(ns)`, which replaces `take` and leaves events from that time on
+    in the source. If a tick is late, the next tick then still gets its own events, even without times of receipt.
     """
 
     def take(self) -> Events:
-        """All events that have come since this was last called, in the order of arrival; it does not wait."""
+        """Return all events since the last call, in the order of arrival, without waiting."""
 
 
 class Inlet:
@@ -71,9 +71,7 @@ class Inlet:
         if (size := getattr(source, "sensor_size", None)) is not None and model.visible_shape(
             tuple(size)
         ) != neurons.part.shape:
-            shapes = (
-                f"{list(model.visible_shape(tuple(size)))}, that of its source: expected {list(neurons.part.shape)}"
-            )
+            shapes = f"{list(model.visible_shape(tuple(size)))} of its source: expected {list(neurons.part.shape)}"
             raise ModelError(f"inputs: '{name}' would have the shape {shapes}")
         self.name, self._sim, self._source, self._camera = name, sim, source, camera
         self._events = app("neuro_events._events", "the type of events")
@@ -95,25 +93,25 @@ class Inlet:
         return {word: int(count) for word, count in counts.items()}
 
     def rehearse(self) -> None:
-        """Feed nothing, so that all that this needs is in memory."""
+        """Feed zero events, to load and compile all that `feed` needs."""
         if (size := getattr(self._source, "sensor_size", None)) is not None:
             self._sim.feed(self.name, self._events.Events(*self._events.empty_columns(0), tuple(size)))
 
     def begin(self) -> None:
-        """Let go of what came before now."""
+        """Discard all events so far."""
         self._source.take()
         self._waiting.clear()
 
     def take(self, begin_ns: int, end_ns: int) -> tuple[Events | None, NDArray[np.int64]]:
-        """The events that were received between two moments, and when; those received before are dropped.
+        """Return the events that were received between two moments, and their times; earlier events are dropped.
 
         Raises:
-            ModelError: the source gives something else than events, or times that are not theirs.
+            ModelError: the source returns other objects than events, or times that do not match the events.
         """
         if begin_ns and self._take_before is not None:  # their own times are not known
             self._wait_for(self._take_before(begin_ns))
         self._wait_for(self._source.take() if self._take_before is None else self._take_before(end_ns))
-        now = []
+        tick_parts = []
         while self._waiting and self._waiting[0][1][0] < end_ns:
             each, received = self._waiting.popleft()
             if received[0] < begin_ns:
@@ -125,10 +123,10 @@ class Inlet:
                 self._waiting.appendleft((each[end:], received[end:]))
                 each, received = each[:end], received[:end]
             if len(each):
-                now.append((each, received))
-        if len(now) < 2:
-            return now[0] if now else (None, _NONE)
-        parts, times = zip(*now, strict=True)
+                tick_parts.append((each, received))
+        if len(tick_parts) < 2:
+            return tick_parts[0] if tick_parts else (None, _NONE)
+        parts, times = zip(*tick_parts, strict=True)
         columns = self._events.joined_columns(part._columns for part in parts)
         return self._events.Events._trusted(*columns, parts[0].sensor_size, {}), np.concatenate(times)
 

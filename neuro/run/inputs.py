@@ -114,7 +114,7 @@ def driver(program: Program, neurons: Neurons) -> Neurons:
     Among several generators, only the generators with a described rate of 0 are considered.
 
     Raises:
-        ModelError: there are none, or several that the rule does not distinguish.
+        ModelError: there is no such generator, or there are several, and not exactly one has a rate of 0.
     """
     sources = [
         part.source
@@ -134,5 +134,7 @@ def driver(program: Program, neurons: Neurons) -> Neurons:
         message = (
             f"activate: {neurons.text}: {names} are connected to '{name}' one_to_one: expected one with a rate of 0"
         )
-        raise ModelError(message, hint=f"sim.set('{program.populations[sources[0]].name}', rate=...) sets one of them")
+        raise ModelError(
+            message, hint=f"sim.set('{program.populations[sources[0]].name}', rate=...) sets the rate of one of them"
+        )
     return Neurons(sources[0], program.populations[sources[0]], neurons.end)

@@ -110,8 +110,8 @@ class Port:
             if self._together is None:
                 self._accept(self._engines[0], values)
             else:
-                full = values.shape == self._shapes[0]
-                self._accept_all(self._together, values if full else np.repeat(values, self._size, axis=1))
+                has_all = values.shape == self._shapes[0]
+                self._accept_all(self._together, values if has_all else np.repeat(values, self._size, axis=1))
             for sim in self._sims:
                 sim.steered[self._call] = None
         elif self._together is None:
@@ -175,7 +175,7 @@ class _NeuronPort(Port):
         self._index, self._ids = neurons.index, neurons.ids
         is_rate = part.kind == "poisson" and word == "rate"
         self._rates = is_rate and self._ids is None
-        self._partners = not (is_rate or word in settable.states(part))
+        self._checks_together = not (is_rate or word in settable.states(part))
         q = settable.quantity_of(part, word)
         low, high = _closed(q) if q is not None and q.kind == "number" else (math.inf, -math.inf)
         if is_rate:
@@ -189,7 +189,7 @@ class _NeuronPort(Port):
             full[self._ids] = values
             values = full
         by_name = {self._word: values}
-        if self._partners:
+        if self._checks_together:
             settable.check_together(self._run.program, self._index, by_name, engine, self._run.clock)
         engine.set(self._index, by_name)
 
@@ -256,8 +256,8 @@ class _CountPort(Port):
         self.begin()
 
     def _now(self) -> Ints:
-        every = self._fired(self._index)
-        return every if self._ids is None else every[..., self._ids]
+        counts = self._fired(self._index)
+        return counts if self._ids is None else counts[..., self._ids]
 
     def begin(self) -> None:
         self._before = self._now()
@@ -296,7 +296,7 @@ class Ports:
     Args:
         sims: the simulations whose methods a port replaces.
         turn: the turn of the simulation, which has the present call.
-        together: the engines of copies as one; None for a single simulation, whose arrays have no axis of copies.
+        engines_of_copies: the engines of copies as one; None for a single simulation, without an axis of copies.
     """
 
     def __init__(self, sims: Sequence[Any], turn: Turn, engines_of_copies: Engines | None = None) -> None:

@@ -207,7 +207,7 @@ def columns(program: Program, probe: Probe | SynapseProbe) -> int:
     return program.populations[probe.population].size if probe.ids is None else probe.ids.size
 
 
-NOBODY: Ints = np.zeros(0, dtype=np.int64)
+_NO_IDS: Ints = np.zeros(0, dtype=np.int64)
 
 
 class PreSpikes:
@@ -235,7 +235,7 @@ class PreSpikes:
     def clear(self) -> None:
         """Forget all records."""
         self._records: list[Sent] = []
-        self._last_step, self._pending = -1, (NOBODY, NOBODY)
+        self._last_step, self._pending = -1, (_NO_IDS, _NO_IDS)
 
     def update(self, engine: Engine) -> None:
         """Add the records since the last call."""
@@ -265,7 +265,7 @@ class PreSpikes:
 
     def read(self) -> Sent:
         """Return all records, by step, then synapse."""
-        none = Sent(NOBODY, NOBODY, np.zeros(0))
+        none = Sent(_NO_IDS, _NO_IDS, np.zeros(0))
         parts = [none, *self._records]
         return Sent(*(np.concatenate([getattr(part, word) for part in parts]) for word in Sent.__slots__))
 

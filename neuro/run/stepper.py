@@ -37,14 +37,14 @@ class Joined:
 
     def __init__(self, run: Run, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
         self.run, program = run, run.program
-        self._each, self._watches, self._due = list(engines), list(watches), 0
+        self._engine_of_copy, self._watches, self._due = list(engines), list(watches), 0
         self.engines = join_engines(program, engines)
         streams = any(part.stream is not None for part in program.populations)
         streams = streams or any(part.values is not None for part in program.signals)
         self.plain = not (program.probes or program.synapse_probes or streams)
 
     def __len__(self) -> int:
-        return len(self._each)
+        return len(self._engine_of_copy)
 
     def advance(self, steps: int, forget: bool) -> None:
         """Advance all engines; with `forget` spikes are not recorded, and states are checked at intervals only.
@@ -53,7 +53,7 @@ class Joined:
             ModelError: a state is NaN or infinite.
         """
         self.engines.run(steps, forget)
-        now = self._each[0].step
+        now = self._engine_of_copy[0].step
         # A check of all states takes as long as a control step of a small network.
         if not forget or now >= self._due or now < steps:
             self._due = now + LOOK
@@ -66,7 +66,7 @@ class Joined:
         Raises:
             ModelError: the copies are at different times.
         """
-        steps = [engine.step for engine in self._each]
+        steps = [engine.step for engine in self._engine_of_copy]
         if len(set(steps)) > 1:
             times = ", ".join(f"{self.run.clock.ms(step):g}" for step in steps[:4])
             raise ModelError(f"copies are at {times} ... ms: expected the same time", hint="run all, or reset all")
@@ -155,6 +155,6 @@ class Stepper:
         for what, values, low, high in (("ticks", ticks, 1, self.ticks), ("ids", ids, 0, part.size - 1)):
             # Four calls of NumPy would take as long as some ticks of a small network.
             if not within(values, low, high):
-                ends = f"{what} {values.min()} to {values.max()}"
-                raise ModelError(f"step: spikes of '{part.name}': {ends}: expected {low} to {high}")
+                actual = f"{what} {values.min()} to {values.max()}"
+                raise ModelError(f"step: spikes of '{part.name}': {actual}: expected {low} to {high}")
         return index, offsets, ticks, ids

@@ -69,7 +69,7 @@ class NeuronValues:
 
 
 class SynapseValues:
-    """Reads and sets synapses; projections are indices.
+    """Reads and sets synapses. Methods take the index of a projection.
 
     Args:
         run: the network in execution.
@@ -88,7 +88,7 @@ class SynapseValues:
 
         Args:
             index: index of the projection.
-            of: pairs (source, target), rows of ids; the synapses are in their order.
+            of: pairs (source, target), rows of ids; the result has the order of the pairs.
             pre: a population, a view of it or ids.
             post: a population, a view of it or ids.
             some: whether at least one synapse must be chosen.
@@ -97,7 +97,7 @@ class SynapseValues:
             a mask over all synapses; for pairs the indices of the synapses.
 
         Raises:
-            ModelError: no synapse is chosen where there must be one, a pair has none, the neurons belong to other
+            ModelError: no synapse is chosen although `some` is true, a pair has no synapse, the neurons belong to other
                 populations, or the synapses of a grid share weights.
         """
         part = self._program.projections[index]
@@ -116,21 +116,21 @@ class SynapseValues:
 
     def _between(self, part: Projection, index: int, pre: Side, post: Side, some: bool) -> NDArray[np.bool_] | None:
         mask: NDArray[np.bool_] | None = None
-        ways = []
+        selections = []
         sides = (("pre", "from", pre, part.source), ("post", "to", post, part.target))
         for (word, way, side, population), ids in zip(sides, self.ends(index), strict=True):
             if side is None:
                 continue
             neurons = self._handles.neurons_or_ids(side, population, word)
             if neurons.index != population:
-                of = self._program.populations[population].name
-                raise ModelError(f"{word} = {neurons.text}: expected neurons of '{of}', as '{part.name}' has there")
-            ways.append(f"{way} {neurons.text}")
+                expected = self._program.populations[population].name
+                raise ModelError(f"{word} = {neurons.text}: expected neurons of '{expected}', an end of '{part.name}'")
+            selections.append(f"{way} {neurons.text}")
             if neurons.ids is not None:
                 is_selected = neurons.mask()[ids]
                 mask = is_selected if mask is None else mask & is_selected
         if some and mask is not None and not mask.any():
-            message = f"none of the {part.size:,} synapses of '{part.name}' goes {' '.join(ways)}"
+            message = f"none of the {part.size:,} synapses of '{part.name}' goes {' '.join(selections)}"
             raise ModelError(f"{message}: expected at least one")
         return mask
 
@@ -168,7 +168,7 @@ class SynapseValues:
 
         Args:
             index: index of the projection.
-            values: `weight` in a call of its own; also states, in a call of their own, of a rule that learns by moves.
+            values: `weight` alone; or states of a rule that learns by moves, without other names; or parameters.
             chosen: the synapses to change, None for all.
 
         Raises:
@@ -230,9 +230,9 @@ class SynapseValues:
 
     def checked_weights(self, index: int, weights: Any, chosen: Chosen | None = None) -> Floats:
         """Return the weights that `set_weights` would pass to the engine, after all checks."""
-        among = None if chosen is None else (self.weights(index), chosen)
+        present = None if chosen is None else (self.weights(index), chosen)
         part, unit = self._program.projections[index], self.weight_unit(index)
-        return settable.new_weights(part, self._rules[index], weights, among, unit)
+        return settable.new_weights(part, self._rules[index], weights, present, unit)
 
     def weight_unit(self, index: int) -> str:
         """Return the unit of the weights of a projection, "" for none."""
@@ -241,7 +241,7 @@ class SynapseValues:
         return "" if part.carries == "current" else getattr(target, "weight_unit", "")
 
     def rows(self, index: int, chosen: Chosen | None, delays: bool) -> Any:
-        """Return (pre, post, weight), and with `delays` a fourth array.
+        """Return (pre, post, weight), or with `delays` (pre, post, weight, delay).
 
         For a grid return the kernels, and with `delays` (kernels, delay).
         """

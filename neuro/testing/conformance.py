@@ -98,7 +98,7 @@ class _Accepted(Exception):
 
 
 class _Checked:
-    """A backend with the problems of another, which builds nothing."""
+    """A backend that reports the problems of another backend, and builds no engine."""
 
     def __init__(self, backend: Backend) -> None:
         self.name, self.problems, self.description = backend.name, backend.problems, backend.description

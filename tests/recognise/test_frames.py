@@ -133,7 +133,7 @@ def test_polarity_does_not_matter_and_few_events_outside_are_left_out():
     inside = events[(events.x < 34) & (events.y < 34)]
     assert all(np.array_equal(a, b) for a, b in zip(spikes(events), spikes(inside), strict=True))
     assert refused(FRONT.observe, random_events(10, size=(128, 128), low=40)) == (
-        "10 of 10 events lie outside of the 34x34 field that is looked at, expected at most 5%\n"
+        "10 of 10 events lie outside of the 34x34 field: expected at most 5%\n"
         "  hint: crop the recording round the object first, train with a larger 'size', or find several objects: "
         "'neuro recognise detect'"
     )

@@ -70,7 +70,7 @@ def test_the_linear_machine_needs_frames(learning):
 
 
 def test_methods_without_epochs_cannot_relearn():
-    with pytest.raises(ModelError, match="method 'hats': learns no labels epoch by epoch"):
+    with pytest.raises(ModelError, match="method 'hats' does not learn from labels epoch by epoch"):
         rules(["hats"])
     with pytest.raises(ModelError, match="must"):
         rules(["must"])

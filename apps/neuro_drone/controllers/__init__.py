@@ -192,7 +192,7 @@ def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> d
     Args:
         name: a name of `CONTROLLERS`.
         scenario: scenario of the flights.
-        settings: changed settings, as for `make`; a network that is no name and no file is left out.
+        settings: changed settings, as for `make`. A network given as an object is left out.
 
     Raises:
         ModelError: see `make`.

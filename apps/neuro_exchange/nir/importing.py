@@ -90,7 +90,7 @@ def check_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | N
 
 
 def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Analysis:
-    """Analyse a graph, and measure the difference in spikes that approximate nodes make.
+    """Analyse a graph, and measure by how many spikes approximate nodes differ from the tool.
 
     Nodes of one type are measured together, since a tool treats all nodes of a type alike.
     """
@@ -114,7 +114,7 @@ def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | N
     A value is the argument, else that of the file's metadata, else the default: the equations of NIR, a step of 1 ms.
 
     Returns:
-        The analysis, and a note that names both defaults if they were used ("" otherwise) and compares the tools.
+        The analysis, and a note that names the defaults in use and compares the tools; "" without defaults.
     """
     plain = read(path)
     file_step, tool = plain.metadata.get(STEP), find_tool(from_, plain.metadata)
@@ -207,7 +207,7 @@ def _connect(net: Network, analysis: Analysis, link: Link, names: dict[str, str]
 
 
 def _connect_biases(net: Network, analysis: Analysis, names: dict[str, str], h: float) -> None:
-    """Connect the constant inputs, which begin with the first step of the tool, `depth` steps later here.
+    """Connect the constant inputs. In the tool they begin with the first step; here they begin `depth` steps later.
 
     A current generator acts two steps after it starts. Where a synapse filters the input, the constant input is made of
     spikes, from a neuron that fires in every step.

@@ -294,7 +294,7 @@ def _refuse_name(
         if delta and word not in states:
             raise unknown("state", word, states)
         if not delta and (word in states or word in let):
-            raise ModelError(f"'{word}' also has an equation: expected another name, the kernel is its equation")
+            raise ModelError(f"'{word}' also has an equation: expected another name, because a kernel is an equation")
 
 
 def check_name(word: str) -> None:

@@ -180,7 +180,7 @@ class Dimensions:
         return powers
 
     def same(self, a: Powers, b: Powers) -> bool:
-        """Return whether two dimensions can be equal, and solve for an unknown of theirs."""
+        """Return whether two dimensions can be equal, and solve for an unknown dimension."""
         rest = self.reduced(a.times(b, -1))
         if not rest.unknown:
             return rest.known == NONE

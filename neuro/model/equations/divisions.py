@@ -117,7 +117,7 @@ class _Evaluator:
     """Evaluator of one expression for known values.
 
     Attributes:
-        blamed: the subtree with the last mistake.
+        wrong_tree: the subtree with the last mistake.
         first: the first neuron with the mistake.
     """
 

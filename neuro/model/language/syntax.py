@@ -38,7 +38,7 @@ def syntax_error(error: yaml.MarkedYAMLError, lines: Sequence[str], file: str) -
         return ModelError(f"expected ',' or '{closing}' in the list or mapping that begins at {start}", where=where)
     if "expected key" in problem or "<block end>" in problem or "'-' indicator" in problem:
         return ModelError(
-            f"found '{text}': expected a word or the end of the part" if text else "unfinished",
+            f"found {repr(text) if text else 'the end of the line'}: expected a word or the end of the part",
             where=where,
             hint="do the words of a part begin in the same column, and do brackets match?",
         )

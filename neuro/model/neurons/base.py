@@ -12,7 +12,8 @@ constants `c`.
     fire(s, c, i)                         apply the effects of a spike to neuron i
     quiet(s, c, i_0, lo, hi)              return whether no neuron can fire before its next input
 
-For a model with `linear`, n steps without input are equal to one step of n h, or to a fifth function:
+For a model with `linear`, one step of length n h must be equal to n steps without input, or else there is a fifth
+function:
 
     catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which no neuron fires;
                                           `c` is a buffer for constants
@@ -96,7 +97,7 @@ class Model(Choice):
 
     @classmethod
     def identity(cls) -> str:
-        """Return the names of a third-party model's states, because an edit may swap two states of the same shape."""
+        """Return the identity of a third-party model: the names of its states, because an edit may swap two states."""
         return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
 
 

@@ -176,7 +176,7 @@ class delta_encoder(Encoding):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class sigma_delta(Encoding):
-    """Sigma-delta neuron, which sums the input, and sends the change of the activation after a change by vth.
+    """Sigma-delta neuron, which sums the input, and sends the change of the activation once the change reaches vth.
 
     sigma is the sum of all input, so messages only need to carry differences. With `relu` y = max(sigma + bias, 0),
     otherwise y = sigma + bias. `vth` and `bias` are in units of 2^(spike_exp + state_exp). In lava: SigmaDelta, with

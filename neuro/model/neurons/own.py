@@ -128,7 +128,7 @@ def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.
                 arithmetic.step(stepped, c, x, i_0, i, i + 1, fired, *extra_arguments)
                 if fired[i]:
                     raise TypeError(f"{label} fires without input where `quiet` is true: expected it to be false there")
-            method, buffer = "none of them", np.zeros(model.width)
+            method, buffer = "skipping them", np.zeros(model.width)
             if model.linear and hasattr(arithmetic, "catch_up"):
                 method = "catch_up"
                 arithmetic.catch_up(at_once, p, buffer, i_0, i, i + 1, h, SILENCE)
@@ -142,8 +142,9 @@ def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.
             )
             if differs.any():
                 k = int(np.argmax(differs))
-                end, reached = stepped[k, i], at_once[k, i]
+                name, value, value_at_once = model.states[k].name, stepped[k, i], at_once[k, i]
+                reason = f"{'it is linear and ' if model.linear else ''}`quiet` is true"
                 raise TypeError(
-                    f"{label}: {SILENCE} steps without input bring {model.states[k].name} to {end:.9g}, {method} to "
-                    f"{reached:.9g}: expected the same, as {'it is linear and ' if model.linear else ''}`quiet` is true"
+                    f"{label}: {SILENCE} steps without input bring {name} to {value:.9g}, {method} to "
+                    f"{value_at_once:.9g}: expected the same, as {reason}"
                 )

@@ -97,7 +97,7 @@ class Neurons:
 
     Attributes:
         ids: map from ids to rows.
-        taken: the rows that are neurons of the population, in order.
+        population_rows: the rows that are neurons of the population, in order.
     """
 
     def __init__(self, definition: neuron_table) -> None:
