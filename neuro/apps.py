@@ -120,10 +120,9 @@ if TYPE_CHECKING:
     )
     from neuro.core.pictures import check_picture as check_picture, write_picture as write_picture
     from neuro.core.processes import (
-        Done as Done,
         Lost as Lost,
         Processes as Processes,
-        Raised as Raised,
+        Task as Task,
         Work as Work,
         cores as cores,
         side_by_side as side_by_side,

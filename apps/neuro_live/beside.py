@@ -26,7 +26,7 @@ from neuro import (
     load,
     one_to_one,
 )
-from neuro.apps import Done, Lost, Processes, Raised, Work, compile_network, difference, save, settable
+from neuro.apps import Lost, Processes, Task, Work, compile_network, difference, save, settable
 from neuro.chips import Chip, Placement, chip, chips, place, price
 from neuro.extend import EngineCounts, Neuron, Program
 
@@ -104,24 +104,25 @@ class Beside:
     def results(self) -> list[tuple[Job, Any]]:
         """Return the finished jobs with their results, or the error text of failed jobs, without waiting."""
         try:
-            events = self._pool.hear(0.0) if self._pool.busy else []
+            ended = self._pool.hear(0.0) if self._pool.busy else []
         except ModelError as error:
             self.refused = str(error)
             return []
-        results: list[tuple[Job, Any]] = []
-        for event in events:
-            if isinstance(event, Done):
-                results.append((event.job, event.result))
-            elif isinstance(event, Raised):
-                results.append((event.job, getattr(event.error, "message", str(event.error))))
-            elif isinstance(event, Lost):
-                results.append((event.job, f"its process {event.how}"))
-        return results
+        return [(task.job, _result(task)) for task in ended]
 
     def close(self) -> None:
         """End the process."""
         self._pool.close()
         self._folder.cleanup()
+
+
+def _result(task: Task) -> Any:
+    try:
+        return task.result()
+    except Lost as lost:
+        return f"its process {lost.how}"
+    except BaseException as error:
+        return getattr(error, "message", str(error))
 
 
 def without_recordings(sim: Simulation) -> Network:

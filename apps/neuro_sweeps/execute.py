@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, nullcontext
 from functools import partial
@@ -12,11 +11,11 @@ from typing import Any, TypeVar
 from neuro import ModelError
 from neuro.apps import Bar, Quantity, check, file_path, provenance
 from neuro_sweeps.definition import Definition, Search, Sweep, limits_of, python_search, python_sweep
-from neuro_sweeps.executors import HERE, POLL_S, Executor, executor_of, runner
-from neuro_sweeps.folder import SWEEP, TUNING, Folder, claimed, waiting
+from neuro_sweeps.executors import HERE, Executor, Source, do_all, executor_of, pool_of
+from neuro_sweeps.folder import SWEEP, TUNING, Folder, claimed
 from neuro_sweeps.journal import journal_of, locked, optuna, trials_of
 from neuro_sweeps.plan import SearchPlan, plan_of
-from neuro_sweeps.space import Point, space_of
+from neuro_sweeps.space import Point, RunItem, space_of
 from neuro_sweeps.table import SweepTable, as_text, table_of
 from neuro_sweeps.trials import Asker, TuneTable, point_of, tune_table_of
 
@@ -24,68 +23,52 @@ OnKept = Callable[[str], None]
 """Function that is called with the key of each kept run."""
 
 
-def execute(
-    sweep: Sweep,
-    folder: Folder,
-    executor: Executor,
-    *,
-    retry: bool = False,
-    bar: Bar | None = None,
-    on_kept: OnKept | None = None,
-) -> dict[str, int]:
-    """Do all runs of a sweep that are missing in its folder.
+class KnownRuns:
+    """Runs that are known beforehand, as a source of those that are missing in a folder.
 
     Args:
-        sweep: the sweep.
-        folder: folder of the runs; a missing folder is created.
-        executor: place where the runs are done.
+        items: the runs.
+        folder: folder of the runs.
         retry: repeat failed runs.
-        bar: progress bar.
-        on_kept: called with the key of each kept run.
-
-    Returns:
-        The numbers of runs that are done, failed and left.
-
-    Raises:
-        ModelError: the folder belongs to another sweep, cannot be written, or there are no such workers.
     """
-    folder.begin(_content(sweep), "digest_of_runs", "same")
-    share = executor.share
-    items = [item for k, item in enumerate(sweep.items, 1) if share is None or k % share[1] == share[0]]
-    outcomes = folder.outcomes(item.key for item in items)
-    if retry:
-        for key in [key for key, outcome in outcomes.items() if outcome.failed]:
+
+    def __init__(self, items: Sequence[RunItem], folder: Folder, retry: bool = False) -> None:
+        outcomes = folder.outcomes(item.key for item in items)
+        for key in [key for key, outcome in outcomes.items() if retry and outcome.failed]:
             folder.remove(key)
             del outcomes[key]
-    failed = sum(outcome.failed for outcome in outcomes.values())
-    counts = {"done": len(outcomes) - failed, "failed": failed, "left": len(items) - len(outcomes)}
-    total = counts["left"]
+        self._missing = [item for item in items if item.key not in outcomes]
+        failed = sum(outcome.failed for outcome in outcomes.values())
+        self._counts = {"done": len(outcomes) - failed, "failed": failed, "left": len(self._missing)}
 
-    def on_run(key: str, failed: bool) -> None:
-        counts["failed" if failed else "done"] += 1
-        counts["left"] -= 1
-        if bar is not None:
-            bar.show(total - counts["left"], total, as_text(counts))
-        if on_kept is not None:
-            on_kept(key)
+    def next_runs(self, number: int) -> Sequence[RunItem]:
+        """Return all missing runs, the first time."""
+        missing, self._missing = self._missing, []
+        return missing
 
-    if bar is not None:
-        bar.say(as_text(counts))
-    if total:
-        show_message = None if bar is None else bar.say
-        with runner(sweep, folder, executor, on_run, show_message=show_message, wait=False) as run_all:
-            run_all([item for item in items if item.key not in outcomes])
-    return counts
+    def on_run(self, key: str, failed: bool) -> None:
+        """Count a finished run."""
+        self._counts["failed" if failed else "done"] += 1
+        self._counts["left"] -= 1
+
+    def counts(self) -> dict[str, int]:
+        """Return the numbers of runs that are done, failed and left."""
+        return self._counts
+
+    def claims_of_others(self) -> Sequence[str]:
+        """Return nothing: no other process decides which runs there are."""
+        return ()
+
+    def finished(self) -> bool:
+        """Return True: there are no further runs."""
+        return True
+
+    def close(self) -> None:
+        """Do nothing: runs are claimed by who does them."""
 
 
-def _content(definition: Definition) -> dict[str, object]:
-    """Return the content of the folder's file."""
-    inputs = definition.inputs
-    return definition.as_dict() | {"inputs": list(inputs), "provenance": provenance(inputs)}
-
-
-def execute_search(
-    search: Search,
+def execute(
+    definition: Definition,
     folder: Folder,
     executor: Executor,
     *,
@@ -93,62 +76,40 @@ def execute_search(
     bar: Bar | None = None,
     on_kept: OnKept | None = None,
 ) -> dict[str, int]:
-    """Ask for trials and do their runs, up to the number of trials of the plan.
+    """Do all runs of a sweep that are missing in its folder, or ask for trials of a search and do their runs.
 
     Args:
-        search: the search.
-        folder: folder of the runs and the journal; a missing folder is created.
-        executor: place where the runs are done. With a share, only the trials of the share are done, without waiting
-            for other processes.
-        retry: repeat trials with a failed run; not with a share.
+        definition: the sweep, or the search, whose number of trials may differ from that in the folder.
+        folder: folder of the runs, and of the journal of a search; a missing folder is created.
+        executor: place where the runs are done. With a share, only the runs or trials of the share are done; a search
+            does not wait for other processes then.
+        retry: repeat failed runs, or trials with a failed run; not with a share of a search.
         bar: progress bar.
         on_kept: called with the key of each kept run.
 
     Returns:
-        The numbers of trials that are done, failed, pruned and left.
+        The numbers of runs that are done, failed and left, or of trials, also those that are pruned.
 
     Raises:
-        ModelError: the folder belongs to another search or cannot be written; the journal is damaged; Optuna is not
-            installed; runs lack a metric of the objectives; there are no such workers.
+        ModelError: the folder belongs to another sweep or search, or cannot be written; there are no such workers; the
+            journal is damaged; Optuna is not installed; runs of a search lack a metric of the objectives.
     """
-    optuna()  # an error before the folder is created
-    if retry and executor.share is not None:
-        message = "retry_failed repeats the failed runs of all shares: expected no share"
-        raise ModelError(message, hint="retry without a share first, then run the shares")
-    _begin_search(search, folder)
-    if retry:
-        _retry_failed(search.plan, search.key_prefix, folder)
-    with closing(
-        Asker(search.plan, search.key_prefix, folder, _trials_of_share(search.plan.most, executor.share))
-    ) as asker:
-        _ask(asker, search, folder, executor, bar, on_kept)
-        return asker.counts()
-
-
-def _ask(
-    asker: Asker, search: Search, folder: Folder, executor: Executor, bar: Bar | None, on_kept: OnKept | None
-) -> None:
-    """Do the runs of trials. Without a share, wait for trials of other processes as well."""
-
-    def on_run(key: str, failed: bool) -> None:
-        asker.on_run(key)
-        if bar is not None:
-            counts = asker.counts()
-            bar.show(search.plan.most - counts["left"], search.plan.most, as_text(counts))
-        if on_kept is not None:
-            on_kept(key)
-
-    if bar is not None:
-        bar.say(as_text(asker.counts()))
-    show_message = None if bar is None else bar.say
-    with runner(search, folder, executor, on_run, asker.next_runs, show_message=show_message) as run_all:
-        run_all(())
-        while executor.share is None and not asker.finished():
-            if show_message is not None and (claims := asker.claims_of_others()):
-                show_message(waiting(folder.claims, claims, "trial"))
-            time.sleep(POLL_S)  # other processes do the remaining trials, and may die
-            if items := asker.next_runs(1):
-                run_all(items)
+    share = executor.share
+    if isinstance(definition, Search):
+        optuna()  # an error before the folder is created
+        if retry and share is not None:
+            message = "retry_failed repeats the failed runs of all shares: expected no share"
+            raise ModelError(message, hint="retry without a share first, then run the shares")
+        _begin(definition, folder)
+        if retry:
+            _retry_failed(definition.plan, definition.key_prefix, folder)
+        plan = definition.plan
+        asker = Asker(plan, definition.key_prefix, folder, _trials_of_share(plan.most, share))
+        return _do(definition, folder, executor, asker, bar, on_kept)
+    assert isinstance(definition, Sweep)
+    _begin(definition, folder)
+    items = [item for k, item in enumerate(definition.items, 1) if share is None or k % share[1] == share[0]]
+    return _do(definition, folder, executor, KnownRuns(items, folder, retry), bar, on_kept)
 
 
 def hold_out(search: Search, folder: Folder, points: Sequence[Point], executor: Executor, bar: Bar) -> None:
@@ -162,29 +123,58 @@ def hold_out(search: Search, folder: Folder, points: Sequence[Point], executor: 
         bar: progress bar.
 
     Raises:
-        ModelError: see `execute_search`.
+        ModelError: see `execute`.
     """
-    _begin_search(search, folder)
-    items = list({item.key: item for point in points for item in search.plan.tests(search.key_prefix, point)}.values())
-    missing = [item for item in items if folder.outcome(item.key) is None]
-    finished = len(items) - len(missing)
-    bar.begin(finished)
+    _begin(search, folder)
+    items = {item.key: item for point in points for item in search.plan.tests(search.key_prefix, point)}
+    _do(search, folder, executor, KnownRuns(list(items.values()), folder), bar)
+
+
+def _do(
+    definition: Definition,
+    folder: Folder,
+    executor: Executor,
+    source: Source,
+    bar: Bar | None,
+    on_kept: OnKept | None = None,
+) -> dict[str, int]:
+    """Do the runs of a source, show the progress, and return the final numbers."""
 
     def on_run(key: str, failed: bool) -> None:
-        nonlocal finished
-        finished += 1
-        bar.show(finished, len(items), f"{finished:,} of {len(items):,} tested")
+        source.on_run(key, failed)
+        show(source.counts())
+        if on_kept is not None:
+            on_kept(key)
 
-    with runner(search, folder, executor, on_run, show_message=bar.say) as run_all:
-        run_all(missing)
+    def show(counts: Mapping[str, int]) -> None:
+        total = sum(counts.values())
+        if bar is not None:
+            bar.show(total - counts["left"], total, as_text(counts))
+
+    with closing(source):
+        counts = source.counts()
+        if bar is not None:
+            bar.begin(sum(counts.values()) - counts["left"])
+            bar.say(as_text(counts))
+        if counts["left"]:
+            with closing(pool_of(definition, folder, executor)) as pool:
+                wait = executor.on != HERE or isinstance(definition, Search)
+                do_all(pool, folder, source, on_run, _ignore if bar is None else bar.say, wait)
+        return source.counts()
 
 
-def _begin_search(search: Search, folder: Folder) -> None:
-    """Create the folder of a search, or continue in the folder. The number of trials may differ."""
-    content = _content(search)
-    folder.begin(content, "same", "same")
+def _ignore(message: str) -> None:
+    pass
+
+
+def _begin(definition: Definition, folder: Folder) -> None:
+    """Create the folder, or continue in it. The number of trials of a search may differ."""
+    inputs = definition.inputs
+    content = definition.as_dict() | {"inputs": list(inputs), "provenance": provenance(inputs)}
+    is_search = isinstance(definition, Search)
+    folder.begin(content, "same" if is_search else "digest_of_runs", "same")
     present = folder.read()
-    if present["plan"]["trials"] != search.plan.trials:
+    if is_search and present["plan"]["trials"] != content["plan"]["trials"]:
         unchanged = {word: value for word, value in present.items() if word not in ("format", "digest")}
         folder.write(unchanged | {"plan": content["plan"]})
 
@@ -349,7 +339,7 @@ def tune(
     limits, executor = limits_of(time_limit, memory_limit), executor_of(on, workers, share)
     definition = python_search(function, plan, limits, set, executor.on == HERE)
     folder = Folder(file_path(out, "out"), TUNING)
-    run, table = partial(execute_search, definition, folder, executor), partial(tune_table_of, folder.path)
+    run, table = partial(execute, definition, folder, executor), partial(tune_table_of, folder.path)
     return _run_all(run, table, retry_failed, progress, each)
 
 

@@ -1,4 +1,4 @@
-"""Executors of runs: this process, processes on the cores of this machine, a Dask cluster; with a share for array jobs.
+"""Places where runs are done: this process, processes of this machine, a Dask cluster; with a share for array jobs.
 
 Processes are those of `neuro.core.processes`, see `neuro_sweeps.worker`. A process writes the result of a run to disk
 before reporting it. So the folder always names the finished runs, whichever process is killed. A cluster returns only
@@ -11,37 +11,159 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from os import PathLike
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from threading import local
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import neuro
 from neuro import ModelError
 from neuro.apps import Quantity, Unwritable, check, cores, needed, processes, provenance, shown
 from neuro_sweeps import worker
 from neuro_sweeps.definition import Definition
-from neuro_sweeps.folder import FAILED, Claims, Folder, RunOutcome, waiting
+from neuro_sweeps.folder import FAILED, Claims, Folder, RunOutcome, alive, waiting
 from neuro_sweeps.network import NetworkRun
 from neuro_sweeps.space import RunItem
-from neuro_sweeps.worker import KEPT, LOST, TAKEN, Worker
+from neuro_sweeps.worker import HINT, Worker
 
 POLL_S = 0.25
 """Interval in seconds at which a process checks runs of other processes."""
-HINT = "finished runs are kept: run the same command again to continue"
-OnRun = Callable[[str, bool], None]
-"""Function that is called with the key of each finished run, and whether it failed."""
 
-ShowMessage = Callable[[str], None]
-"""Function that shows a message on the progress bar."""
+Ended: TypeAlias = Sequence[tuple[RunItem, bool | None]]
+"""Runs with whether they failed; None for a run on which another process works."""
 
-NextRuns = Callable[[int], Sequence[RunItem]]
-"""Function that returns the next runs, up to a number; none if there is nothing to do now."""
+
+class Source(Protocol):
+    """Where runs come from: those of a space, or those that a search asks for."""
+
+    def next_runs(self, number: int) -> Sequence[RunItem]:
+        """Return runs for so many free workers, or all if they are known; none if there is nothing to do now."""
+
+    def on_run(self, key: str, failed: bool) -> None:
+        """Take note of a finished run."""
+
+    def counts(self) -> dict[str, int]:
+        """Return the numbers of runs or trials by outcome, and those that are left."""
+
+    def claims_of_others(self) -> Sequence[str]:
+        """Return the claims of other processes whose end decides whether there are further runs."""
+
+    def finished(self) -> bool:
+        """Return whether there will be no further runs."""
+
+    def close(self) -> None:
+        """Release what is unfinished to other processes."""
+
+
+class Pool(Protocol):
+    """A place where runs are done."""
+
+    @property
+    def free(self) -> int:
+        """Number of further runs that could begin at once."""
+
+    @property
+    def busy(self) -> bool:
+        """True if a run is waiting or running."""
+
+    def put(self, items: Sequence[RunItem]) -> None:
+        """Runs to do."""
+
+    def hear(self, seconds: float | None) -> Ended:
+        """Wait until runs have ended, for so many seconds at most, and return them.
+
+        Raises:
+            ModelError: no process can start, a run cannot be kept, e.g. on a full disk, or the cluster has stopped.
+        """
+
+    def close(self) -> None:
+        """End all runs."""
+
+
+def do_all(
+    pool: Pool,
+    folder: Folder,
+    source: Source,
+    on_run: Callable[[str, bool], None],
+    show_message: Callable[[str], None],
+    wait: bool = True,
+) -> None:
+    """Do the runs of a source, and wait for runs and trials of other processes.
+
+    Args:
+        pool: place where the runs are done.
+        folder: folder of the runs.
+        source: the runs.
+        on_run: called with the key of each finished run, and whether it failed.
+        show_message: called with the processes for which this one waits while it does nothing else.
+        wait: wait for runs that other processes work on, which may die.
+
+    Raises:
+        ModelError: see `Pool.hear`.
+    """
+    of_others: list[RunItem] = []
+    while True:
+        if (free := pool.free - len(of_others)) > 0 and (items := source.next_runs(free)):
+            pool.put(items)
+        if not pool.busy:
+            if (not of_others or not wait) and source.finished():
+                return
+            if claims := [item.key for item in of_others] or source.claims_of_others():
+                show_message(waiting(folder.claims, claims))
+        for item, failed in pool.hear(None if pool.busy and not of_others else POLL_S):
+            if failed is None:
+                of_others.append(item)
+            else:
+                on_run(item.key, failed)
+        if pool.free > 0:
+            still_claimed = []
+            for item in of_others:
+                if (outcome := folder.outcome(item.key)) is not None:
+                    on_run(item.key, outcome.failed)
+                elif alive(folder.claims / item.key):
+                    still_claimed.append(item)
+                else:
+                    pool.put([item])
+            of_others = still_claimed
+
+
+class Here:
+    """This process, which does one run after the other.
+
+    Args:
+        worker: does a run.
+    """
+
+    def __init__(self, worker: Worker) -> None:
+        self._worker, self._items, self.close = worker, deque[RunItem](), worker.close
+
+    @property
+    def free(self) -> int:
+        """1 if there is no run to do."""
+        return 1 - len(self._items)
+
+    @property
+    def busy(self) -> bool:
+        """True if there is a run to do."""
+        return bool(self._items)
+
+    def put(self, items: Sequence[RunItem]) -> None:
+        """Runs to do."""
+        self._items += items
+
+    def hear(self, seconds: float | None) -> Ended:
+        """Do a run, or wait if there is none."""
+        if not self._items:
+            time.sleep(seconds or 0.0)
+            return ()
+        item = self._items.popleft()
+        return [(item, self._worker.do(item))]
 
 
 class Cores:
@@ -54,111 +176,52 @@ class Cores:
 
     def __init__(self, folder: Folder, count: int) -> None:
         content = folder.read()
-        self._folder = folder
-        self._seconds = content["limits"]["seconds"]
-        self._inputs = tuple(content["inputs"])
-        self._claims = Claims(folder.claims)
+        self.folder, self._inputs, self._seconds = folder, tuple(content["inputs"]), content["limits"]["seconds"]
         self._processes = processes.Processes(partial(worker.begin, folder.path.absolute()), count, self._seconds)
+        self.close = self._processes.close
 
-    def __enter__(self) -> Cores:
-        return self
+    @property
+    def free(self) -> int:
+        """Number of further runs that could begin at once."""
+        return self._processes.free
 
-    def __exit__(self, *error: object) -> None:
-        self.close()
+    @property
+    def busy(self) -> bool:
+        """True if a run is waiting or running."""
+        return self._processes.busy
 
-    def close(self) -> None:
-        """End all processes and their runs."""
-        self._processes.close()
-
-    def run(
-        self,
-        items: Iterable[RunItem],
-        on_run: OnRun,
-        next_runs: NextRuns | None = None,
-        show_message: ShowMessage | None = None,
-    ) -> None:
-        """Do runs, and wait for runs that other processes work on.
-
-        Args:
-            items: the runs.
-            on_run: called for each finished run.
-            next_runs: called for further runs whenever a process is free.
-            show_message: called with the processes for which this one waits while it does nothing else.
-
-        Raises:
-            ModelError: no process can start, or a run cannot be kept, e.g. on a full disk.
-        """
-        pool = self._processes
+    def put(self, items: Sequence[RunItem]) -> None:
+        """Runs to do."""
         for item in items:
-            pool.put(item)
-        waiting_for: list[RunItem] = []
-        self._request(waiting_for, next_runs)
-        while pool.busy or waiting_for:
-            if waiting_for and not pool.waiting:
-                waiting_for = self._check_again(waiting_for, on_run)
-                if waiting_for and show_message is not None and not pool.busy:
-                    show_message(waiting(self._folder.claims, [item.key for item in waiting_for]))
-            for event in pool.hear(POLL_S if waiting_for else None):
-                self._handle(event, waiting_for, on_run)
-            self._request(waiting_for, next_runs)
-
-    def _request(self, waiting_for: list[RunItem], next_runs: NextRuns | None) -> None:
-        free = self._processes.free - len(waiting_for)
-        for item in next_runs(free) if next_runs is not None and free > 0 else ():
             self._processes.put(item)
 
-    def _check_again(self, waiting_for: list[RunItem], on_run: OnRun) -> list[RunItem]:
-        """Return the runs that other processes still work on. Runs that they gave up are queued again."""
-        still_claimed = []
-        for item in waiting_for:
-            if self._report_if_kept(item, on_run):
-                continue
-            if self._claims.free(item.key):
-                self._processes.put(item)
-            else:
-                still_claimed.append(item)
-        return still_claimed
+    def hear(self, seconds: float | None) -> Ended:
+        """Wait until runs have ended; see `Pool`."""
+        return [(task.job, self._failed(task)) for task in self._processes.hear(seconds)]
 
-    def _report_if_kept(self, item: RunItem, on_run: OnRun) -> bool:
-        outcome = self._folder.outcome(item.key) if self._folder.has(item.key) else None
-        if outcome is not None:
-            on_run(item.key, outcome.failed)
-        return outcome is not None
-
-    def _handle(self, event: processes.Event, waiting_for: list[RunItem], on_run: OnRun) -> None:
-        item: RunItem = event.job
-        if isinstance(event, processes.Raised):
-            raise event.error
-        if isinstance(event, processes.Lost):
-            if not self._report_if_kept(item, on_run):
-                self._fail(event, on_run)
-        elif isinstance(event, processes.Done):
-            message: dict[str, Any] = event.result
-            if message["is"] == LOST:
-                raise ModelError(message["error"], hint=HINT)
-            if message["is"] == KEPT:
-                on_run(item.key, message["failed"])
-            elif message["is"] == TAKEN:
-                waiting_for.append(item)
-            elif not self._report_if_kept(item, on_run):
-                self._processes.put(item)
-
-    def _fail(self, lost: processes.Lost, on_run: OnRun) -> None:
-        """Keep a run as failed, since its process died too often or exceeded the time limit."""
-        item: RunItem = lost.job
-        limit = f"time: exceeds the limit of {self._seconds:g} s" if lost.timed_out else ""
-        error = limit or f"its process {lost.how}, {lost.attempts} times"
-        record = provenance(self._inputs, **({} if item.seed is None else {"seed": item.seed}))
-        seconds = round(lost.seconds, 6)
-        outcome = RunOutcome(item.key, item.point, item.seed, FAILED, {}, error, "", seconds, lost.attempts, record)
-        if self._claims.take(item.key):
+    def _failed(self, task: processes.Task) -> bool | None:
+        """Return whether a run failed. A run whose process died too often or exceeded the time limit is kept so."""
+        try:
+            failed: bool | None = task.result()
+            return failed
+        except processes.Lost as lost:
+            item, claims = task.job, Claims(self.folder.claims)
+            if (kept := self.folder.outcome(item.key)) is not None:
+                return kept.failed
+            limit = f"time: exceeds the limit of {self._seconds:g} s" if lost.timed_out else ""
+            error = limit or f"its process {lost.how}, {lost.attempts} times"
+            record = provenance(self._inputs, **({} if item.seed is None else {"seed": item.seed}))
+            seconds = round(lost.seconds, 6)
+            outcome = RunOutcome(item.key, item.point, item.seed, FAILED, {}, error, "", seconds, lost.attempts, record)
+            if not claims.take(item.key):
+                return None
             try:
-                self._folder.keep(outcome)
+                self.folder.keep(outcome)
             except Unwritable as unwritable:
                 raise ModelError(str(unwritable), hint=HINT) from None
             finally:
-                self._claims.give_up(item.key)
-        on_run(item.key, True)
+                claims.give_up(item.key)
+            return True
 
 
 CONNECT_S = 20.0
@@ -166,37 +229,73 @@ CONNECT_S = 20.0
 MOST_AT_ONCE = 50
 """Largest number of runs in a task."""
 
-_GONE = "the cluster at {} has stopped"
 _thread = local()
 
 
-def on_cluster(
-    where: str, folder: Folder, items: Sequence[RunItem], on_run: OnRun, next_runs: NextRuns | None = None
-) -> None:
-    """Do runs on the workers of a Dask cluster.
+class Cluster:
+    """The workers of a Dask cluster.
 
     Args:
         where: address of the scheduler, or the file that the scheduler writes.
         folder: folder of the sweep, which all workers must see.
-        items: the runs.
-        on_run: called for each finished run.
-        next_runs: called for further runs whenever a worker is free.
 
     Raises:
         ModelError: Dask is not installed; there is no such cluster; the cluster has no worker; a worker does not have
             this version of this package, or does not see the folder.
     """
-    client = _client(where)
-    try:
-        workers = _check_workers(client, where, folder)
-        size = max(1, min(MOST_AT_ONCE, len(items) // (4 * max(1, workers))))
-        chunks = [list(items[k : k + size]) for k in range(0, len(items), size)]
-        if next_runs is not None:
-            chunks += [[item] for item in next_runs(max(1, workers))]
-        _gather(client, where, folder, chunks, on_run, next_runs)
-    finally:
+
+    def __init__(self, where: str, folder: Folder) -> None:
+        self._where, self._path = where, str(folder.path.absolute())
+        self._client = _client(where)
+        self._futures: set[Any] = set()
+        self._ended: SimpleQueue[Any] = SimpleQueue()
+        try:
+            self._workers = max(1, _check_workers(self._client, where, folder))
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def free(self) -> int:
+        """Number of threads without a task."""
+        return self._workers - len(self._futures)
+
+    @property
+    def busy(self) -> bool:
+        """True if a task has not ended."""
+        return bool(self._futures)
+
+    def put(self, items: Sequence[RunItem]) -> None:
+        """Runs to do, several in a task if they are many."""
+        size = max(1, min(MOST_AT_ONCE, len(items) // (4 * self._workers)))
+        for k in range(0, len(items), size):
+            future = self._client.submit(do, self._path, items[k : k + size], pure=False, retries=2)
+            self._futures.add(future)
+            future.add_done_callback(self._ended.put)
+
+    def hear(self, seconds: float | None) -> Ended:
+        """Wait until the runs of a task have ended; see `Pool`."""
+        try:
+            future = self._ended.get(timeout=seconds)
+            self._futures.discard(future)
+            if future.status != "cancelled":
+                ended: Ended = future.result()
+                return ended
+        except Empty:
+            return ()
+        except ModelError:
+            raise
+        except Exception as error:
+            kind = type(error).__name__
+            gone = ("CancelledError", "FutureCancelledError", "CommClosedError", "StreamClosedError", "TimeoutError")
+            if kind not in gone:
+                raise ModelError(f"the cluster at {self._where}: {kind}: {error}", hint=HINT) from None
+        raise ModelError(f"the cluster at {self._where} has stopped", hint=HINT)
+
+    def close(self) -> None:
+        """Leave the cluster."""
         with suppress(Exception):
-            client.close(timeout=2)
+            self._client.close(timeout=2)
 
 
 def _client(where: str) -> Any:
@@ -245,66 +344,34 @@ def _check_workers(client: Any, where: str, folder: Folder) -> int:
     return sum(client.nthreads().values())
 
 
-def _gather(
-    client: Any, where: str, folder: Folder, chunks: Sequence[list[RunItem]], on_run: OnRun, next_runs: NextRuns | None
-) -> None:
-    dask, path = import_module("distributed"), str(folder.path.absolute())
-
-    def submit(chunk: Sequence[RunItem]) -> Any:
-        plain = [(item.key, item.point, item.seed, item.trial) for item in chunk]
-        return client.submit(do, path, plain, pure=False, retries=2)
-
-    try:
-        futures = dask.as_completed([submit(chunk) for chunk in chunks], loop=client.loop)
-        for future in futures:
-            if future.status == "cancelled":
-                raise ModelError(_GONE.format(where), hint=HINT)
-            for key, failed in future.result():
-                on_run(key, failed)
-            for item in next_runs(1) if next_runs is not None else ():
-                futures.add(submit([item]))
-    except ModelError:
-        raise
-    except Exception as error:
-        kind = type(error).__name__
-        if kind in ("CancelledError", "FutureCancelledError", "CommClosedError", "StreamClosedError", "TimeoutError"):
-            raise ModelError(_GONE.format(where), hint=HINT) from None
-        raise ModelError(f"the cluster at {where}: {kind}: {error}", hint=HINT) from None
-
-
-def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None, int | None]]) -> list[tuple[str, bool]]:
+def do(path: str, items: Sequence[RunItem]) -> Ended:
     """Do some runs on a worker of the cluster, in a process of the present thread.
 
     Args:
         path: path of the folder.
-        chunk: hash, point, seed and trial of each run.
-
-    Returns:
-        The hash of each run, and whether it failed.
+        items: the runs.
     """
-    finished: list[tuple[str, bool]] = []
     # A thread keeps its process for the next runs of the same folder.
-    present: Any = getattr(_thread, "pool", None)
-    if present is None or _thread.path != path:
-        if present is not None:
-            present.close()
-        _thread.pool, _thread.path = Cores(Folder(Path(path)), 1), path
-    pool: Cores = _thread.pool
+    pool: Cores | None = getattr(_thread, "pool", None)
+    if pool is None or str(pool.folder.path) != path:
+        if pool is not None:
+            pool.close()
+        pool = _thread.pool = Cores(Folder(Path(path)), 1)
+    ended: list[tuple[RunItem, bool | None]] = []
     try:
-        pool.run([RunItem(*each) for each in chunk], lambda key, failed: finished.append((key, failed)))
+        pool.put(items)
+        while pool.busy:
+            ended += pool.hear(None)
     except BaseException:
         pool.close()
         _thread.pool = None
         raise
-    return finished
+    return ended
 
 
 CORES, HERE = "cores", "here"
 _PART = re.compile(r"(\d{1,9})/(\d{1,9})")
 _WORKERS = Quantity(kind="integer", at_least=1, optional=True)
-
-RunAll: TypeAlias = Callable[[Sequence[RunItem]], None]
-"""Function that does runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,11 +387,6 @@ class Executor:
     on: str = CORES
     workers: int | None = None
     share: tuple[int, int] | None = None
-
-    @property
-    def cluster(self) -> bool:
-        """True for a Dask cluster."""
-        return self.on not in (CORES, HERE)
 
 
 def executor_of(on: str | PathLike[str], workers: int | None = None, share: str | None = None) -> Executor:
@@ -348,72 +410,22 @@ def _share_of(text: Any) -> tuple[int, int]:
     return int(match[1]) % int(match[2]), int(match[2])
 
 
-@contextmanager
-def runner(
-    runs: Definition,
-    folder: Folder,
-    executor: Executor,
-    on_run: OnRun,
-    next_runs: NextRuns | None = None,
-    *,
-    show_message: ShowMessage | None = None,
-    wait: bool = True,
-) -> Iterator[RunAll]:
-    """Yield a function that does given runs, and further ones as long as `next_runs` returns any.
+def pool_of(runs: Definition, folder: Folder, executor: Executor) -> Pool:
+    """Return the pool of an executor, which has to be closed.
 
     Args:
         runs: the sweep or search, with the limits of a run.
         folder: folder of the runs.
         executor: place where the runs are done.
-        on_run: called for each finished run.
-        next_runs: called for further runs whenever a worker is free.
-        show_message: called with the processes for which this one waits; not for a cluster.
-        wait: for "here": wait for runs that other processes work on, as all other executors do.
 
     Raises:
-        ModelError: there are no such workers, or a run cannot be kept.
+        ModelError: there are no such workers.
     """
     if executor.on == HERE:
         if runs.limits.seconds is not None:  # this process cannot end its own run
             raise ModelError("a time limit needs worker processes: expected on = 'cores'")
-        with closing(Worker(folder, runs.run, runs.limits, runs.inputs)) as worker:
-            yield _here(worker, folder, on_run, next_runs, show_message, wait)
-    elif executor.cluster:
-        from neuro_sweeps.executors import on_cluster
-
-        yield lambda items: on_cluster(executor.on, folder, items, on_run, next_runs)
-    else:
-        threads = runs.run.threads if isinstance(runs.run, NetworkRun) else 1
-        with Cores(folder, executor.workers or cores(threads)) as pool:
-            yield lambda items: pool.run(items, on_run, next_runs, show_message)
-
-
-def _here(
-    worker: Worker,
-    folder: Folder,
-    on_run: OnRun,
-    next_runs: NextRuns | None,
-    show_message: ShowMessage | None,
-    wait: bool,
-) -> RunAll:
-    """Return a function that does runs one after the other in this process."""
-
-    def request() -> Sequence[RunItem]:
-        return next_runs(1) if next_runs is not None else ()
-
-    def do(items: Sequence[RunItem]) -> None:
-        items = items or request()
-        while items:
-            for item in items:
-                while (message := worker.do(item))["is"] == TAKEN and wait:
-                    if show_message is not None:
-                        show_message(waiting(folder.claims, [item.key]))
-                    time.sleep(POLL_S)
-                if message["is"] == LOST:
-                    raise ModelError(message["error"], hint=HINT)
-                if message["is"] != TAKEN:
-                    outcome = folder.outcome(item.key)
-                    on_run(item.key, outcome is None or outcome.failed)
-            items = request()
-
-    return do
+        return Here(Worker(folder, runs.run, runs.limits, runs.inputs))
+    if executor.on != CORES:
+        return Cluster(executor.on, folder)
+    threads = runs.run.threads if isinstance(runs.run, NetworkRun) else 1
+    return Cores(folder, executor.workers or cores(threads))

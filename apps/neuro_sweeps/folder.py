@@ -112,10 +112,6 @@ class Claims:
         for key in tuple(self._keys):
             self.give_up(key)
 
-    def free(self, key: str) -> bool:
-        """Return whether no living process holds the claim of a run."""
-        return not alive(self._folder / key)
-
     def beat(self) -> None:
         """Start a thread that touches the claims, so that other machines see that this process is alive."""
         Thread(target=self._beat, daemon=True).start()
@@ -182,14 +178,14 @@ def holder_of(path: Path) -> Holder | None:
     return holder if kinds == (str, int, str) else None
 
 
-def waiting(folder: Path, keys: Sequence[str], what: str = "run") -> str:
+def waiting(folder: Path, keys: Sequence[str]) -> str:
     """Return a message about the processes for which this one waits.
 
     Args:
         folder: folder of the claims.
         keys: names of the claims that other processes hold.
-        what: "run" or "trial".
     """
+    what = "trial" if keys[0].startswith("trial-") else "run"
     holder = holder_of(folder / keys[0]) or "an unknown process"
     names = f"{len(keys):,} {what}{'s' * (len(keys) != 1)}"
     return f"waiting for {names} of other processes, first {holder} ({folder / keys[0]})"
@@ -438,10 +434,6 @@ class Folder:
         names = set(os.listdir(self.runs)) if self.runs.is_dir() else set()
         outcomes = ((key, self.outcome(key)) for key in keys if key in names)
         return {key: outcome for key, outcome in outcomes if outcome is not None}
-
-    def has(self, key: str) -> bool:
-        """Return whether a run is kept."""
-        return (self.runs / key / "run.json").exists()
 
     def keep(self, outcome: RunOutcome, fill: Callable[[Path], None] | None = None) -> None:
         """Keep a run, unless it is kept already.

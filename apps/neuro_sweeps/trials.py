@@ -59,7 +59,8 @@ class Asker:
         plan: plan of the search.
         key_prefix: all inputs of a run but point and seed, see `key_of`.
         folder: folder of the search.
-        share: largest number of trials that this process asks for; None for all remaining trials.
+        share: largest number of trials that this process asks for, without waiting for those of others; None for all
+            remaining trials.
 
     Raises:
         ModelError: Optuna is not installed, or the journal is damaged.
@@ -67,7 +68,7 @@ class Asker:
 
     def __init__(self, plan: SearchPlan, key_prefix: str, folder: Folder, share: int | None = None) -> None:
         self._plan, self._before, self._folder = plan, key_prefix, folder
-        self._remaining = plan.most if share is None else share
+        self._has_share, self._remaining = share is not None, plan.most if share is None else share
         self._claims = Claims(folder.claims)
         self._claims.beat()
         self._open: dict[int, OpenTrial] = {}
@@ -88,13 +89,15 @@ class Asker:
             self._advance(trial)
         return [self._queue.popleft() for _ in range(min(number, len(self._queue)))]
 
-    def on_run(self, key: str) -> None:
+    def on_run(self, key: str, failed: bool) -> None:
         """Advance the trials that wait for a finished run."""
         for number in [number for number, trial in self._open.items() if key in trial.requested]:
             self._advance(number)
 
     def finished(self) -> bool:
-        """Return whether all trials are finished, including those of other processes."""
+        """Return whether all trials are finished, without a share including those of other processes."""
+        if self._has_share:
+            return True
         trials = self._study.get_trials(deepcopy=False)
         return len(trials) >= self._plan.most and all(trial.state.is_finished() for trial in trials)
 

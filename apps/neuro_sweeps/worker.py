@@ -22,8 +22,7 @@ from neuro_sweeps.function import IsWorse, Pruned, gather_steps
 from neuro_sweeps.space import RunItem
 from neuro_sweeps.trials import Pruner
 
-TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
-"""States of a run for a worker: another process works on it; it was kept already; it is kept now; it cannot be kept."""
+HINT = "finished runs are kept: run the same command again to continue"
 
 MOST_PRINTED = 1_000_000
 """Largest number of characters that are kept of a run's printed text."""
@@ -49,24 +48,24 @@ class Worker:
         """Remove all claims."""
         self._claims.close()
 
-    def do(self, item: RunItem, attempt: int = 1) -> dict[str, Any]:
-        """Do a run, unless it is kept or another process works on it. Return its state as plain data."""
-        if self._folder.has(item.key) and self._folder.outcome(item.key) is not None:
-            return {"key": item.key, "is": THERE}
+    def do(self, item: RunItem, attempt: int = 1) -> bool | None:
+        """Do a run unless it is kept, and return whether it failed; None if another process works on it.
+
+        Raises:
+            ModelError: the run cannot be kept, e.g. on a full disk.
+        """
+        outcome = self._folder.outcome(item.key)
         try:
-            if not self._claims.take(item.key):
-                return {"key": item.key, "is": TAKEN}
+            if outcome is None:
+                if not self._claims.take(item.key):
+                    return None
+                try:
+                    outcome = self._folder.outcome(item.key) or self._keep(item, attempt)
+                finally:
+                    self._claims.give_up(item.key)
         except Unwritable as error:
-            return {"key": item.key, "is": LOST, "error": str(error)}
-        try:
-            if self._folder.outcome(item.key) is not None:
-                return {"key": item.key, "is": THERE}
-            outcome = self._keep(item, attempt)
-            return {"key": item.key, "is": KEPT, "failed": outcome.failed}
-        except Unwritable as error:
-            return {"key": item.key, "is": LOST, "error": str(error)}
-        finally:
-            self._claims.give_up(item.key)
+            raise ModelError(str(error), hint=HINT) from None
+        return outcome.failed
 
     def _keep(self, item: RunItem, attempt: int) -> RunOutcome:
         printed, process = Printed(), os.getpid()
@@ -227,7 +226,4 @@ def begin(folder: Path) -> processes.Work:
     sweep_folder = Folder(folder)
     worker = worker_of(sweep_folder, sweep_folder.read())
 
-    def work(item: RunItem, attempt: int, report: Callable[[Any], None]) -> dict[str, Any]:
-        return worker.do(item, attempt)
-
-    return work
+    return lambda item, attempt, tell: worker.do(item, attempt)

@@ -14,6 +14,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -29,54 +30,41 @@ TRIES = 2
 END_S = 5.0
 """How long a process that has closed its pipe may take to end."""
 
-Work: TypeAlias = Callable[[Any, int, Callable[[Any], None]], Any]
+Tell: TypeAlias = Callable[[Any], None]
+"""Takes what a job tells while it is done."""
+
+Work: TypeAlias = Callable[[Any, int, Tell], Any]
 """Does a job: it, the number of this attempt, and what to tell of it meanwhile; gives what comes of it."""
 
 
-@dataclass(frozen=True, slots=True)
-class JobMessage:
-    """A job tells something while it is done."""
-
-    job: Any
-    what: Any
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """A finished job with its result."""
-
-    job: Any
-    result: Any
-
-
-@dataclass(frozen=True, slots=True)
-class Raised:
-    """A job that raised an error."""
-
-    job: Any
-    error: BaseException
-
-
-@dataclass(frozen=True, slots=True)
-class Lost:
+class Lost(ModelError):
     """A job that is given up: its process ended too often, or exceeded the time limit.
 
     Attributes:
-        job: the job.
         how: the end of the last process, in words.
         attempts: number of attempts.
         seconds: duration of the last attempt.
         timed_out: True if the last attempt exceeded the time limit.
     """
 
-    job: Any
-    how: str
-    attempts: int
-    seconds: float
-    timed_out: bool
+    def __init__(self, how: str, attempts: int, seconds: float, timed_out: bool = False) -> None:
+        self.how, self.attempts, self.seconds, self.timed_out = how, attempts, seconds, timed_out
+        message = f"a process {how}, {attempts} times: it was killed or ran out of memory"
+        super().__init__(message, hint="the same command goes on where it was")
 
 
-Event: TypeAlias = JobMessage | Done | Raised | Lost
+class Task(Future[Any]):
+    """A job and what comes of it: its result, the error that it raised, or `Lost`.
+
+    Attributes:
+        job: the job.
+        tell: called with what the job tells meanwhile, by the process that asked.
+        attempt: how often the job was begun.
+    """
+
+    def __init__(self, job: Any, tell: Tell) -> None:
+        super().__init__()
+        self.job, self.tell, self.attempt = job, tell, 0
 
 
 class RemoteTraceback(Exception):
@@ -90,14 +78,6 @@ loading_script = False
 """Whether this process is one of them, and now runs the script of the process that asked to find what is in it."""
 
 
-@dataclass
-class _Task:
-    """A job, and how often it was begun."""
-
-    job: Any
-    attempt: int = 0
-
-
 @dataclass(eq=False)
 class _Process:
     """A worker process with its task, start and deadline.
@@ -109,7 +89,7 @@ class _Process:
     pipe: connection.Connection
     end: int
     has_started: bool = False
-    task: _Task | None = None
+    task: Task | None = None
     began: float = field(default_factory=time.monotonic)
     deadline: float = float("inf")
 
@@ -133,7 +113,7 @@ class Processes:
             raise ModelError(message, hint='write the call below: if __name__ == "__main__":')
         only_on_linux("work in several processes")
         self._begin, self._count, self._seconds = begin, count, seconds
-        self._waiting: deque[_Task] = deque()
+        self._waiting: deque[Task] = deque()
         self._processes: list[_Process] = []
         self._unborn = 0
 
@@ -166,12 +146,14 @@ class Processes:
         """True if a job is waiting or running."""
         return bool(self._waiting) or any(each.task for each in self._processes)
 
-    def put(self, job: Any) -> None:
-        """A job to do."""
-        self._waiting.append(_Task(job))
+    def put(self, job: Any, tell: Tell | None = None) -> Task:
+        """Return the task of a job; `tell` is called with what the job tells. `hear` moves it on."""
+        task = Task(job, tell or _ignore)
+        self._waiting.append(task)
+        return task
 
-    def hear(self, seconds: float | None = None) -> list[Event]:
-        """Hand jobs out, and wait until something is heard of one.
+    def hear(self, seconds: float | None = None) -> list[Task]:
+        """Hand jobs out, wait until something is heard of one, and return the tasks that have ended.
 
         Args:
             seconds: to wait at most; None for as long as it takes, and not at all if there is no job.
@@ -181,17 +163,17 @@ class Processes:
             Exception: that `begin` raises.
         """
         self._hand_out()
-        events: list[Event] = []
+        ended: list[Task] = []
         ends: list[Any] = [end for each in self._processes for end in (each.pipe, each.end)]
         signalled = set(connection.wait(ends, self._patience(seconds)))
         for each in list(self._processes):
             if each.pipe in signalled:
-                events += self._receive(each)
+                ended += self._receive(each)
             elif each.end in signalled:
-                events += self._receive(each) if each.pipe.poll() else self._retry(each)
-        events += self._end_overdue()
+                ended += self._receive(each) if each.pipe.poll() else self._retry(each)
+        ended += self._end_overdue()
         self._hand_out()
-        return events
+        return ended
 
     def _hand_out(self) -> None:
         working = sum(bool(each.task) for each in self._processes)
@@ -226,13 +208,13 @@ class Processes:
         }
         _send(each, words)
 
-    def _ask(self, each: _Process, task: _Task) -> None:
+    def _ask(self, each: _Process, task: Task) -> None:
         each.task, each.began = task, time.monotonic()
         each.deadline = each.began + self._seconds if self._seconds else float("inf")
         task.attempt += 1
         _send(each, (task.attempt, task.job))
 
-    def _receive(self, each: _Process) -> list[Event]:
+    def _receive(self, each: _Process) -> list[Task]:
         try:
             is_, what = pickle.loads(each.pipe.recv_bytes())
         except (EOFError, ConnectionResetError):
@@ -246,39 +228,41 @@ class Processes:
         if is_ == "read":
             for name in what:
                 inputs.record_input(name)
-            return []
-        if is_ == "ready":
+        elif is_ == "ready":
             each.has_started, self._unborn = True, 0
-            return []
-        assert each.task is not None
-        job = each.task.job
-        if is_ == "said":
-            return [JobMessage(job, what)]
-        each.task, each.deadline = None, float("inf")
-        return [Done(job, what) if is_ == "done" else Raised(job, what)]
-
-    def _retry(self, each: _Process) -> list[Event]:
-        """Queue the job of a dead process again, up to `TRIES` attempts; return `Lost` after the last one."""
-        connection.wait([each.end], END_S)  # a pipe is closed a little before
-        how, task = self._terminate(each), each.task
-        if task is None:
-            self._unborn += not each.has_started
-            if self._unborn >= TRIES:
-                raise ModelError(f"a process that should do runs {how} before its first: see above")
-        elif task.attempt < TRIES:
-            self._waiting.appendleft(task)
-        else:
-            return [Lost(task.job, how, task.attempt, time.monotonic() - each.began, False)]
+        elif each.task is not None and is_ == "said":
+            each.task.tell(what)
+        elif each.task is not None:
+            task, each.task, each.deadline = each.task, None, float("inf")
+            task.set_result(what) if is_ == "done" else task.set_exception(what)
+            return [task]
         return []
 
-    def _end_overdue(self) -> list[Event]:
+    def _retry(self, each: _Process) -> list[Task]:
+        """Queue the job of a dead process again; up to `TRIES` attempts, then it is `Lost`."""
+        connection.wait([each.end], END_S)  # a pipe is closed a little before
+        if each.task is not None and each.task.attempt >= TRIES:
+            return self._lose(each)
+        how = self._terminate(each)
+        if each.task is not None:
+            self._waiting.appendleft(each.task)
+            return []
+        self._unborn += not each.has_started
+        if self._unborn >= TRIES:
+            raise ModelError(f"a process that should do runs {how} before its first: see above")
+        return []
+
+    def _lose(self, each: _Process, timed_out: bool = False) -> list[Task]:
+        """End a process and give up its job."""
+        seconds, how, task = time.monotonic() - each.began, self._terminate(each), each.task
+        assert task is not None
+        task.set_exception(Lost(how, task.attempt, seconds, timed_out))
+        return [task]
+
+    def _end_overdue(self) -> list[Task]:
         """End the processes whose job exceeds the time limit."""
-        now, events = time.monotonic(), list[Event]()
-        for each in [one for one in self._processes if one.deadline < now]:
-            how, task = self._terminate(each), each.task
-            assert task is not None
-            events.append(Lost(task.job, how, task.attempt, now - each.began, True))
-        return events
+        now = time.monotonic()
+        return [task for each in list(self._processes) if each.deadline < now for task in self._lose(each, True)]
 
     def _patience(self, seconds: float | None) -> float | None:
         """Until when there is nothing to do but listen."""
@@ -318,11 +302,11 @@ def cores(threads: int = 1) -> int:
 
 Job = TypeVar("Job")
 Found = TypeVar("Found")
-Run = Callable[[Job, Callable[[Any], None]], Found]
+Run = Callable[[Job, Tell], Found]
 
 
 def side_by_side(
-    run: Run[Job, Found], jobs: Sequence[Job], processes: int | None = None, report: Callable[[Any], None] | None = None
+    run: Run[Job, Found], jobs: Sequence[Job], processes: int | None = None, report: Tell | None = None
 ) -> list[Found]:
     """Run jobs in parallel on the cores of this machine; a single job runs in this process.
 
@@ -343,30 +327,14 @@ def side_by_side(
         ModelError: the process of a job was killed twice.
         Exception: the first exception of a job, once all jobs have ended.
     """
-    tell = report or _ignore
     count = min(len(jobs), processes or cores())
     if count <= 1:
-        return [run(job, tell) for job in jobs]
-    results: dict[int, Found] = {}
-    failed: dict[int, BaseException] = {}
+        return [run(job, report or _ignore) for job in jobs]
     with Processes(partial(_work, run), count) as pool:
-        for numbered in enumerate(jobs):
-            pool.put(numbered)
+        tasks = [pool.put(job, report) for job in jobs]
         while pool.busy:
-            for event in pool.hear():
-                number = event.job[0]
-                if isinstance(event, JobMessage):
-                    tell(event.what)
-                elif isinstance(event, Done):
-                    results[number] = event.result
-                elif isinstance(event, Raised):
-                    failed[number] = event.error
-                else:
-                    message = f"a process {event.how}, {event.attempts} times: it was killed or ran out of memory"
-                    failed[number] = ModelError(message, hint="the same command goes on where it was")
-    if failed:
-        raise failed[min(failed)]
-    return [results[number] for number in range(len(jobs))]
+            pool.hear()
+    return [task.result() for task in tasks]
 
 
 def _ignore(message: Any) -> None:
@@ -374,7 +342,4 @@ def _ignore(message: Any) -> None:
 
 
 def _work(run: Run[Any, Any]) -> Work:
-    def work(numbered: tuple[int, Any], attempt: int, tell: Callable[[Any], None]) -> Any:
-        return run(numbered[1], tell)
-
-    return work
+    return lambda job, attempt, tell: run(job, tell)

@@ -231,4 +231,4 @@ def test_a_record_tells_all(folder, run):
     }
     assert record["command"] == "neuro sweep run sweep.yaml --on here --share 1/8"
     assert json.loads((folder / "runs" / "sweep.json").read_text())["provenance"]["inputs"] == record["inputs"]
-    assert Folder(folder / "runs").has(outcome.key)
+    assert Folder(folder / "runs").outcome(outcome.key) == outcome

@@ -15,12 +15,12 @@ import yaml
 
 import neuro
 from neuro_sweeps.definition import Limits
-from neuro_sweeps.folder import Claims, Folder, began, holder_of
+from neuro_sweeps.folder import Claims, Folder, alive, began, holder_of
 from neuro_sweeps.page import _metric
 from neuro_sweeps.pictures import pictures, plot_data
 from neuro_sweeps.space import RunItem
 from neuro_sweeps.table import table_of
-from neuro_sweeps.worker import LOST, Worker
+from neuro_sweeps.worker import Worker
 from refused import error_of, refused
 
 FOLDER = Path(__file__).parent
@@ -58,7 +58,7 @@ def test_claims(tmp_path):
     assert other.take("a")
     dead = json.loads((tmp_path / "a").read_text()) | {"process": 99_999_999}
     (tmp_path / "a").write_text(json.dumps(dead))
-    assert mine.free("a")
+    assert not alive(tmp_path / "a")
     assert mine.take("a")
     (tmp_path / "a").write_text(json.dumps({"machine": "another", "process": 1, "began": "1"}))
     assert not mine.take("a")
@@ -350,9 +350,7 @@ def test_a_claim_for_which_there_is_no_room_is_not_left(runs, mounted):
         while file.write(b"0" * 4096):
             pass
     worker = Worker(folder, lambda point, seed: ({}, None, {}), Limits(), ())
-    ended = worker.do(RunItem("other", {"a": 2}, None))
-    assert ended["is"] == LOST
-    assert "No space left on device" in ended["error"]
+    assert "No space left on device" in refused(worker.do, RunItem("other", {"a": 2}, None))
     assert list(folder.claims.glob("other")) == []
 
 

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from neuro import ModelError
-from neuro.apps import Done, Kind, LazyModule, Lost, Processes, Raised, Work, cores, hdf5, output, unknown, write_text
+from neuro.apps import Kind, LazyModule, Lost, Processes, Work, cores, hdf5, output, unknown, write_text
 from neuro_events._events import Events
 from neuro_events.dataset._layouts import FileContent, natural
 from neuro_events.formats._format import Damage
@@ -374,13 +374,11 @@ def _pack_all(job: ConversionJob, batches: Sequence[Sequence[int]], jobs: int) -
         for batch in batches:
             pool.put(batch)
         while pool.busy:
-            for event in pool.hear():
-                if isinstance(event, Done):
-                    yield event.result
-                elif isinstance(event, Raised):
-                    raise event.error
-                elif isinstance(event, Lost):
-                    raise EventFileError(job.folder, _LOST.format(event.how, event.attempts))
+            for task in pool.hear():
+                try:
+                    yield task.result()
+                except Lost as lost:
+                    raise EventFileError(job.folder, _LOST.format(lost.how, lost.attempts)) from None
 
 
 def _unique_names(samples: Sequence[Any], classes: Sequence[str]) -> list[str]:

@@ -73,7 +73,7 @@ def run_search(
 ) -> None:
     """Run trials up to the number in the file. Run the same command again to continue an interrupted search."""
     from neuro_sweeps.definition import load_search
-    from neuro_sweeps.execute import execute_search
+    from neuro_sweeps.execute import execute
     from neuro_sweeps.executors import executor_of
     from neuro_sweeps.folder import TUNING, Folder
     from neuro_sweeps.table import as_text
@@ -82,7 +82,7 @@ def run_search(
     executor = executor_of(on, workers, share)
     definition, folder = load_search(file), Folder(out, TUNING)
     with progress_bar(out) as bar:
-        counts = execute_search(definition, folder, executor, retry=retry_failed, bar=bar)
+        counts = execute(definition, folder, executor, retry=retry_failed, bar=bar)
     table = tune_table_of(out)
     typer.echo(f"{out}: {f'share {share}: ' if share else ''}{as_text(counts)}")
     echo_best_and_failures(table)
