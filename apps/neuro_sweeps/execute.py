@@ -9,15 +9,21 @@ from os import PathLike
 from typing import Any, TypeVar
 
 from neuro import ModelError
-from neuro.apps import Bar, Quantity, check, file_path, provenance
+from neuro.apps import Bar, Processes, Quantity, check, file_path, provenance
 from neuro_sweeps.definition import Definition, Search, Sweep, limits_of, python_search, python_sweep
-from neuro_sweeps.executors import HERE, Executor, Source, do_all, executor_of, pool_of
-from neuro_sweeps.folder import SWEEP, TUNING, Folder, claimed
+from neuro_sweeps.executors import HERE, MOST_AT_ONCE, Cluster, Executor, Here, ends_of, executor_of, pool_of
+from neuro_sweeps.folder import SWEEP, TUNING, Folder, alive, claimed, waiting
 from neuro_sweeps.journal import journal_of, locked, optuna, trials_of
 from neuro_sweeps.plan import SearchPlan, plan_of
 from neuro_sweeps.space import Point, RunItem, space_of
 from neuro_sweeps.table import SweepTable, as_text, table_of
 from neuro_sweeps.trials import Asker, TuneTable, point_of, tune_table_of
+
+POLL_S = 0.25
+"""Interval in seconds at which a process checks runs of other processes."""
+
+OnRun = Callable[[str, bool], None]
+"""Function that is called with the key of each finished run, and whether it failed."""
 
 OnKept = Callable[[str], None]
 """Function that is called with the key of each kept run."""
@@ -76,7 +82,7 @@ def execute(
     bar: Bar | None = None,
     on_kept: OnKept | None = None,
 ) -> dict[str, int]:
-    """Do all runs of a sweep that are missing in its folder, or ask for trials of a search and do their runs.
+    """Do all missing runs of a sweep, or ask for trials of a search and do the runs of each trial.
 
     Args:
         definition: the sweep, or the search, whose number of trials may differ from that in the folder.
@@ -134,7 +140,7 @@ def _do(
     definition: Definition,
     folder: Folder,
     executor: Executor,
-    source: Source,
+    source: KnownRuns | Asker,
     bar: Bar | None,
     on_kept: OnKept | None = None,
 ) -> dict[str, int]:
@@ -142,14 +148,12 @@ def _do(
 
     def on_run(key: str, failed: bool) -> None:
         source.on_run(key, failed)
-        show(source.counts())
+        if bar is not None:
+            counts = source.counts()
+            total = sum(counts.values())
+            bar.show(total - counts["left"], total, as_text(counts))
         if on_kept is not None:
             on_kept(key)
-
-    def show(counts: Mapping[str, int]) -> None:
-        total = sum(counts.values())
-        if bar is not None:
-            bar.show(total - counts["left"], total, as_text(counts))
 
     with closing(source):
         counts = source.counts()
@@ -158,13 +162,44 @@ def _do(
             bar.say(as_text(counts))
         if counts["left"]:
             with closing(pool_of(definition, folder, executor)) as pool:
-                wait = executor.on != HERE or isinstance(definition, Search)
-                do_all(pool, folder, source, on_run, _ignore if bar is None else bar.say, wait)
+                _do_all(pool, folder, source, on_run, bar)
         return source.counts()
 
 
-def _ignore(message: str) -> None:
-    pass
+def _do_all(
+    pool: Processes | Here | Cluster, folder: Folder, source: KnownRuns | Asker, on_run: OnRun, bar: Bar | None
+) -> None:
+    """Do the runs of a source. Wait for runs and trials of other processes, and name these while nothing else is done.
+
+    This process alone does not wait for others if all runs are known.
+    """
+    of_others: list[RunItem] = []
+    while True:
+        if (free := pool.free - len(of_others)) > 0 and (items := source.next_runs(free)):
+            size = max(1, min(MOST_AT_ONCE, len(items) // (4 * free))) if isinstance(pool, Cluster) else 1
+            for k in range(0, len(items), size):
+                pool.put(items[k : k + size])
+        if not pool.busy:
+            if (not of_others or (isinstance(pool, Here) and isinstance(source, KnownRuns))) and source.finished():
+                return
+            if bar is not None and (claims := [item.key for item in of_others] or source.claims_of_others()):
+                bar.say(waiting(folder.claims, claims))
+        for task in pool.hear(None if pool.busy and not of_others else POLL_S):
+            for item, failed in zip(task.job, ends_of(folder, task), strict=True):
+                if failed is None:
+                    of_others.append(item)
+                else:
+                    on_run(item.key, failed)
+        if pool.free > 0:
+            still_claimed = []
+            for item in of_others:
+                if (outcome := folder.outcome(item.key)) is not None:
+                    on_run(item.key, outcome.failed)
+                elif alive(folder.claims / item.key):
+                    still_claimed.append(item)
+                else:
+                    pool.put([item])
+            of_others = still_claimed
 
 
 def _begin(definition: Definition, folder: Folder) -> None:

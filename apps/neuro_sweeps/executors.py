@@ -12,7 +12,7 @@ import re
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -20,220 +20,94 @@ from os import PathLike
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import local
-from typing import Any, Protocol, TypeAlias
+from typing import Any
 
 import neuro
 from neuro import ModelError
 from neuro.apps import Quantity, Unwritable, check, cores, needed, processes, provenance, shown
 from neuro_sweeps import worker
 from neuro_sweeps.definition import Definition
-from neuro_sweeps.folder import FAILED, Claims, Folder, RunOutcome, alive, waiting
+from neuro_sweeps.folder import FAILED, Claims, Folder, RunOutcome
 from neuro_sweeps.network import NetworkRun
 from neuro_sweeps.space import RunItem
 from neuro_sweeps.worker import HINT, Worker
 
-POLL_S = 0.25
-"""Interval in seconds at which a process checks runs of other processes."""
 
-Ended: TypeAlias = Sequence[tuple[RunItem, bool | None]]
-"""Runs with whether they failed; None for a run on which another process works."""
+def ends_of(folder: Folder, task: processes.Task) -> list[bool | None]:
+    """Return whether the runs of a task failed; None for a run on which another process works.
 
-
-class Source(Protocol):
-    """Where runs come from: those of a space, or those that a search asks for."""
-
-    def next_runs(self, number: int) -> Sequence[RunItem]:
-        """Return runs for so many free workers, or all if they are known; none if there is nothing to do now."""
-
-    def on_run(self, key: str, failed: bool) -> None:
-        """Take note of a finished run."""
-
-    def counts(self) -> dict[str, int]:
-        """Return the numbers of runs or trials by outcome, and those that are left."""
-
-    def claims_of_others(self) -> Sequence[str]:
-        """Return the claims of other processes whose end decides whether there are further runs."""
-
-    def finished(self) -> bool:
-        """Return whether there will be no further runs."""
-
-    def close(self) -> None:
-        """Release what is unfinished to other processes."""
-
-
-class Pool(Protocol):
-    """A place where runs are done."""
-
-    @property
-    def free(self) -> int:
-        """Number of further runs that could begin at once."""
-
-    @property
-    def busy(self) -> bool:
-        """True if a run is waiting or running."""
-
-    def put(self, items: Sequence[RunItem]) -> None:
-        """Runs to do."""
-
-    def hear(self, seconds: float | None) -> Ended:
-        """Wait until runs have ended, for so many seconds at most, and return them.
-
-        Raises:
-            ModelError: no process can start, a run cannot be kept, e.g. on a full disk, or the cluster has stopped.
-        """
-
-    def close(self) -> None:
-        """End all runs."""
-
-
-def do_all(
-    pool: Pool,
-    folder: Folder,
-    source: Source,
-    on_run: Callable[[str, bool], None],
-    show_message: Callable[[str], None],
-    wait: bool = True,
-) -> None:
-    """Do the runs of a source, and wait for runs and trials of other processes.
-
-    Args:
-        pool: place where the runs are done.
-        folder: folder of the runs.
-        source: the runs.
-        on_run: called with the key of each finished run, and whether it failed.
-        show_message: called with the processes for which this one waits while it does nothing else.
-        wait: wait for runs that other processes work on, which may die.
+    A run whose process died too often or exceeded the time limit is saved as failed.
 
     Raises:
-        ModelError: see `Pool.hear`.
+        ModelError: a run cannot be kept, e.g. on a full disk.
     """
-    of_others: list[RunItem] = []
-    while True:
-        if (free := pool.free - len(of_others)) > 0 and (items := source.next_runs(free)):
-            pool.put(items)
-        if not pool.busy:
-            if (not of_others or not wait) and source.finished():
-                return
-            if claims := [item.key for item in of_others] or source.claims_of_others():
-                show_message(waiting(folder.claims, claims))
-        for item, failed in pool.hear(None if pool.busy and not of_others else POLL_S):
-            if failed is None:
-                of_others.append(item)
-            else:
-                on_run(item.key, failed)
-        if pool.free > 0:
-            still_claimed = []
-            for item in of_others:
-                if (outcome := folder.outcome(item.key)) is not None:
-                    on_run(item.key, outcome.failed)
-                elif alive(folder.claims / item.key):
-                    still_claimed.append(item)
-                else:
-                    pool.put([item])
-            of_others = still_claimed
+    try:
+        ends: list[bool | None] = task.result()
+        return ends
+    except processes.Lost as lost:
+        (item,), claims, content = task.job, Claims(folder.claims), folder.read()
+        if (outcome := folder.outcome(item.key)) is not None:
+            return [outcome.failed]
+        if not claims.take(item.key):
+            return [None]
+        limit = f"time: exceeds the limit of {content['limits']['seconds']:g} s" if lost.timed_out else ""
+        error = limit or f"its process {lost.how}, {lost.attempts} times"
+        record = provenance(content["inputs"], **({} if item.seed is None else {"seed": item.seed}))
+        figures: Any = (FAILED, {}, error, "", round(lost.seconds, 6), lost.attempts, record)
+        try:
+            folder.keep(RunOutcome(item.key, item.point, item.seed, *figures))
+        except Unwritable as unwritable:
+            raise ModelError(str(unwritable), hint=HINT) from None
+        finally:
+            claims.give_up(item.key)
+        return [True]
 
 
 class Here:
-    """This process, which does one run after the other.
+    """This process, which does one job after the other, in the place of `Processes`.
 
     Args:
         worker: does a run.
     """
 
     def __init__(self, worker: Worker) -> None:
-        self._worker, self._items, self.close = worker, deque[RunItem](), worker.close
+        self._worker, self._tasks, self.close = worker, deque[processes.Task](), worker.close
 
     @property
     def free(self) -> int:
-        """1 if there is no run to do."""
-        return 1 - len(self._items)
+        """1 if there is no job to do."""
+        return 1 - len(self._tasks)
 
     @property
     def busy(self) -> bool:
-        """True if there is a run to do."""
-        return bool(self._items)
+        """True if there is a job to do."""
+        return bool(self._tasks)
 
-    def put(self, items: Sequence[RunItem]) -> None:
+    def put(self, job: Sequence[RunItem]) -> None:
         """Runs to do."""
-        self._items += items
+        self._tasks.append(processes.Task(job))
 
-    def hear(self, seconds: float | None) -> Ended:
-        """Do a run, or wait if there is none."""
-        if not self._items:
+    def hear(self, seconds: float | None) -> list[processes.Task]:
+        """Do a job, or wait if there is none."""
+        if not self._tasks:
             time.sleep(seconds or 0.0)
-            return ()
-        item = self._items.popleft()
-        return [(item, self._worker.do(item))]
-
-
-class Cores:
-    """Worker processes of this machine for the runs of a sweep.
-
-    Args:
-        folder: folder of the sweep.
-        count: number of processes.
-    """
-
-    def __init__(self, folder: Folder, count: int) -> None:
-        content = folder.read()
-        self.folder, self._inputs, self._seconds = folder, tuple(content["inputs"]), content["limits"]["seconds"]
-        self._processes = processes.Processes(partial(worker.begin, folder.path.absolute()), count, self._seconds)
-        self.close = self._processes.close
-
-    @property
-    def free(self) -> int:
-        """Number of further runs that could begin at once."""
-        return self._processes.free
-
-    @property
-    def busy(self) -> bool:
-        """True if a run is waiting or running."""
-        return self._processes.busy
-
-    def put(self, items: Sequence[RunItem]) -> None:
-        """Runs to do."""
-        for item in items:
-            self._processes.put(item)
-
-    def hear(self, seconds: float | None) -> Ended:
-        """Wait until runs have ended; see `Pool`."""
-        return [(task.job, self._failed(task)) for task in self._processes.hear(seconds)]
-
-    def _failed(self, task: processes.Task) -> bool | None:
-        """Return whether a run failed. A run whose process died too often or exceeded the time limit is kept so."""
-        try:
-            failed: bool | None = task.result()
-            return failed
-        except processes.Lost as lost:
-            item, claims = task.job, Claims(self.folder.claims)
-            if (kept := self.folder.outcome(item.key)) is not None:
-                return kept.failed
-            limit = f"time: exceeds the limit of {self._seconds:g} s" if lost.timed_out else ""
-            error = limit or f"its process {lost.how}, {lost.attempts} times"
-            record = provenance(self._inputs, **({} if item.seed is None else {"seed": item.seed}))
-            seconds = round(lost.seconds, 6)
-            outcome = RunOutcome(item.key, item.point, item.seed, FAILED, {}, error, "", seconds, lost.attempts, record)
-            if not claims.take(item.key):
-                return None
-            try:
-                self.folder.keep(outcome)
-            except Unwritable as unwritable:
-                raise ModelError(str(unwritable), hint=HINT) from None
-            finally:
-                claims.give_up(item.key)
-            return True
+            return []
+        task = self._tasks.popleft()
+        task.set_result([self._worker.do(item) for item in task.job])
+        return [task]
 
 
 CONNECT_S = 20.0
 """Seconds to wait for a scheduler, and for a first worker."""
 MOST_AT_ONCE = 50
-"""Largest number of runs in a task."""
+"""Largest number of runs in a job of a cluster."""
 
+_STOPPED = ("CancelledError", "FutureCancelledError", "CommClosedError", "StreamClosedError", "TimeoutError")
 _thread = local()
 
 
 class Cluster:
-    """The workers of a Dask cluster.
+    """The workers of a Dask cluster, in the place of `Processes`.
 
     Args:
         where: address of the scheduler, or the file that the scheduler writes.
@@ -247,7 +121,7 @@ class Cluster:
     def __init__(self, where: str, folder: Folder) -> None:
         self._where, self._path = where, str(folder.path.absolute())
         self._client = _client(where)
-        self._futures: set[Any] = set()
+        self._jobs: dict[Any, Sequence[RunItem]] = {}
         self._ended: SimpleQueue[Any] = SimpleQueue()
         try:
             self._workers = max(1, _check_workers(self._client, where, folder))
@@ -257,38 +131,39 @@ class Cluster:
 
     @property
     def free(self) -> int:
-        """Number of threads without a task."""
-        return self._workers - len(self._futures)
+        """Number of threads without a job."""
+        return self._workers - len(self._jobs)
 
     @property
     def busy(self) -> bool:
-        """True if a task has not ended."""
-        return bool(self._futures)
+        """True if a job has not ended."""
+        return bool(self._jobs)
 
-    def put(self, items: Sequence[RunItem]) -> None:
-        """Runs to do, several in a task if they are many."""
-        size = max(1, min(MOST_AT_ONCE, len(items) // (4 * self._workers)))
-        for k in range(0, len(items), size):
-            future = self._client.submit(do, self._path, items[k : k + size], pure=False, retries=2)
-            self._futures.add(future)
-            future.add_done_callback(self._ended.put)
+    def put(self, job: Sequence[RunItem]) -> None:
+        """Runs to do, one after the other."""
+        future = self._client.submit(do, self._path, job, pure=False, retries=2)
+        self._jobs[future] = job
+        future.add_done_callback(self._ended.put)
 
-    def hear(self, seconds: float | None) -> Ended:
-        """Wait until the runs of a task have ended; see `Pool`."""
+    def hear(self, seconds: float | None) -> list[processes.Task]:
+        """Wait until a job has ended.
+
+        Raises:
+            ModelError: the cluster has stopped, or a run cannot be kept.
+        """
         try:
             future = self._ended.get(timeout=seconds)
-            self._futures.discard(future)
+            task = processes.Task(self._jobs.pop(future))
             if future.status != "cancelled":
-                ended: Ended = future.result()
-                return ended
+                task.set_result(future.result())
+                return [task]
         except Empty:
-            return ()
+            return []
         except ModelError:
             raise
         except Exception as error:
             kind = type(error).__name__
-            gone = ("CancelledError", "FutureCancelledError", "CommClosedError", "StreamClosedError", "TimeoutError")
-            if kind not in gone:
+            if kind not in _STOPPED:
                 raise ModelError(f"the cluster at {self._where}: {kind}: {error}", hint=HINT) from None
         raise ModelError(f"the cluster at {self._where} has stopped", hint=HINT)
 
@@ -344,29 +219,30 @@ def _check_workers(client: Any, where: str, folder: Folder) -> int:
     return sum(client.nthreads().values())
 
 
-def do(path: str, items: Sequence[RunItem]) -> Ended:
-    """Do some runs on a worker of the cluster, in a process of the present thread.
-
-    Args:
-        path: path of the folder.
-        items: the runs.
-    """
+def do(path: str, items: Sequence[RunItem]) -> list[bool | None]:
+    """Do some runs on a worker of the cluster, in a process of the present thread; see `ends_of`."""
     # A thread keeps its process for the next runs of the same folder.
-    pool: Cores | None = getattr(_thread, "pool", None)
-    if pool is None or str(pool.folder.path) != path:
+    folder, (kept_path, pool) = Folder(Path(path)), getattr(_thread, "pool", ("", None))
+    if pool is None or kept_path != path:
         if pool is not None:
             pool.close()
-        pool = _thread.pool = Cores(Folder(Path(path)), 1)
-    ended: list[tuple[RunItem, bool | None]] = []
+        pool = processes_of(folder, 1)
+        _thread.pool = path, pool
     try:
-        pool.put(items)
+        tasks = [pool.put([item]) for item in items]
         while pool.busy:
-            ended += pool.hear(None)
+            pool.hear()
+        return [end for task in tasks for end in ends_of(folder, task)]
     except BaseException:
         pool.close()
-        _thread.pool = None
+        del _thread.pool
         raise
-    return ended
+
+
+def processes_of(folder: Folder, count: int) -> processes.Processes:
+    """Return worker processes of this machine for the runs of a folder."""
+    seconds = folder.read()["limits"]["seconds"]
+    return processes.Processes(partial(worker.begin, folder.path.absolute()), count, seconds)
 
 
 CORES, HERE = "cores", "here"
@@ -410,8 +286,8 @@ def _share_of(text: Any) -> tuple[int, int]:
     return int(match[1]) % int(match[2]), int(match[2])
 
 
-def pool_of(runs: Definition, folder: Folder, executor: Executor) -> Pool:
-    """Return the pool of an executor, which has to be closed.
+def pool_of(runs: Definition, folder: Folder, executor: Executor) -> processes.Processes | Here | Cluster:
+    """Return what does the runs at an executor's place, and has to be closed.
 
     Args:
         runs: the sweep or search, with the limits of a run.
@@ -428,4 +304,4 @@ def pool_of(runs: Definition, folder: Folder, executor: Executor) -> Pool:
     if executor.on != CORES:
         return Cluster(executor.on, folder)
     threads = runs.run.threads if isinstance(runs.run, NetworkRun) else 1
-    return Cores(folder, executor.workers or cores(threads))
+    return processes_of(folder, executor.workers or cores(threads))

@@ -49,7 +49,7 @@ class Worker:
         self._claims.close()
 
     def do(self, item: RunItem, attempt: int = 1) -> bool | None:
-        """Do a run unless it is kept, and return whether it failed; None if another process works on it.
+        """Do a missing run, and return whether the run failed; None if another process works on the run.
 
         Raises:
             ModelError: the run cannot be kept, e.g. on a full disk.
@@ -226,4 +226,4 @@ def begin(folder: Path) -> processes.Work:
     sweep_folder = Folder(folder)
     worker = worker_of(sweep_folder, sweep_folder.read())
 
-    return lambda item, attempt, tell: worker.do(item, attempt)
+    return lambda items, attempt, tell: [worker.do(item, attempt) for item in items]

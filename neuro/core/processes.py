@@ -31,10 +31,10 @@ END_S = 5.0
 """How long a process that has closed its pipe may take to end."""
 
 Tell: TypeAlias = Callable[[Any], None]
-"""Takes what a job tells while it is done."""
+"""Function that takes a report of a running job."""
 
 Work: TypeAlias = Callable[[Any, int, Tell], Any]
-"""Does a job: it, the number of this attempt, and what to tell of it meanwhile; gives what comes of it."""
+"""Function of a job, the number of this attempt, and a function to report with; returns the result."""
 
 
 class Lost(ModelError):
@@ -53,16 +53,20 @@ class Lost(ModelError):
         super().__init__(message, hint="the same command goes on where it was")
 
 
+def _ignore(message: Any) -> None:
+    pass
+
+
 class Task(Future[Any]):
-    """A job and what comes of it: its result, the error that it raised, or `Lost`.
+    """A job with the result, the error that the job raised, or `Lost`.
 
     Attributes:
         job: the job.
-        tell: called with what the job tells meanwhile, by the process that asked.
-        attempt: how often the job was begun.
+        tell: called with each report of the job, by the process that asked.
+        attempt: number of attempts so far.
     """
 
-    def __init__(self, job: Any, tell: Tell) -> None:
+    def __init__(self, job: Any, tell: Tell = _ignore) -> None:
         super().__init__()
         self.job, self.tell, self.attempt = job, tell, 0
 
@@ -147,7 +151,7 @@ class Processes:
         return bool(self._waiting) or any(each.task for each in self._processes)
 
     def put(self, job: Any, tell: Tell | None = None) -> Task:
-        """Return the task of a job; `tell` is called with what the job tells. `hear` moves it on."""
+        """Queue a job, and return its task; `tell` is called with each report."""
         task = Task(job, tell or _ignore)
         self._waiting.append(task)
         return task
@@ -335,10 +339,6 @@ def side_by_side(
         while pool.busy:
             pool.hear()
     return [task.result() for task in tasks]
-
-
-def _ignore(message: Any) -> None:
-    pass
 
 
 def _work(run: Run[Any, Any]) -> Work:
