@@ -1,13 +1,13 @@
-"""Definitions of sweeps, over known points, and of searches for the best points; from YAML or from Python."""
+"""The runs of sweeps, over known points, and of searches for the best points; from YAML or from Python."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from neuro import ModelError
 from neuro.apps import (
     Node,
     about,
+    argument,
     digest_of,
     extensions,
     in_ms,
@@ -27,7 +28,7 @@ from neuro.apps import (
     shown,
     words,
 )
-from neuro_sweeps.folder import Folder
+from neuro_sweeps.folder import SWEEP, TUNING, Folder, FolderKind
 from neuro_sweeps.function import METRICS, FunctionRun, function_run
 from neuro_sweeps.network import NetworkRun, network_run
 from neuro_sweeps.plan import SearchPlan, plan_of
@@ -38,7 +39,6 @@ _OF_NETWORKS = ("for", "backend", "threads", "metrics", "keep")
 _OF_ALL = ("name", "network", "study", "set", *_OF_NETWORKS, "time_limit", "memory_limit")
 _SPACE = ("parameters", "list", "sampling", "runs", "draw", "seeds")
 _PLAN = ("parameters", "objectives", "trials", "sampler", "draw", "seeds", "folds", "prune")
-KEEP = ("metrics", "results")
 _BYTES = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(MB|GB|MiB|GiB)\s*")
 _SCALE = {"MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30}
 
@@ -57,18 +57,25 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Definition:
-    """Base class of sweeps and searches.
+class Runs:
+    """The runs of a sweep, over known points, or of a search for the best points.
 
     Attributes:
         name: name for messages and pages.
         run: the function or network that is run at each point.
         limits: limits of a run.
+        points: the known points, or the plan of the search.
     """
 
     name: str
     run: Run
     limits: Limits
+    points: SearchSpace | SearchPlan
+
+    @property
+    def kind(self) -> FolderKind:
+        """The kind of the folder of the runs."""
+        return TUNING if isinstance(self.points, SearchPlan) else SWEEP
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -81,6 +88,12 @@ class Definition:
         """All inputs of a run but point and seed as text, for `key_of`."""
         return json.dumps({"run": self.identity, "version": 1}, sort_keys=True)
 
+    @cached_property
+    def items(self) -> tuple[RunItem, ...]:
+        """All runs of a sweep in the order of the space."""
+        points = self.points.points() if isinstance(self.points, SearchSpace) else ()
+        return tuple(RunItem(key_of(self.key_prefix, point, seed), point, seed) for point, seed in points)
+
     @property
     def inputs(self) -> tuple[str, ...]:
         """All files that are inputs of the runs."""
@@ -88,76 +101,37 @@ class Definition:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the content of the folder's file, without provenance."""
-        return {
+        names, run, points = self.points.names, self.run, self.points
+        words = {
             "name": self.name,
             "same": self.identity,
             "limits": asdict(self.limits),
-            "what": self.run.as_dict(),
+            "what": run.as_dict(),
             "with": {file: digest_of(file) for file in extensions()},
+            "units": run.units((*names, *run.metrics)) if isinstance(run, NetworkRun) else {},
         }
-
-    def units(self, names: Iterable[str]) -> dict[str, str]:
-        """Return the known units of parameters and metrics of a network by name."""
-        return self.run.units((*names, *self.run.metrics)) if isinstance(self.run, NetworkRun) else {}
-
-
-@dataclass(frozen=True)
-class Sweep(Definition):
-    """A sweep over known points.
-
-    Attributes:
-        space: the points.
-    """
-
-    space: SearchSpace
-
-    @cached_property
-    def items(self) -> tuple[RunItem, ...]:
-        """All runs in the order of the space."""
-        return tuple(RunItem(key_of(self.key_prefix, point, seed), point, seed) for point, seed in self.space.points())
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the content of `sweep.json`, without provenance."""
+        if isinstance(points, SearchPlan):
+            same = self.identity | points.identity()
+            return words | {"same": same, "plan": points.as_dict(), "before": self.key_prefix}
         runs = [[item.key, item.point, item.seed] for item in self.items]
         digest = hashlib.sha256(json.dumps(runs).encode()).hexdigest()[:32]
-        words = {"parameters": list(self.space.names), "units": self.units(self.space.names)}
-        return super().as_dict() | words | {"digest_of_runs": digest, "runs": runs}
+        return words | {"parameters": list(names), "digest_of_runs": digest, "runs": runs}
 
     def check(self) -> None:
-        """Check the names and the first point before the first run.
+        """Check the names, and the first point of a sweep, before the first run.
 
         Raises:
-            ModelError: a parameter or a metric is unknown, or a value is out of bounds.
+            ModelError: a parameter or a metric is unknown, a value is out of bounds, or the run has not what the plan
+                of a search needs.
         """
-        self.run.check(self.items[0].point, bool(self.space.seeds))
-
-
-@dataclass(frozen=True)
-class Search(Definition):
-    """A search for the best points.
-
-    Attributes:
-        plan: the plan.
-    """
-
-    plan: SearchPlan
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the content of `tune.json`, without provenance."""
-        same = {"same": self.identity | self.plan.identity(), "plan": self.plan.as_dict(), "before": self.key_prefix}
-        return super().as_dict() | {"units": self.units(self.plan.names)} | same
-
-    def check(self) -> None:
-        """Check the names before the first run.
-
-        Raises:
-            ModelError: a parameter or a metric is unknown.
-        """
-        plan = self.plan
-        if plan.folds and isinstance(self.run, NetworkRun):
-            raise ModelError("folds: only functions have folds: expected seeds for a network")
-        point = plan.items("", {axis.name: axis.at(0.5) for axis in plan.axes})[0].point
-        self.run.check(point, bool(plan.seeds))
+        point, points = self.items[0].point if self.items else {}, self.points
+        if isinstance(points, SearchPlan):
+            if points.folds and isinstance(self.run, NetworkRun):
+                raise ModelError("folds: only functions have folds: expected seeds for a network")
+            if "at" in (points.prune or ()) and not isinstance(self.run, NetworkRun):
+                raise ModelError("prune.at: only for networks: a function calls neuro.report_step itself")
+            point = points.items("", {axis.name: axis.at(0.5) for axis in points.axes})[0].point
+        self.run.check(point, bool(points.seeds))
 
 
 def run_from_dict(what: Mapping[str, Any]) -> Run:
@@ -182,7 +156,7 @@ def recorded_run(folder: Folder, content: Mapping[str, Any]) -> Run:
     return run.named_by_user() if isinstance(run, FunctionRun) else run
 
 
-def search_of(folder: Folder) -> Search:
+def search_of(folder: Folder) -> Runs:
     """Return the search of a folder, after a check that all inputs are unchanged.
 
     Raises:
@@ -194,198 +168,111 @@ def search_of(folder: Folder) -> Search:
         if digest_of(named_by_user(file)) != digest:
             raise ModelError(f"{file}: was edited since the tuning began: expected the unchanged file")
     run.check_inputs()
-    return Search(content["name"], run, Limits(**content["limits"]), SearchPlan.from_dict(content["plan"]))
+    return Runs(content["name"], run, Limits(**content["limits"]), SearchPlan.from_dict(content["plan"]))
 
 
-def python_sweep(function: Any, space: SearchSpace, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Sweep:
-    """Return a sweep of a function. With `here`, only this process calls the function.
-
-    Raises:
-        ModelError: the function has not the parameters of the space, or other processes cannot find it.
-    """
-    run = function_run(function, set, here)
-    sweep = Sweep(run.name, run, limits, space)
-    sweep.check()
-    return sweep
-
-
-def python_search(function: Any, plan: SearchPlan, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Search:
-    """Return a search with a function. With `here`, only this process calls the function.
-
-    Raises:
-        ModelError: see `python_sweep`.
-    """
-    run = function_run(function, set, here)
-    if plan.prune and "at" in plan.prune:
-        raise ModelError("prune.at: only for networks: a function calls neuro.report_step itself")
-    search = Search(run.name, run, limits, plan)
-    search.check()
-    return search
-
-
-def load_sweep(path: Path) -> Sweep:
-    """Read and check a sweep from a YAML file.
+def load_runs(path: Path, kind: FolderKind) -> Runs:
+    """Read and check a sweep or a search from a YAML file.
 
     Raises:
         ModelError: the file has an error. The message names the line.
     """
-    file = _DefinitionFile(path, "sweep", (*_OF_ALL, *_SPACE))
-    run = file.run()
-    sweep = Sweep(file.name(), run, file.limits(), file.space())
-    with file.locate_errors():
-        sweep.check()
-    return sweep
-
-
-def load_search(path: Path) -> Search:
-    """Read and check a search from a YAML file.
-
-    Raises:
-        ModelError: the file has an error. The message names the line.
-    """
-    file = _DefinitionFile(path, "tuning", (*_OF_ALL, *_PLAN), ("parameters", "objectives", "trials"))
-    plan = file.plan()
-    if "network" in file.values:
-        file.values["metrics"] = _with_objectives(file.values.get("metrics", []), plan)
-    name, run = file.name(), file.run()
-    search = Search(name, file.with_reports(run, plan), file.limits(), plan)
-    with file.locate_errors():
-        search.check()
-    return search
-
-
-class _DefinitionFile:
-    """A YAML file with a definition.
-
-    Args:
-        path: name of the file.
-        what: "sweep" or "tuning", for messages.
-        names: all valid words.
-        needs: the required words.
-
-    Attributes:
-        root: root node.
-        nodes: nodes with their lines, by word.
-        values: plain data, by word.
-    """
-
-    def __init__(self, path: Path, what: str, names: tuple[str, ...], needs: tuple[str, ...] = ()) -> None:
-        self._path, self._what = path, what
-        self.root = read(path, f"a {what}", "network: net.yaml")
-        record_input(path)
-        self.nodes: Mapping[str, Node] = words(self.root, names, f"a {what}", needs=needs)
-        self.values: dict[str, Any] = {word: plain(node) for word, node in self.nodes.items()}
-
-    def error(self, word: str, message: str) -> ModelError:
-        """Return an error at the line of a word."""
-        return mistake(self.nodes[word], message)
-
-    @contextmanager
-    def locate_errors(self) -> Iterator[None]:
-        """Add the line of the word that an error is about, or else the line of the space."""
-        try:
-            yield
-        except ModelError as error:
-            word = "backend" if error.kind == "unknown backend" else next(iter(error.path), "")
-            alternatives = ("metrics", "objectives") if word == "metrics" else (word,)
-            nodes = (self.nodes[each] for each in (*alternatives, "list", "parameters", "seeds") if each in self.nodes)
-            with about(next(nodes, self.root)):
-                raise
-
-    def name(self) -> str:
-        """Return the name of the definition, or else of the file."""
-        name = self.values.get("name", self._path.stem)
+    root = read(path, f"a {kind.what}", "network: net.yaml")
+    record_input(path)
+    own, needs = (_PLAN, ("parameters", "objectives", "trials")) if kind == TUNING else (_SPACE, ())
+    nodes = words(root, (*_OF_ALL, *own), f"a {kind.what}", needs=needs)
+    values = {word: plain(node) for word, node in nodes.items()}
+    with _located(root, nodes):
+        if ("network" in nodes) == ("study" in nodes):
+            raise mistake(root, f"a {kind.what} needs either 'network', a file, or 'study', a function")
+        name = values.get("name", path.stem)
         if not isinstance(name, str):
-            raise self.error("name", f"name = {shown(name)}: expected a name")
-        return name
-
-    def limits(self) -> Limits:
-        """Return the limits of a run."""
-        limits: dict[str, Any] = {}
-        for word, name, parse in (("time_limit", "seconds", seconds), ("memory_limit", "bytes", size)):
-            if word in self.nodes:
-                with about(self.nodes[word]):
-                    limits[name] = parse(self.values[word])
-        return Limits(**limits)
-
-    def space(self) -> SearchSpace:
-        """Return the points of a sweep."""
-        if "parameters" in self.nodes and "list" in self.nodes:
-            raise self.error("list", "list: expected either 'parameters' or 'list'")
-        for word in ("sampling", "runs", "draw"):
-            if word in self.nodes and "list" in self.nodes:
-                raise self.error(word, f"{word}: not used with a list of points")
-        settings = {word: self.values[word] for word in ("sampling", "runs", "seeds", "draw") if word in self.values}
-        with self.locate_errors():
-            return space_of(self.values.get("list", self.values.get("parameters", {})), **settings)
-
-    def plan(self) -> SearchPlan:
-        """Return the plan of a search."""
-        with self.locate_errors():
-            return plan_of(**{word: self.values[word] for word in _PLAN if word in self.values})
-
-    def run(self) -> Run:
-        """Return the run at a point."""
-        if ("network" in self.nodes) == ("study" in self.nodes):
-            raise mistake(self.root, f"a {self._what} needs either 'network', a file, or 'study', a function")
-        fixed_values = self.values.get("set", {})
-        if not isinstance(fixed_values, dict):
-            raise self.error("set", f"set = {shown(fixed_values)}: expected values by name")
-        if "study" in self.nodes:
-            for word in _OF_NETWORKS:
-                if word in self.nodes:
-                    raise self.error(word, f"{word}: only for networks: a study sets it itself")
-            with about(self.nodes["study"]):
-                return function_run(str(self.values["study"]), fixed_values)
-        return self._network(fixed_values)
-
-    def _network(self, fixed_values: dict[str, Any]) -> NetworkRun:
-        file, values = self.values["network"], self.values
-        if not isinstance(file, str):
-            raise self.error("network", f"network = {shown(file)}: expected the name of a file")
-        metrics = values.get("metrics", ["spikes"])
-        metrics = [metrics] if isinstance(metrics, str) else metrics
-        if not isinstance(metrics, list) or not metrics or not all(isinstance(each, str) for each in metrics):
-            raise self.error("metrics", f"metrics = {shown(metrics)}: expected a list of names")
-        if values.get("keep", "metrics") not in KEEP:
-            raise self.error("keep", f"keep = {shown(values['keep'])}: expected one of {', '.join(KEEP)}")
-        threads = values.get("threads", 1)
-        if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
-            raise self.error("threads", f"threads = {shown(threads)}: expected a whole number >= 1")
-        settings: dict[str, Any] = {word: values[word] for word in ("backend", "keep") if word in values}
-        if str(settings.get("backend", "")).endswith((".yaml", ".yml")):
-            settings["backend"] = str((self._path.parent / settings["backend"]).absolute())
-        settings |= {"duration": values.get("for", 1000.0), "threads": threads}
-        settings |= {"set": fixed_values, "metrics": tuple(metrics)}
-        with about(self.nodes["network"]):
-            return network_run(self._path.parent / file, **settings)
-
-    def with_reports(self, run: Run, plan: SearchPlan) -> Run:
-        """Return the run of a network with the times at which it reports its objective, if the plan prunes."""
-        if not plan.prune or not isinstance(run, NetworkRun):
-            return run
-        times = tuple(plan.prune.get("at", ()))
-        if plan.runs == 1 and not times:
-            message = "prune: a network needs 'at', the times of comparison: {by: median, at: [100 ms]}"
-            raise self.error("prune", message)
-        if plan.runs > 1 and times:
-            message = "prune.at: with seeds, trials are compared after each seed: expected no 'at'"
-            raise self.error("prune", message)
-        end = float(in_ms(run.duration, "for"))
-        if times and times[-1] >= end:
-            message = f"prune.at = {times[-1]:g} ms: expected times before the end of the run, {end:g} ms"
-            raise self.error("prune", message)
-        return replace(run, at=times, reports=next(iter(plan.objectives)))
+            raise ModelError(f"name = {shown(name)}: expected a name", path=("name",))
+        points = {word: values[word] for word in own if word in values}
+        space = plan_of(**points) if kind == TUNING else _space(points)
+        limits = limits_of(values.get("time_limit"), values.get("memory_limit"))
+        runs = Runs(name, _run(path.parent, nodes, values, space), limits, space)
+        runs.check()
+    return runs
 
 
-def _with_objectives(metrics: Any, plan: SearchPlan) -> Any:
-    """Add the objectives to the metrics, except objectives that a registered function may return by name."""
-    names = [metrics] if isinstance(metrics, str) else metrics
-    if not isinstance(names, list):
-        return names
-    has_functions = any(isinstance(name, str) and name in METRICS for name in names)
-    objectives = (name for name in plan.objectives if name in METRICS or not has_functions or "." in name)
-    return [*names, *(name for name in objectives if name not in names)]
+@contextmanager
+def _located(root: Node, nodes: Mapping[str, Node]) -> Iterator[None]:
+    """Add the line of the word that an error is about, or else the line of the space."""
+    try:
+        yield
+    except ModelError as error:
+        if error.where is not None:
+            raise
+        word = "backend" if error.kind == "unknown backend" else next(iter(error.path), "")
+        alternatives = ("metrics", "objectives") if word == "metrics" else (word,)
+        lines = (nodes[each] for each in (*alternatives, "list", "parameters", "seeds") if each in nodes)
+        with about(next(lines, root)):
+            raise
+
+
+def _space(values: dict[str, Any]) -> SearchSpace:
+    listed_points = values.pop("list", None)
+    if listed_points is None:
+        return space_of(values.pop("parameters", {}), **values)
+    if "parameters" in values:
+        raise ModelError("list: expected either 'parameters' or 'list'", path=("list",))
+    for word in ("sampling", "runs", "draw"):
+        if word in values:
+            raise ModelError(f"{word}: not used with a list of points", path=(word,))
+    return space_of(listed_points, **values)
+
+
+def _run(folder: Path, nodes: Mapping[str, Node], values: Mapping[str, Any], points: SearchSpace | SearchPlan) -> Run:
+    """Return the run at a point."""
+    fixed_values = values.get("set", {})
+    if not isinstance(fixed_values, dict):
+        raise ModelError(f"set = {shown(fixed_values)}: expected values by name", path=("set",))
+    if "study" in values:
+        for word in _OF_NETWORKS:
+            if word in values:
+                raise ModelError(f"{word}: only for networks: a study sets it itself", path=(word,))
+        with about(nodes["study"]):
+            return function_run(str(values["study"]), fixed_values)
+    metrics, backend, duration = values.get("metrics"), str(values.get("backend", "event")), values.get("for", 1000.0)
+    metrics = [metrics] if isinstance(metrics, str) else metrics
+    if "metrics" in values and not (metrics and isinstance(metrics, list) and all(isinstance(m, str) for m in metrics)):
+        raise ModelError(f"metrics = {shown(values['metrics'])}: expected a list of names", path=("metrics",))
+    if isinstance(points, SearchPlan):
+        # A registered function may return objectives by name.
+        has_functions = any(name in METRICS for name in metrics or ())
+        wanted = (name for name in points.objectives if name in METRICS or not has_functions or "." in name)
+        metrics = list(dict.fromkeys((*(metrics or ()), *wanted)))
+    if backend.endswith((".yaml", ".yml")):
+        backend = str((folder / backend).absolute())
+    settings = {
+        "backend": backend,
+        "duration": duration,
+        "threads": argument("threads", values.get("threads", 1), kind="integer", at_least=1),
+        "set": fixed_values,
+        "metrics": tuple(metrics or ["spikes"]),
+        "keep": argument("keep", values.get("keep", "metrics"), words=("metrics", "results")),
+        **_reports(duration, points),
+    }
+    file = argument("network", values["network"], kind="name")
+    with about(nodes["network"]):
+        return network_run(folder / file, **settings)
+
+
+def _reports(duration: Any, points: SearchSpace | SearchPlan) -> dict[str, Any]:
+    """Return the times at which a network reports its objective, and the objective, if the plan of a search prunes."""
+    if not isinstance(points, SearchPlan) or not points.prune:
+        return {}
+    times, problem, end = tuple(points.prune.get("at", ())), "", float(in_ms(duration, "for"))
+    if points.runs == 1 and not times:
+        problem = "prune: a network needs 'at', the times of comparison: {by: median, at: [100 ms]}"
+    elif points.runs > 1 and times:
+        problem = "prune.at: with seeds, trials are compared after each seed: expected no 'at'"
+    elif times and times[-1] >= end:
+        problem = f"prune.at = {times[-1]:g} ms: expected times before the end of the run, {end:g} ms"
+    if problem:
+        raise ModelError(problem, path=("prune",))
+    return {"at": times, "reports": next(iter(points.objectives))}
 
 
 def limits_of(time_limit: Any, memory_limit: Any) -> Limits:
@@ -407,7 +294,8 @@ def seconds(value: Any) -> float:
     """
     number = in_ms(value, "time_limit") / 1000.0 if isinstance(value, str) and in_ms(value, "") != value else value
     if isinstance(number, bool) or not isinstance(number, (int, float)) or not 0 < number < float("inf"):
-        raise ModelError(f"time_limit = {shown(value)}: expected a time > 0, such as 60 s")
+        message = f"time_limit = {shown(value)}: expected a time > 0, such as 60 s"
+        raise ModelError(message, path=("time_limit",))
     return float(number)
 
 
@@ -419,5 +307,6 @@ def size(value: Any) -> int:
     """
     match = _BYTES.fullmatch(value) if isinstance(value, str) else None
     if match is None or float(match[1]) <= 0:
-        raise ModelError(f"memory_limit = {shown(value)}: expected a size, such as 500 MB or 2 GB")
+        message = f"memory_limit = {shown(value)}: expected a size, such as 500 MB or 2 GB"
+        raise ModelError(message, path=("memory_limit",))
     return int(float(match[1]) * _SCALE[match[2]])

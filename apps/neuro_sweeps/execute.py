@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, nullcontext
-from functools import partial
 from os import PathLike
+from pathlib import Path
 from typing import Any, TypeVar
 
 from neuro import ModelError
 from neuro.apps import Bar, Processes, Quantity, check, file_path, provenance
-from neuro_sweeps.definition import Definition, Search, Sweep, limits_of, python_search, python_sweep
+from neuro_sweeps.definition import Limits, Runs, limits_of, search_of
 from neuro_sweeps.executors import HERE, MOST_AT_ONCE, Cluster, Executor, Here, ends_of, executor_of, pool_of
-from neuro_sweeps.folder import SWEEP, TUNING, Folder, alive, claimed, waiting
+from neuro_sweeps.folder import TUNING, Folder, alive, claimed, waiting
+from neuro_sweeps.function import function_run
 from neuro_sweeps.journal import journal_of, locked, optuna, trials_of
 from neuro_sweeps.plan import SearchPlan, plan_of
-from neuro_sweeps.space import Point, RunItem, space_of
+from neuro_sweeps.space import RunItem, SearchSpace, space_of
 from neuro_sweeps.table import SweepTable, as_text, table_of
 from neuro_sweeps.trials import Asker, TuneTable, point_of, tune_table_of
 
@@ -74,7 +75,7 @@ class KnownRuns:
 
 
 def execute(
-    definition: Definition,
+    runs: Runs,
     folder: Folder,
     executor: Executor,
     *,
@@ -85,7 +86,7 @@ def execute(
     """Do all missing runs of a sweep, or ask for trials of a search and do the runs of each trial.
 
     Args:
-        definition: the sweep, or the search, whose number of trials may differ from that in the folder.
+        runs: the sweep, or the search, whose number of trials may differ from that in the folder.
         folder: folder of the runs, and of the journal of a search; a missing folder is created.
         executor: place where the runs are done. With a share, only the runs or trials of the share are done; a search
             does not wait for other processes then.
@@ -100,44 +101,42 @@ def execute(
         ModelError: the folder belongs to another sweep or search, or cannot be written; there are no such workers; the
             journal is damaged; Optuna is not installed; runs of a search lack a metric of the objectives.
     """
-    share = executor.share
-    if isinstance(definition, Search):
-        optuna()  # an error before the folder is created
-        if retry and share is not None:
-            message = "retry_failed repeats the failed runs of all shares: expected no share"
-            raise ModelError(message, hint="retry without a share first, then run the shares")
-        _begin(definition, folder)
-        if retry:
-            _retry_failed(definition.plan, definition.key_prefix, folder)
-        plan = definition.plan
-        asker = Asker(plan, definition.key_prefix, folder, _trials_of_share(plan.most, share))
-        return _do(definition, folder, executor, asker, bar, on_kept)
-    assert isinstance(definition, Sweep)
-    _begin(definition, folder)
-    items = [item for k, item in enumerate(definition.items, 1) if share is None or k % share[1] == share[0]]
-    return _do(definition, folder, executor, KnownRuns(items, folder, retry), bar, on_kept)
+    share, points = executor.share, runs.points
+    if not isinstance(points, SearchPlan):
+        _begin(runs, folder)
+        items = [item for k, item in enumerate(runs.items, 1) if share is None or k % share[1] == share[0]]
+        return _do(runs, folder, executor, KnownRuns(items, folder, retry), bar, on_kept)
+    optuna()  # an error before the folder is created
+    if retry and share is not None:
+        message = "retry_failed repeats the failed runs of all shares: expected no share"
+        raise ModelError(message, hint="retry without a share first, then run the shares")
+    _begin(runs, folder)
+    if retry:
+        _retry_failed(points, runs.key_prefix, folder)
+    trials = None if share is None else points.most // share[1] + (0 < share[0] <= points.most % share[1])
+    return _do(runs, folder, executor, Asker(points, runs.key_prefix, folder, trials), bar, on_kept)
 
 
-def hold_out(search: Search, folder: Folder, points: Sequence[Point], executor: Executor, bar: Bar) -> None:
-    """Run points on the data that is held out from all folds.
+def hold_out(table: TuneTable, executor: Executor, bar: Bar) -> None:
+    """Run the best points of a search on the data that is held out from all folds.
 
     Args:
-        search: the search.
-        folder: folder of the search.
-        points: values of the parameters.
+        table: table of the search.
         executor: place where the runs are done.
         bar: progress bar.
 
     Raises:
-        ModelError: see `execute`.
+        ModelError: see `search_of` and `execute`.
     """
-    _begin(search, folder)
-    items = {item.key: item for point in points for item in search.plan.tests(search.key_prefix, point)}
-    _do(search, folder, executor, KnownRuns(list(items.values()), folder), bar)
+    folder = Folder(table.path, TUNING)
+    runs = search_of(folder)
+    _begin(runs, folder)
+    tests = (item for trial in table.best() for item in table.plan.tests(runs.key_prefix, trial.point))
+    _do(runs, folder, executor, KnownRuns(list({item.key: item for item in tests}.values()), folder), bar)
 
 
 def _do(
-    definition: Definition,
+    runs: Runs,
     folder: Folder,
     executor: Executor,
     source: KnownRuns | Asker,
@@ -161,7 +160,7 @@ def _do(
             bar.begin(sum(counts.values()) - counts["left"])
             bar.say(as_text(counts))
         if counts["left"]:
-            with closing(pool_of(definition, folder, executor)) as pool:
+            with closing(pool_of(runs, folder, executor)) as pool:
                 _do_all(pool, folder, source, on_run, bar)
         return source.counts()
 
@@ -202,21 +201,14 @@ def _do_all(
             of_others = still_claimed
 
 
-def _begin(definition: Definition, folder: Folder) -> None:
+def _begin(runs: Runs, folder: Folder) -> None:
     """Create the folder, or continue in it. The number of trials of a search may differ."""
-    inputs = definition.inputs
-    content = definition.as_dict() | {"inputs": list(inputs), "provenance": provenance(inputs)}
-    is_search = isinstance(definition, Search)
-    folder.begin(content, "same" if is_search else "digest_of_runs", "same")
+    content = runs.as_dict() | {"inputs": list(runs.inputs), "provenance": provenance(runs.inputs)}
+    folder.begin(content, "same" if "plan" in content else "digest_of_runs", "same")
     present = folder.read()
-    if is_search and present["plan"]["trials"] != content["plan"]["trials"]:
+    if "plan" in content and present["plan"]["trials"] != content["plan"]["trials"]:
         unchanged = {word: value for word, value in present.items() if word not in ("format", "digest")}
         folder.write(unchanged | {"plan": content["plan"]})
-
-
-def _trials_of_share(most: int, share: tuple[int, int] | None) -> int | None:
-    """Return the largest number of trials of a share, e.g. 4 for the first of 3 shares of 10; None for no share."""
-    return None if share is None else most // share[1] + (0 < share[0] <= most % share[1])
 
 
 def _retry_failed(plan: SearchPlan, before: str, folder: Folder) -> None:
@@ -296,12 +288,8 @@ def sweep(
         ModelError: the function has not the parameters of the space; the space is empty or too large; the folder
             belongs to another sweep or cannot be written.
     """
-    points = space_of(space, sampling, runs, seeds, draw)
-    limits, executor = limits_of(time_limit, memory_limit), executor_of(on, workers, share)
-    definition = python_sweep(function, points, limits, set, executor.on == HERE)
-    folder = Folder(file_path(out, "out"), SWEEP)
-    run, table = partial(execute, definition, folder, executor), partial(table_of, folder.path)
-    return _run_all(run, table, retry_failed, progress, each)
+    points, limits = space_of(space, sampling, runs, seeds, draw), limits_of(time_limit, memory_limit)
+    return _call(function, points, limits, set, table_of, out, on, workers, share, retry_failed, progress, each)
 
 
 def tune(
@@ -371,22 +359,35 @@ def tune(
             the space is empty; the folder belongs to another search, is damaged or cannot be written.
     """
     plan = plan_of(space, objectives, trials, sampler, draw, seeds, folds, prune)
-    limits, executor = limits_of(time_limit, memory_limit), executor_of(on, workers, share)
-    definition = python_search(function, plan, limits, set, executor.on == HERE)
-    folder = Folder(file_path(out, "out"), TUNING)
-    run, table = partial(execute, definition, folder, executor), partial(tune_table_of, folder.path)
-    return _run_all(run, table, retry_failed, progress, each)
+    limits = limits_of(time_limit, memory_limit)
+    return _call(function, plan, limits, set, tune_table_of, out, on, workers, share, retry_failed, progress, each)
 
 
-def _run_all(
-    run: Callable[..., object], table: Callable[[], T], retry: bool, progress: bool, each: Callable[[T], None] | None
+def _call(
+    function: Any,
+    points: SearchSpace | SearchPlan,
+    limits: Limits,
+    set: Mapping[str, Any] | None,
+    table_of: Callable[[Path], T],
+    out: str | PathLike[str],
+    on: str | PathLike[str],
+    workers: int | None,
+    share: str | None,
+    retry: bool,
+    progress: bool,
+    each: Callable[[T], None] | None,
 ) -> T:
-    """Do all runs with an optional progress bar, and return the table."""
+    """Do all runs of a function with an optional progress bar, and return the table."""
+    executor = executor_of(on, workers, share)
+    run = function_run(function, set, executor.on == HERE)
+    runs = Runs(run.name, run, limits, points)
+    runs.check()
+    folder = Folder(file_path(out, "out"), runs.kind)
     retry = check(_FLAG, retry, "retry_failed")
-    on_kept = None if each is None else lambda key: each(table())
+    on_kept = None if each is None else lambda key: each(table_of(folder.path))
     with Bar() if check(_FLAG, progress, "progress") else nullcontext() as bar:
-        run(retry=retry, bar=bar, on_kept=on_kept)
-    return table()
+        execute(runs, folder, executor, retry=retry, bar=bar, on_kept=on_kept)
+    return table_of(folder.path)
 
 
 def tuned(path: str | PathLike[str]) -> TuneTable:

@@ -26,7 +26,7 @@ import neuro
 from neuro import ModelError
 from neuro.apps import Quantity, Unwritable, check, cores, needed, processes, provenance, shown
 from neuro_sweeps import worker
-from neuro_sweeps.definition import Definition
+from neuro_sweeps.definition import Runs
 from neuro_sweeps.folder import FAILED, Claims, Folder, RunOutcome
 from neuro_sweeps.network import NetworkRun
 from neuro_sweeps.space import RunItem
@@ -286,7 +286,7 @@ def _share_of(text: Any) -> tuple[int, int]:
     return int(match[1]) % int(match[2]), int(match[2])
 
 
-def pool_of(runs: Definition, folder: Folder, executor: Executor) -> processes.Processes | Here | Cluster:
+def pool_of(runs: Runs, folder: Folder, executor: Executor) -> processes.Processes | Here | Cluster:
     """Return what does the runs at an executor's place, and has to be closed.
 
     Args:

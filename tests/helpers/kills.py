@@ -44,13 +44,14 @@ class Sweep:
     }
 
     def __init__(self, place):
-        from neuro_sweeps.definition import load_sweep
+        from neuro_sweeps.definition import load_runs
         from neuro_sweeps.folder import SWEEP, Folder
 
         said = {"network": "net.yaml", "for": "20 ms", "backend": "reference", "keep": "results", "seeds": 2}
         (place / "net.yaml").write_text(json.dumps(self.NET))
         (place / "sweep.yaml").write_text(json.dumps({**said, "parameters": {"w": [200.0, 300.0, 400.0]}}))
-        self.file, self.load, self.folder = place / "sweep.yaml", load_sweep, lambda out: Folder(out, SWEEP)
+        self.file, self.load = place / "sweep.yaml", lambda file: load_runs(file, SWEEP)
+        self.folder = lambda out: Folder(out, SWEEP)
 
     def do(self, out):
         from neuro_sweeps.execute import execute

@@ -314,7 +314,7 @@ def prepare(folder, sweeps=True):
 
 def sweep(folder, seed):
     """A sweep of two runs."""
-    from neuro_sweeps.definition import load_sweep
+    from neuro_sweeps.definition import load_runs
     from neuro_sweeps.execute import execute
     from neuro_sweeps.executors import Executor
     from neuro_sweeps.folder import SWEEP, Folder
@@ -326,7 +326,7 @@ def sweep(folder, seed):
         "  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 20}\n  a: {model: iaf_psc_exp, shape: 10}\n"
         "projections:\n  na: {from: noise, to: a, rule: all_to_all, weight: $w, delay: 1.0}\n"
     )
-    execute(load_sweep(folder / "sweep.yaml"), Folder(folder / "sweep", SWEEP), Executor("here"))
+    execute(load_runs(folder / "sweep.yaml", SWEEP), Folder(folder / "sweep", SWEEP), Executor("here"))
 
 
 def attempt(call, path, seed, before=lambda: None, after=lambda pid: None):

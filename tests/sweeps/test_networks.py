@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 import neuro
-from neuro_sweeps.definition import load_sweep
-from neuro_sweeps.folder import Folder
+from neuro_sweeps import folder as folders
+from neuro_sweeps.definition import load_runs
 from neuro_sweeps.table import table_of
 from refused import refused
 
@@ -48,12 +48,12 @@ def folder(tmp_path, monkeypatch, registries):
 
 
 def test_units_are_those_of_the_network(folder):
-    sweep = load_sweep(folder / "sweep.yaml")
+    sweep = load_runs(folder / "sweep.yaml", folders.SWEEP)
     units = (
         "exc.V_th mV, rate.exc Hz, weight.exc_inh pA, weight_sd.exc_inh pA, energy.loihi J, energy_real_time.loihi J"
     )
     assert sweep.as_dict()["units"] == dict(pair.split() for pair in units.split(", "))
-    others = sweep.units(["for", "exc_inh.delay", "exc_inh.weight"])
+    others = sweep.run.units(["for", "exc_inh.delay", "exc_inh.weight"])
     assert (others["exc_inh.delay"], others["exc_inh.weight"]) == ("ms", "pA")
 
 
@@ -103,7 +103,7 @@ def _with(part, field, **values):
 
 
 def test_what_a_sweep_cannot_change_stays_as_it_is(folder):
-    made = load_sweep(folder / "sweep.yaml")
+    made = load_runs(folder / "sweep.yaml", folders.SWEEP)
     net, _ = made.run.at_point({"noise_exc.weight": 7.0, "noise_exc.delay": 2.0})
     assert (net.projections["noise_exc"].weight, net.projections["noise_exc"].delay) == (7.0, 2.0)
     same, _ = made.run.at_point({})
@@ -169,7 +169,7 @@ def test_results_are_kept_where_that_is_asked_for(folder, swept):
 
 
 def test_a_file_that_was_edited_under_way_is_told(folder, run, capsys):
-    made = load_sweep(folder / "sweep.yaml")
+    made = load_runs(folder / "sweep.yaml", folders.SWEEP)
     (folder / "net.yaml").write_text(NET.replace("900", "901"))
     told = refused(made.run.check_inputs)
     assert told.startswith(f"{folder}/net.yaml: was edited since the sweep began: expected the unchanged file")
@@ -231,4 +231,4 @@ def test_a_record_tells_all(folder, run):
     }
     assert record["command"] == "neuro sweep run sweep.yaml --on here --share 1/8"
     assert json.loads((folder / "runs" / "sweep.json").read_text())["provenance"]["inputs"] == record["inputs"]
-    assert Folder(folder / "runs").outcome(outcome.key) == outcome
+    assert folders.Folder(folder / "runs").outcome(outcome.key) == outcome

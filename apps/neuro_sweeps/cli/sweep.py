@@ -69,16 +69,16 @@ def run_sweep(
     retry_failed: Retry = False,
 ) -> None:
     """Do all missing runs of a sweep. Run the same command again to continue an interrupted sweep."""
-    from neuro_sweeps.definition import load_sweep
+    from neuro_sweeps.definition import load_runs
     from neuro_sweeps.execute import execute
     from neuro_sweeps.executors import executor_of
     from neuro_sweeps.folder import SWEEP, Folder
     from neuro_sweeps.table import as_text, table_of
 
     executor = executor_of(on, workers, share)
-    definition, folder = load_sweep(file), Folder(out, SWEEP)
+    runs, folder = load_runs(file, SWEEP), Folder(out, SWEEP)
     with progress_bar(out) as bar:
-        counts = execute(definition, folder, executor, retry=retry_failed, bar=bar)
+        counts = execute(runs, folder, executor, retry=retry_failed, bar=bar)
     table = table_of(out)
     typer.echo(f"{out}: {f'share {share}: ' if share else ''}{as_text(counts)}")
     echo_failures(folder, table.keys)

@@ -72,7 +72,7 @@ def run_search(
     retry_failed: Retry = False,
 ) -> None:
     """Run trials up to the number in the file. Run the same command again to continue an interrupted search."""
-    from neuro_sweeps.definition import load_search
+    from neuro_sweeps.definition import load_runs
     from neuro_sweeps.execute import execute
     from neuro_sweeps.executors import executor_of
     from neuro_sweeps.folder import TUNING, Folder
@@ -80,13 +80,13 @@ def run_search(
     from neuro_sweeps.trials import tune_table_of
 
     executor = executor_of(on, workers, share)
-    definition, folder = load_search(file), Folder(out, TUNING)
+    runs, folder = load_runs(file, TUNING), Folder(out, TUNING)
     with progress_bar(out) as bar:
-        counts = execute(definition, folder, executor, retry=retry_failed, bar=bar)
+        counts = execute(runs, folder, executor, retry=retry_failed, bar=bar)
     table = tune_table_of(out)
     typer.echo(f"{out}: {f'share {share}: ' if share else ''}{as_text(counts)}")
     echo_best_and_failures(table)
-    test_command = f", or neuro tune test {shlex.quote(str(out))}" * bool(definition.plan.folds)
+    test_command = f", or neuro tune test {shlex.quote(str(out))}" * bool(table.plan.folds)
     echo_next(table, "tune", counts["left"], test_command)
 
 
@@ -164,10 +164,8 @@ def search_page(folder: TuningFolder, out: TunePage = None) -> None:
 def evaluate_best(folder: TuningFolder, on: On = "cores", workers: Workers = None) -> None:
     """Test the best trials on the data that is held out from all folds, and print their objectives."""
     from neuro import ModelError
-    from neuro_sweeps.definition import search_of
     from neuro_sweeps.execute import hold_out
     from neuro_sweeps.executors import executor_of
-    from neuro_sweeps.folder import TUNING, Folder
     from neuro_sweeps.table import text
     from neuro_sweeps.trials import tune_table_of
 
@@ -178,9 +176,8 @@ def evaluate_best(folder: TuningFolder, on: On = "cores", workers: Workers = Non
     best = table.best()
     if not best:
         raise ModelError(f"{folder}: no trial is done yet: nothing to test")
-    points = [each.point for each in best]
     with Bar() as bar:
-        hold_out(search_of(Folder(folder, TUNING)), Folder(folder, TUNING), points, executor_of(on, workers), bar)
+        hold_out(table, executor_of(on, workers), bar)
     rows = {row["trial"]: row for row in table.rows()}
     for each in best:
         row = rows[each.number]
