@@ -267,6 +267,7 @@ class FolderKind:
 
 SWEEP = FolderKind("sweep", "sweep")
 TUNING = FolderKind("tuning", "tune")
+KINDS = {kind.command: kind for kind in (SWEEP, TUNING)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,7 +399,7 @@ class Folder:
         return content
 
     def _hint(self) -> str:
-        for other in (SWEEP, TUNING):
+        for other in KINDS.values():
             if other != self.kind and (self.path / other.file).exists():
                 return f"the folder has a {other.what}: neuro {other.command} status {shlex.quote(str(self.path))}"
         command = self.kind.command
