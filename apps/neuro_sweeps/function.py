@@ -48,31 +48,21 @@ def check_metrics(
     Raises:
         ModelError: a metric, or the part that its name contains, is unknown.
     """
+    parts = {**dict.fromkeys(_OF_POPULATIONS, populations), **dict.fromkeys(_OF_PROJECTIONS, projections)}
+    whole = (*TOTALS, *(_OF_WORLDS if world else ()))
     for name in names:
         word, dot, part = name.partition(".")
-        if dot and word in _OF_POPULATIONS and part not in populations:
-            raise unknown(f"population of the metric '{name}':", part, populations, path=("metrics",))
-        if dot and word in _OF_PROJECTIONS and part not in projections:
-            raise unknown(f"projection of the metric '{name}':", part, projections, path=("metrics",))
+        if dot and word in parts and part not in parts[word]:
+            kind = "population" if word in _OF_POPULATIONS else "projection"
+            raise unknown(f"{kind} of the metric '{name}':", part, parts[word], path=("metrics",))
         if dot and word in _OF_CHIPS:
             from neuro.chips import chip
 
             chip(part)
-        if not (dot and word in (*_OF_POPULATIONS, *_OF_PROJECTIONS, *_OF_CHIPS)) and name not in (
-            *TOTALS,
-            *(_OF_WORLDS if world else ()),
-            *METRICS,
-        ):
-            part_metrics = [f"{each}.{part}" for each in _OF_POPULATIONS for part in populations]
-            part_metrics += [f"{each}.{part}" for each in _OF_PROJECTIONS for part in projections]
-            metrics = (
-                *TOTALS,
-                *(_OF_WORLDS if world else ()),
-                *part_metrics,
-                *(f"{each}.CHIP" for each in _OF_CHIPS),
-                *METRICS,
-            )
-            raise unknown("metric", name, metrics, path=("metrics",))
+        elif name not in (*whole, *METRICS) and not (dot and word in parts):
+            of_parts = [f"{word}.{part}" for word, names in parts.items() for part in names]
+            of_chips = [f"{word}.CHIP" for word in _OF_CHIPS]
+            raise unknown("metric", name, (*whole, *of_parts, *of_chips, *METRICS), path=("metrics",))
 
 
 def measure(

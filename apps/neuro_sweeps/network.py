@@ -38,7 +38,7 @@ from neuro.apps import (
 from neuro_sweeps.function import UNITS, check_metrics, measure, report_step
 
 if TYPE_CHECKING:
-    from neuro import Simulation
+    pass
 
 _FOR = Quantity("ms", "duration of the run", above=0.0)
 Fill = Callable[[Path], None]
@@ -138,52 +138,36 @@ class NetworkRun:
 
     def __call__(self, point: Mapping[str, Any], seed: int | None) -> RunResult:
         """Run the network at a point with a seed."""
-        from neuro import compile
-        from neuro.apps import fingerprint
+        from neuro import closed_loop, compile
+        from neuro.apps import collect, fingerprint, results as files
 
         net, run = self.at_point(point)
         backend = str(run.pop("backend", self.backend))
-        ms = self._ms(run)
+        ms, keeps_results = self._ms(run), self.keep == "results"
         figures = {name.partition(".")[2]: run[name] for name in run if name.startswith("chip.")}
         options = {name.partition(".")[2]: run[name] for name in run if name.startswith("backend.")}
+        words: dict[str, Any] = {"seed": seed or 0, "threads": self.threads, **options}
         with _table(backend, figures) as target:
-            tables = {backend: target}
             if net.world_section is not None:
-                return self._in_world(net, ms, backend, tables, seed or 0, options)
-            sim = compile(net, backend=target, seed=seed or 0, threads=self.threads, **options)
-            for k, time in enumerate(self.at, 1):
-                sim.run(time - sim.time)
-                report_step(measure(sim, [self.reports], tables)[self.reports], k)
-            sim.run(ms - sim.time)
-            metrics = measure(sim, self.metrics, tables)
+                loop: Any = closed_loop(net, backend=target, record=keeps_results, **words)
+                sim, log = loop.sim, loop.log
+            else:
+                sim, log, loop = compile(net, backend=target, **words), None, None
+            for step, time in enumerate((*self.at, ms), 1):
+                if loop:
+                    loop.run(ms=time)
+                else:
+                    sim.run(time - sim.time)
+                if step <= len(self.at):
+                    report_step(measure(sim, [self.reports], {backend: target}, log)[self.reports], step)
+            metrics = measure(sim, self.metrics, {backend: target}, log)
         about = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
-        return metrics, self._fill(sim, net) if self.keep == "results" else None, about
-
-    def _in_world(
-        self, net: Network, ms: float, backend: str, tables: dict[str, str], seed: int, options: Mapping[str, Any]
-    ) -> RunResult:
-        """Run a network in its world."""
-        from neuro import closed_loop
-        from neuro.apps import fingerprint, results as files
-
-        words: dict[str, Any] = {"backend": tables[backend], "seed": seed, "threads": self.threads}
-        loop = closed_loop(net, record=self.keep == "results", **words, **options)
-        for k, time in enumerate(self.at, 1):
-            loop.run(ms=time)
-            report_step(measure(loop.sim, [self.reports], tables, loop.log)[self.reports], k)
-        loop.run(ms=ms)
-        metrics = measure(loop.sim, self.metrics, tables, loop.log)
-        about = {"backend": backend, "threads": self.threads, "seed": seed, "network": fingerprint(loop.sim.program)}
 
         def fill(folder: Path) -> None:
-            files.write(loop.results(threads=self.threads), folder / "results.h5")
+            recorded = loop.results(threads=self.threads) if loop else collect(sim, net, threads=self.threads)
+            files.write(recorded, folder / "results.h5")
 
-        return metrics, fill if self.keep == "results" else None, about
-
-    def _fill(self, sim: Simulation, net: Network) -> Fill:
-        from neuro.apps import collect, results as files
-
-        return lambda folder: files.write(collect(sim, net, threads=self.threads), folder / "results.h5")
+        return metrics, fill if keeps_results else None, about
 
 
 def network_run(file: Path, **words: Any) -> NetworkRun:

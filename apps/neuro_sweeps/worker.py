@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import resource
 import signal
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,9 @@ class Worker:
             except Pruned:
                 pruned = True
             except MemoryError as memory_error:
-                error = _memory_error(self._limits.bytes, memory_error)
+                limit = self._limits.bytes
+                reason = f"exceeds the limit of {limit / 1e6:,.0f} MB" if limit else "not enough on this machine"
+                error = f"memory: {reason}: {memory_error}".removesuffix(": ")
             except ModelError as mistake:
                 error = str(mistake)
             except BaseException as bug:
@@ -102,7 +105,14 @@ class Worker:
             provenance(self._inputs, **about),
             reported.steps,
         )
-        self._folder.keep(outcome, _with_output(fill, str(printed)))
+
+        def fill_folder(folder: Path) -> None:
+            if text := str(printed):
+                (folder / "output.txt").write_text(text, "utf-8", "replace")
+            if fill is not None:
+                fill(folder)
+
+        self._folder.keep(outcome, fill_folder)
         return outcome
 
     def _pruner_of(self, item: RunItem) -> IsWorse | None:
@@ -114,23 +124,15 @@ class Worker:
         return self._pruner.for_trial(item.trial)
 
 
-class Printed(io.TextIOBase):
+class Printed(io.StringIO):
     """The printed text of a run, up to `MOST_PRINTED` characters."""
 
-    def __init__(self) -> None:
-        self._parts: list[str] = []
-        self._left = MOST_PRINTED
-        self._is_cut = False
-
-    def writable(self) -> bool:
-        """Return True."""
-        return True
+    _is_cut = False
 
     def write(self, text: str) -> int:
         """Keep a text, or the beginning that fits."""
-        if beginning := text[: self._left]:
-            self._parts.append(beginning)
-            self._left -= len(beginning)
+        beginning = text[: MOST_PRINTED - self.tell()]
+        super().write(beginning)
         self._is_cut |= len(beginning) < len(text)
         return len(text)
 
@@ -138,7 +140,7 @@ class Printed(io.TextIOBase):
         """Do nothing, so that a run may close its output."""
 
     def __str__(self) -> str:
-        return "".join(self._parts) + "\n(the rest is not kept)\n" * self._is_cut
+        return self.getvalue() + "\n(the rest is not kept)\n" * self._is_cut
 
 
 @contextlib.contextmanager
@@ -154,25 +156,6 @@ def _capture(printed: Printed) -> Iterator[None]:
         yield
 
 
-def _with_output(fill: Callable[[Path], None] | None, printed: str) -> Callable[[Path], None]:
-    def fill_folder(folder: Path) -> None:
-        if printed:
-            (folder / "output.txt").write_text(printed, "utf-8", "replace")
-        if fill is not None:
-            fill(folder)
-
-    return fill_folder
-
-
-def _memory_error(limit: int | None, error: MemoryError) -> str:
-    message = f": {error}" if str(error) else ""
-    return (
-        f"memory: exceeds the limit of {limit / 1e6:,.0f} MB{message}"
-        if limit
-        else f"memory: not enough on this machine{message}"
-    )
-
-
 @contextlib.contextmanager
 def _memory(limit: int | None) -> Iterator[None]:
     """Let allocations fail that exceed the present memory of the process by more than the limit.
@@ -183,18 +166,13 @@ def _memory(limit: int | None) -> Iterator[None]:
         yield
         return
     before = resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(resource.RLIMIT_DATA, (_data() + limit, before[1]))
+    match = re.search(r"VmData:\s*(\d+) kB", Path("/proc/self/status").read_text())
+    present = int(match[1]) * 1024 if match else 0
+    resource.setrlimit(resource.RLIMIT_DATA, (present + limit, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
-
-
-def _data() -> int:
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmData:"):
-            return int(line.split()[1]) * 1024
-    return 0
 
 
 def worker_of(folder: Folder, content: Mapping[str, Any]) -> Worker:
