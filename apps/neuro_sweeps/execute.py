@@ -12,9 +12,9 @@ from neuro import ModelError
 from neuro.apps import Bar, Processes, Quantity, check, file_path, provenance
 from neuro_sweeps.definition import Limits, Runs, limits_of, search_of
 from neuro_sweeps.executors import HERE, MOST_AT_ONCE, Cluster, Executor, Here, ends_of, executor_of, pool_of
-from neuro_sweeps.folder import TUNING, Folder, alive, claimed, waiting
+from neuro_sweeps.folder import TUNING, Folder, alive, claimed, locked, waiting
 from neuro_sweeps.function import function_run
-from neuro_sweeps.journal import journal_of, locked, optuna, trials_of
+from neuro_sweeps.journal import journal_of, optuna, trials_of
 from neuro_sweeps.plan import SearchPlan, plan_of
 from neuro_sweeps.space import RunItem, SearchSpace, space_of
 from neuro_sweeps.table import SweepTable, as_text, table_of

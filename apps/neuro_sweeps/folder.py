@@ -93,13 +93,11 @@ class Claims:
             Unwritable: the claim cannot be written.
         """
         path = self._folder / key
-        try:
-            if self._create(path) or (not alive(path) and self._take_over(path)):
-                self._keys.add(key)
-                return True
-        except OSError as error:
-            raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
-        return False
+        with writing(path):
+            is_mine = self._create(path) or (not alive(path) and self._take_over(path))
+        if is_mine:
+            self._keys.add(key)
+        return is_mine
 
     def give_up(self, key: str) -> None:
         """Remove a claim: the run is kept, or has not begun."""
@@ -124,12 +122,10 @@ class Claims:
 
     def _create(self, path: Path) -> bool:
         try:
-            number = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+            with path.open("xb", buffering=0) as file:
+                file.write(self._content)
         except FileExistsError:
             return False
-        try:
-            with os.fdopen(number, "wb", buffering=0) as file:
-                file.write(self._content)
         except OSError:  # the disk is full: an empty claim would block other processes
             path.unlink(missing_ok=True)
             raise
@@ -137,12 +133,34 @@ class Claims:
 
     def _take_over(self, path: Path) -> bool:
         """Replace a void claim. A lock allows one process at a time, which checks again."""
-        with open(self._folder / ".lock", "ab") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with locked(self._folder / ".lock"):
             if alive(path):
                 return False
             path.unlink(missing_ok=True)
             return self._create(path)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn errors of the system into errors that name the path."""
+    try:
+        yield
+    except OSError as error:
+        raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a lock, after waiting for other processes. The system releases the lock of a killed process.
+
+    Raises:
+        Unwritable: the lock file cannot be written.
+    """
+    with writing(path):
+        file = path.open("ab")
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def claimed(folder: Path) -> list[str]:
@@ -170,12 +188,10 @@ def alive(path: Path) -> bool:
 def holder_of(path: Path) -> Holder | None:
     """Return the process that holds a claim, or None if the file does not name it."""
     try:
-        content = parsed(path.read_bytes())
-        holder = Holder(**content)
+        holder = Holder(**parsed(path.read_bytes()))
     except (OSError, ValueError, TypeError):
         return None
-    kinds = (type(holder.machine), type(holder.process), type(holder.began))
-    return holder if kinds == (str, int, str) else None
+    return holder if [*map(type, asdict(holder).values())] == [str, int, str] else None
 
 
 def waiting(folder: Path, keys: Sequence[str]) -> str:
@@ -339,7 +355,7 @@ class Folder:
             self._check_same(content, same, what)
         elif has_other_files:
             raise ModelError(f"{self.path}: is not the folder of a {self.kind.what}: expected a new or empty folder")
-        with self.report_errors(self.path):
+        with writing(self.path):
             for each in (self.path, self.runs, self.claims):
                 make_folder(each)
             # Remove temporary folders of killed processes of this machine.
@@ -447,7 +463,7 @@ class Folder:
             Unwritable: the disk is full, or the folder cannot be written.
         """
         temporary = self._temporary(outcome.key)
-        with self.report_errors(self.runs / outcome.key):
+        with writing(self.runs / outcome.key):
             try:
                 temporary.mkdir()
                 if fill is not None:
@@ -477,14 +493,6 @@ class Folder:
     def _temporary(self, key: str) -> Path:
         """Return a new temporary name for a run, which contains the process."""
         return self.runs / f".{key}.{_tag()}.{os.getpid()}-{began(os.getpid())}.{next(_number)}"
-
-    @contextmanager
-    def report_errors(self, path: Path) -> Iterator[None]:
-        """Turn errors of the system into errors that name the path."""
-        try:
-            yield
-        except OSError as error:
-            raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
 
 
 def _code_of(content: Mapping[str, Any]) -> object:

@@ -8,7 +8,6 @@ Optuna reads the journal as usual: `JournalStorage(JournalFileBackend("tuned/jou
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import warnings
@@ -19,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from neuro import ModelError
-from neuro.apps import Unwritable, needed
-from neuro_sweeps.folder import SUM, Folder, parsed, sum_of
+from neuro.apps import needed
+from neuro_sweeps.folder import SUM, Folder, locked, parsed, sum_of, writing
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -83,16 +82,13 @@ class Journal:
             ModelError: a line that another process added is damaged.
             Unwritable: the disk is full, or the file cannot be written.
         """
-        try:
-            with locked(self._lock), self._path.open("a+b") as file:
-                _cut(file)
-                for _ in self.read_logs(len(self._line_ends) - 1):
-                    pass
-                file.write(_lines(logs, self._line_ends[-1][1]))
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise Unwritable(self._path, f"cannot be written: {error.strerror or error}") from None
+        with writing(self._path), locked(self._lock), self._path.open("a+b") as file:
+            _cut(file)
+            for _ in self.read_logs(len(self._line_ends) - 1):
+                pass
+            file.write(_lines(logs, self._line_ends[-1][1]))
+            file.flush()
+            os.fsync(file.fileno())
 
     def remove_ends(self, trials: Collection[int], state: int) -> None:
         """Remove the lines that gave trials a final state. No other process may use the journal at the same time.
@@ -109,16 +105,15 @@ class Journal:
             return
         rest = [log for log in self.read_logs(0) if log.get("trial_id") not in trials or log.get("state") != state]
         temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}")
-        try:
-            with locked(self._lock):
+        with writing(self._path), locked(self._lock):
+            try:
                 with temporary.open("wb") as file:
                     file.write(_lines(rest, NAME))
                     file.flush()
                     os.fsync(file.fileno())
                 temporary.replace(self._path)
-        except OSError as error:
-            temporary.unlink(missing_ok=True)
-            raise Unwritable(self._path, f"cannot be written: {error.strerror or error}") from None
+            finally:
+                temporary.unlink(missing_ok=True)
 
     def _parse(self, line: bytes, number: int, before: str) -> tuple[dict[str, Any], str]:
         """Parse a line, and return its content and checksum."""
@@ -206,22 +201,6 @@ class DraftStorage:
         """Return the study of the journal with the trial in memory."""
         study: Study = optuna().load_study(study_name=NAME, storage=self, **parts)
         return study
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold a lock, after waiting for other processes. The system releases the lock of a killed process.
-
-    Raises:
-        Unwritable: the lock file cannot be written.
-    """
-    try:
-        file = path.open("ab")
-    except OSError as error:
-        raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
-    with file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def optuna() -> Any:

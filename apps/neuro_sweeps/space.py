@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro import ModelError
-from neuro.apps import is_number, shown, unknown
+from neuro.apps import argument, is_number, shown, unknown
 
 SAMPLINGS = ("grid", "random", "latin_hypercube")
 SCALES = ("linear", "log")
@@ -142,22 +142,15 @@ def _range(name: str, words: Mapping[str, Any]) -> Axis:
     for word in ("from", "to"):
         if word not in words:
             raise ModelError(f"{name}: a range needs '{word}'")
-        bound = words[word]
-        if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not math.isfinite(bound):
-            raise ModelError(f"{name}.{word} = {shown(bound)}: expected a finite number")
-    number, scale, whole = words.get("number", 0), words.get("scale", "linear"), words.get("whole", False)
-    low, high = float(words["from"]), float(words["to"])
-    if not isinstance(number, int) or isinstance(number, bool) or ("number" in words and number < 1):
-        raise ModelError(f"{name}.number = {shown(number)}: expected a whole number >= 1")
-    if scale not in SCALES:
-        raise ModelError(f"{name}.scale = {shown(scale)}: expected one of {', '.join(SCALES)}")
-    if not isinstance(whole, bool):
-        raise ModelError(f"{name}.whole = {shown(whole)}: expected true or false")
+    low, high = (argument(f"{name}.{word}", words[word]) for word in ("from", "to"))
+    number = argument(f"{name}.number", words.get("number"), kind="integer", at_least=1, optional="number" not in words)
+    scale = argument(f"{name}.scale", words.get("scale", "linear"), words=SCALES)
+    whole = argument(f"{name}.whole", words.get("whole", False), kind="boolean")
     if not low < high:
         raise ModelError(f"{name}: from {low:g} to {high:g}: expected from < to")
     if scale == "log" and low <= 0:
         raise ModelError(f"{name}.from = {low:g}: expected a number > 0 on a log scale")
-    return Axis(name, (), low, high, number, scale == "log", whole)
+    return Axis(name, (), low, high, number or 0, scale == "log", whole)
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,10 +277,10 @@ def _runs(sampling: str, runs: int | None) -> int:
         if runs is not None:
             raise ModelError(f"runs = {shown(runs)}: not used with a grid, which runs all its points", path=("runs",))
         return 0
-    if not isinstance(runs, int) or isinstance(runs, bool) or runs < 1:
-        text = "nothing" if runs is None else shown(runs)
-        raise ModelError(f"runs: found {text}: expected the number of points to draw, a whole number >= 1")
-    return runs
+    if runs is None:
+        raise ModelError("runs: found nothing: expected the number of points to draw, a whole number >= 1")
+    number: int = argument("runs", runs, kind="integer", at_least=1)
+    return number
 
 
 def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:

@@ -25,9 +25,9 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import file_path, marked
-from neuro_sweeps.folder import PRUNED, TUNING, Claims, Folder, RunOutcome
+from neuro_sweeps.folder import PRUNED, TUNING, Claims, Folder, RunOutcome, locked
 from neuro_sweeps.function import IsWorse
-from neuro_sweeps.journal import DraftStorage, locked, optuna, study_of, trials_of, without_warnings
+from neuro_sweeps.journal import DraftStorage, optuna, study_of, trials_of, without_warnings
 from neuro_sweeps.plan import SearchPlan, front, mean_metrics, worth
 from neuro_sweeps.space import Axis, Point, RunItem
 from neuro_sweeps.table import RunRows, SweepTable, as_text, names_of
