@@ -241,8 +241,8 @@ def _run(folder: Path, nodes: Mapping[str, Node], values: Mapping[str, Any], poi
     if isinstance(points, SearchPlan):
         # A registered function may return objectives by name.
         has_functions = any(name in METRICS for name in metrics or ())
-        wanted = (name for name in points.objectives if name in METRICS or not has_functions or "." in name)
-        metrics = list(dict.fromkeys((*(metrics or ()), *wanted)))
+        objectives = (name for name in points.objectives if name in METRICS or not has_functions or "." in name)
+        metrics = list(dict.fromkeys((*(metrics or ()), *objectives)))
     if backend.endswith((".yaml", ".yml")):
         backend = str((folder / backend).absolute())
     settings = {

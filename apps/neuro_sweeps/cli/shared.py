@@ -67,7 +67,7 @@ def commands_of(name: str, about: str, texts: Texts) -> tuple[typer.Typer, Any]:
     page_file = typer.Option("--out", metavar="FILE", help=f"HTML file; default: {name}.html in FOLDER.")
     out_folder = typer.Option(metavar="FOLDER", help="Folder for the runs; runs in it are not repeated.")
     one_share = typer.Option("--share", metavar="I/N", help=texts.share)
-    again = typer.Option("--retry-failed", help="Repeat failed runs.")
+    repeat = typer.Option("--retry-failed", help="Repeat failed runs.")
 
     @commands.command("run", help=texts.run)
     def run(
@@ -76,7 +76,7 @@ def commands_of(name: str, about: str, texts: Texts) -> tuple[typer.Typer, Any]:
         on: On = "cores",
         workers: Workers = None,
         share: Annotated[str | None, one_share] = None,
-        retry_failed: Annotated[bool, again] = False,
+        retry_failed: Annotated[bool, repeat] = False,
     ) -> None:
         from neuro_sweeps.definition import load_runs
         from neuro_sweeps.execute import execute
