@@ -44,7 +44,11 @@ if TYPE_CHECKING:
         keep_spikes as keep_spikes,
         write_pictures as write_pictures,
     )
-    from neuro.coding.encoders import check_pixels as check_pixels, pixel_spikes as pixel_spikes
+    from neuro.coding.encoders import (
+        PIXEL_SPIKE as PIXEL_SPIKE,
+        check_pixels as check_pixels,
+        pixel_spikes as pixel_spikes,
+    )
     from neuro.coding.spaces import (
         Actions as Actions,
         States as States,

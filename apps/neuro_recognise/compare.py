@@ -240,7 +240,8 @@ class Fold:
             bills, run = {}, answer.run()
             for target in self.of.get("targets", ()):
                 try:
-                    priced = price(run, len(self.test_rows), [target], answer.neurons_per_core, answer.duration_s)
+                    sizes = answer.neurons_per_core, answer.duration_s, answer.host
+                    priced = price(run, len(self.test_rows), [target], *sizes)
                     bills |= {name: bill.as_dict() for name, bill in priced.bills.items()}
                     bills |= {name: {"refused": why} for name, why in priced.refused.items()}
                 except ModelError as error:

@@ -18,7 +18,7 @@ from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.report import Tried
 
 if TYPE_CHECKING:
-    from neuro.chips import Energy
+    from neuro.chips import Energy, HostWork
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +44,7 @@ def price(
     targets: Iterable[str],
     neurons_per_core: int | None = None,
     duration_s: float | None = None,
+    host: Iterable[HostWork] = (),
 ) -> Priced:
     """Compute the bill per recording on each target.
 
@@ -53,6 +54,7 @@ def price(
         targets: chips, processors or table files, see `neuro.Simulation.energy`.
         neurons_per_core: limit for the placement on a chip, see `Answer`.
         duration_s: total duration of the recordings, s, see `Answer`.
+        host: operations outside of the network, see `Answer`.
 
     Raises:
         ModelError: there is no such target, or no costs of it are published.
@@ -67,10 +69,10 @@ def price(
         if why := refusal(sim, name):
             refused[name] = why
         elif neurons_per_core is None or target.mesh is None or not target.costs:
-            bills[name] = sim.energy(name, of=trials, duration_s=duration_s).per(recordings, "recording")
+            bills[name] = sim.energy(name, of=trials, duration_s=duration_s, host=host).per(recordings, "recording")
         else:
             placement = place(sim.program, target, neurons_per_core=neurons_per_core)
-            bill = of_counts(sim.program, trials.raw_counts, placement, target, duration_s=duration_s)
+            bill = of_counts(sim.program, trials.raw_counts, placement, target, duration_s=duration_s, host=host)
             bills[name] = bill.per(recordings, "recording")
     return Priced(run, recordings, bills, refused)
 
@@ -86,10 +88,7 @@ def refusal(sim: neuro.Simulation, target: str) -> str:
 
 FORMAT = "neuro recognise energy 1"
 
-FRONT_END = (
-    "not in the bill: the camera, the front end on the host that turns events into spikes, and the link between "
-    "host and chip"
-)
+CAMERA = "not in the bill: the camera, and the link between host and chip"
 
 
 def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
@@ -118,9 +117,9 @@ def bills(result: Tried, targets: Iterable[str]) -> Priced:
     Raises:
         ModelError: see `check_targets`.
     """
-    assert result.answer.run is not None, "expected the test of a network"
     answer = result.answer
-    return price(result.answer.run(), result.own.n, targets, answer.neurons_per_core, answer.duration_s)
+    assert answer.run is not None, "expected the test of a network"
+    return price(answer.run(), result.own.n, targets, answer.neurons_per_core, answer.duration_s, answer.host)
 
 
 def counted(priced: Priced) -> dict[str, float]:
@@ -145,11 +144,11 @@ def notes(priced: Priced) -> list[str]:
     costs = {name: bill.by_cost() for name, bill in priced.bills.items()}
     dense = {name: by_cost["mac"] for name, by_cost in costs.items() if "mac" in by_cost}
     if not dense or not len(trials):
-        return [FRONT_END]
+        return [CAMERA]
     steps, frames = trials.counts.steps, len(trials)
     once = ", ".join(f"{name} {quantity(joules * frames / steps, 'J')}" for name, joules in dense.items())
     return [
-        FRONT_END,
+        CAMERA,
         f"dense layers run once per frame instead of in each of its {number(steps / frames)} steps: {once}",
     ]
 

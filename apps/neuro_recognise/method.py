@@ -12,13 +12,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Registry, Settings, find_backend, setting, unknown
+from neuro.apps import Part, Registry, Settings, find_backend, setting, unknown
+from neuro.chips import HostWork
+from neuro.coding import Works
 from neuro_events import Events
 from neuro_events.parts import joined_parts
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
@@ -108,6 +110,7 @@ class Answer:
         neurons_per_core: limit of neurons per core of a chip, for the bill; None for the chip's own limit.
         duration_s: total duration of the recordings, s, for bills in real time. It is set where simulated time differs
             from recorded time, e.g. a fixed number of steps per frame; None where both are equal.
+        host: operations outside of the network, for the bill.
     """
 
     scores: Floats
@@ -115,6 +118,41 @@ class Answer:
     run: Callable[[], Run] | None = None
     neurons_per_core: int | None = None
     duration_s: float | None = None
+    host: tuple[HostWork, ...] = ()
+
+
+class FrameSize(NamedTuple):
+    """Sizes in the front end of a method with frames.
+
+    Attributes:
+        pixels: pixels of the field.
+        sides: sides of the filters of each scale, px.
+        orientations: orientations of the filters.
+        side: side of a cell of the pool, px.
+        cells: cells of the pool.
+    """
+
+    pixels: int
+    sides: tuple[int, ...]
+    orientations: int
+    side: int
+    cells: int
+
+    @property
+    def responses(self) -> int:
+        """The number of filters times the number of cells."""
+        return len(self.sides) * self.orientations * self.cells
+
+
+class FrontEndPart(Part):
+    """Base of the parts of a front end, which the host computes."""
+
+    def work(self, size: FrameSize) -> Works:
+        """Return the operations by the unit of a use: an event, a frame, or a pixel that has events in a frame.
+
+        Parts without a count leave the total of a bill open.
+        """
+        return {"frame": None}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -98,9 +98,12 @@ class Features:
 
     def duration_s(self) -> float | None:
         """Return the total duration of the recordings, s, from ``lasts`` (us); None if one has no ``lasts``."""
-        if not all("lasts" in one for one in self.evidence):
-            return None
-        return float(self.column("lasts").values.sum()) * 1e-6
+        total = self.total("lasts")
+        return None if total is None else total * 1e-6
+
+    def total(self, name: str) -> float | None:
+        """Return the sum of an array over all recordings; None if a recording lacks the array."""
+        return float(self.column(name).values.sum()) if all(name in one for one in self.evidence) else None
 
     def stacked(self, name: str) -> Array:
         """Load an array that has the same shape in every recording, and stack it to (recordings, ...)."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     )
     from neuro.chips.fixed import FixedPopulation as FixedPopulation, FixedProjection as FixedProjection
     from neuro.chips.fixed_program import FixedProgram as FixedProgram, filled as filled
-    from neuro.chips.hosting import HostWork as HostWork
+    from neuro.chips.hosting import HostWork as HostWork, mean_work as mean_work
     from neuro.chips.inputs import longest_lag as longest_lag
     from neuro.chips.known import arithmetic_of as arithmetic_of, chip as chip, chips as chips
     from neuro.chips.loihi_registers import bounds as bounds

@@ -19,6 +19,8 @@ FASTEST, AS_GIVEN, REAL_TIME = "as fast as the chip can", "at the given steps", 
 """Clocks of a bill: a step follows the last one at once, takes a given time, or takes its simulated time."""
 REFUSED = "refused"
 """Text in place of a total on a chip that cannot run the network."""
+NOT_PRICED = "the bytes are not priced"
+"""End of the note on the operations of one use of each part of the host."""
 COLUMNS = (">dynamic", f">{FASTEST}", f">{REAL_TIME}", ">chip time", ">chips")
 """Column heads for a table with a bill per row, see `Energy.cells`."""
 
@@ -39,6 +41,7 @@ class BillItem:
         low, high: lowest and highest cost of all operations, by the range of the figure.
         spread: source of that range.
         extrapolated: why the figure is not known to hold for this run, "" if it holds.
+        bytes: bytes that the host reads and writes; they are not priced.
     """
 
     what: str
@@ -53,6 +56,7 @@ class BillItem:
     high: float | None = None
     spread: str = ""
     extrapolated: str = ""
+    bytes: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +224,7 @@ class Energy:
                 joules=_share(item.joules, n),
                 low=_share(item.low, n),
                 high=_share(item.high, n),
+                bytes=item.bytes / n,
             )
             for item in self.items
         )
@@ -309,6 +314,7 @@ def _row(item: BillItem, cited: list[str]) -> tuple[str, ...]:
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
     mark = f"[{cited.index(sourced(item.source, item.conditions)) + 1}]" if item.source else ""
     count = f"{quantity(item.count, 's')}" if item.what == STATIC else number(item.count)
+    count += f" mac, {number(item.bytes)} bytes" if item.bytes else ""
     return item.what + " *" * bool(item.extrapolated), item.of, count, each, energy, mark
 
 
@@ -377,12 +383,24 @@ def number(count: float) -> str:
 
 
 def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
-    """Yield the notes of several bills, and with `sources` the figures by source. A shared line names its targets."""
+    """Yield the rows of the host and notes of several bills, and with `sources` the figures by source.
+
+    A shared line names its targets.
+    """
     targets: dict[str, list[str]] = {}
     for bill in priced:
-        for line in (*(_sources(bill) if sources else ()), *bill.remarks(sources)):
+        notes = (note for note in bill.remarks(sources) if not note.endswith(NOT_PRICED))  # the rows say it
+        for line in (*_of_host(bill), *(_sources(bill) if sources else ()), *notes):
             targets.setdefault(line, []).append(bill.target)
     return (f"{', '.join(names)}: {line}" for line, names in targets.items())
+
+
+def _of_host(bill: Energy) -> list[str]:
+    rows = [(item, item.joules) for item in bill.items if item.kind == "host" and item.joules is not None]
+    macs, size = (number(sum(each)) for each in ([item.count for item, _ in rows], [item.bytes for item, _ in rows]))
+    parts = ", ".join(f"{item.of.rpartition(', ')[0] or item.of} {quantity(joules, 'J')}" for item, joules in rows)
+    total = quantity(sum(joules for _, joules in rows), "J")
+    return [f"host: {macs} mac, {size} bytes, {total} a {bill.of}: {parts}"] if rows else []
 
 
 def _sources(bill: Energy) -> list[str]:

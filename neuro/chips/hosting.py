@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
 from neuro.chips.description import Chip
-from neuro.chips.energy import BillItem, number
-from neuro.coding.work import Work
+from neuro.chips.energy import NOT_PRICED, BillItem, number
+from neuro.coding.work import Work, Works
 
 ROW = "host"
 """Name and kind of the rows of the host."""
@@ -47,8 +47,33 @@ class HostWork:
         return network_steps / self.steps if self.steps else self.times
 
 
+def mean_work(
+    parts: Mapping[str, Works], uses: Mapping[str, float | None], runs: int, each: str = "recording"
+) -> tuple[HostWork, ...]:
+    """Return the mean work of each part of the host in a run, e.g. of a recording.
+
+    Args:
+        parts: operations by the unit of a use, by part.
+        uses: number of uses in all runs, by unit; None if unknown.
+        runs: number of runs.
+        each: the name of one run.
+    """
+
+    def mean(works: Works) -> Work | None:
+        total = Work()
+        for unit, work in works.items():
+            if work is None or (n := uses[unit]) is None:
+                return None
+            total += work.times(n / runs)
+        return total
+
+    return tuple(HostWork(name, mean(works), each, times=runs) for name, works in parts.items()) if runs else ()
+
+
 def host_items(host: Iterable[HostWork], network_steps: float, processor: Chip) -> list[BillItem]:
-    """Return the rows of the host. The row of a part without a count has no joules: its total stands behind ">".
+    """Return the rows of the host: one for each part with operations, or a row of 0 if no part has any.
+
+    The row of a part without a count has no joules: its total stands behind ">".
 
     Args:
         host: parts of the host.
@@ -60,11 +85,13 @@ def host_items(host: Iterable[HostWork], network_steps: float, processor: Chip) 
         uses, name = part.uses(network_steps), f"{part.name}, {processor.name}"
         if part.work is None:
             items.append(BillItem(ROW, ROW, part.name, uses, None, None, "", ""))
-        elif count := part.work.macs * uses:
+        elif part.work.macs:
+            count = part.work.macs * uses
             low, high = (count * end for end in figure.range())
             price = (figure.value, count * figure.value, figure.source, figure.conditions)
-            items.append(BillItem(ROW, ROW, name, count, *price, low, high, figure.spread))
-    return items
+            size = part.work.bytes * uses
+            items.append(BillItem(ROW, ROW, name, count, *price, low, high, figure.spread, bytes=size))
+    return items or [BillItem(ROW, ROW, processor.name, 0.0, figure.value, 0.0, "", "", 0.0, 0.0)]
 
 
 def host_notes(host: Iterable[HostWork]) -> list[str]:
@@ -76,5 +103,5 @@ def host_notes(host: Iterable[HostWork]) -> list[str]:
         if part.work is not None and any(part.work)
     ]
     unknown = [part.name for part in parts if part.work is None]
-    notes = [f"host: {'; '.join(texts)}; the bytes are not priced"] if texts else []
+    notes = [f"host: {'; '.join(texts)}; {NOT_PRICED}"] if texts else []
     return notes + ([f"host: no count of operations: {', '.join(unknown)}"] if unknown else [])

@@ -34,7 +34,7 @@ from neuro.chips.energy import (
     sourced,
 )
 from neuro.chips.fitting import too_late
-from neuro.chips.hosting import HostWork, host_items, host_notes
+from neuro.chips.hosting import ROW, HostWork, host_items, host_notes
 from neuro.chips.incoming import dense_size, spiking
 from neuro.chips.known import ARITHMETICS, arithmetic_of, chip
 from neuro.chips.placing import place
@@ -461,7 +461,8 @@ class _Bill:
     def finished(self, time: Duration | None) -> Energy:
         """Return the bill."""
         processor = self.chip if "mac" in self.chip.costs else chip(HOST)
-        self.items += host_items(self.host, self.counts.steps, processor)
+        if self.host or all(item.kind != ROW for item in self.items):  # a rule for trials has its row already
+            self.items += host_items(self.host, self.counts.steps, processor)
         self.notes += host_notes(self.host)
         real = time_with_waiting(time, self.seconds)
         has_time = time is not None or (STATIC in self.chip.costs and "mac" not in self.chip.costs)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
         Population as Population,
         Tiles as Tiles,
     )
-    from neuro.coding.work import Work as Work, on_numbers as on_numbers
+    from neuro.coding.work import Work as Work, Works as Works, on_numbers as on_numbers
 
 
 if not TYPE_CHECKING:

@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from neuro.coding.work import on_numbers
 from neuro.core.checks import argument, finite, numbers
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
@@ -325,6 +326,10 @@ def check_pixels(shape: Sequence[int | str]) -> None:
     """
     if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
         raise ModelError(f"shape {list(shape)}: expected [2, rows, columns], OFF then ON, or [rows, columns]")
+
+
+PIXEL_SPIKE = on_numbers(6, 6)
+"""Work of `pixel_spikes` for an event: a difference, a tick's division and rounding, two limits, one spike a pixel."""
 
 
 def pixel_spikes(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
 
 NUMBER = 8
 """Bytes of a number, a double."""
@@ -28,6 +29,14 @@ class Work(NamedTuple):
         if not isinstance(other, Work):
             return NotImplemented
         return Work(self.macs + other.macs, self.bytes + other.bytes)
+
+    def times(self, uses: float) -> Work:
+        """Return the operations and bytes of so many uses."""
+        return Work(self.macs * uses, self.bytes * uses)
+
+
+Works: TypeAlias = Mapping[str, Work | None]
+"""Operations of a part by the unit of a use, e.g. "event" or "frame"; None without a count."""
 
 
 def on_numbers(macs: float, numbers: float) -> Work:

@@ -334,11 +334,12 @@ def test_a_bill_is_the_counts_times_the_figures(run, steps, spikes, each):
     counts = Tally(program).between(None, raw)
     moves = {0: Moves(*[ints(*each[:2])] * 4), 1: Moves(*[ints(*each[2:])] * 4)}
     energy = price(program, raw, Placed(moves, placed().cores), chip("loihi"))
-    figures = chip("loihi").costs
+    figures = {**chip("loihi").costs, "host": chip("cpu").costs["mac"]}
     sums = {}
     for item in energy.items:
         assert item.joules == item.count * figures[item.what].value
         sums[item.what] = sums.get(item.what, 0) + item.count
+    assert sums["host"] == 0
     assert sums.get("synaptic_op", 0) == counts.synaptic_ops
     assert sums.get("learning_update", 0) == counts.learning_updates
     updates = sums.get("neuron_update_active", 0) + sums.get("neuron_update_inactive", 0)

@@ -75,7 +75,9 @@ def placed(**words):
 
 
 def lines(energy):
-    return {(item.what, item.of): (item.count, item.joules) for item in energy.items}
+    """The lines of a bill, without that of a host that has nothing to do."""
+    items = (item for item in energy.items if (item.what, item.count) != ("host", 0.0))
+    return {(item.what, item.of): (item.count, item.joules) for item in items}
 
 
 def counted(learns=True):

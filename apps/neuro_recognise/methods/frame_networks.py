@@ -10,6 +10,7 @@ import numpy as np
 
 import neuro
 from neuro.apps import part, setting
+from neuro.coding import Work, Works, on_numbers
 from neuro_recognise.method import SPLITS, Course, Drawings, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise, Inputs, Labelled, Layer, Shares
 from neuro_recognise.parts.banks import Bank, LeakyGabors, LocalMaximum, Pool
@@ -204,6 +205,12 @@ class MasquelierThorpe(Framewise):
         has_frames = np.isin(np.arange(len(features)), frames.recording)
         return {"features": np.where(has_frames[:, None], scores, np.nan)}
 
+    def vote_work(self, learnt: Learnt, neurons: int, classes: int) -> Works:
+        """Return the operations of the mean potential of each map, of the readout, and of the choice."""
+        scores = self.readout.work(learnt, neurons, classes)
+        recording = None if scores is None else scores + on_numbers(neurons + classes, neurons)
+        return {"frame": on_numbers(neurons, 2 * neurons), "recording": recording}
+
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """Draw the kernel of each map."""
         from neuro_recognise.telling.pictures import images
@@ -309,6 +316,12 @@ class Must(Framewise):
         rates = {"rate": np.where(wins.any(axis=1, keepdims=True), rate, np.nan)}
         return rates | {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
+    def vote_work(self, learnt: Learnt, neurons: int, classes: int) -> Works:
+        """Return the operations of a vote; `rate` takes a win in each frame, and divides the wins of each class."""
+        if self.vote != "rate":
+            return super().vote_work(learnt, neurons, classes)
+        return {"frame": on_numbers(1, 2), "recording": on_numbers(3 * classes, 3 * classes)}
+
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
         """Draw the weights of the neurons with the highest thresholds, which win most, one row per class."""
         from neuro_recognise.telling.pictures import images
@@ -404,3 +417,9 @@ class EdhmaxTempotron(Framewise):
     ) -> Mapping[str, Floats]:
         """Average over the neurons of a class, because each learnt independently."""
         return votes(results, frames.recording, len(features), len(features.classes), mean_over_maps=True)
+
+    def vote_work(self, learnt: Learnt, neurons: int, classes: int) -> Works:
+        """Return the operations of a vote; the mean of a class is a sum and a division in each frame."""
+        works = super().vote_work(learnt, neurons, classes)
+        assert works["frame"] is not None
+        return {**works, "frame": works["frame"] + Work(classes)}

@@ -5,6 +5,7 @@ Training runs for several epochs over all frames, with a checkpoint after each e
 
 from __future__ import annotations
 
+import math
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,9 +20,22 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import Part, Registry, part, setting
+from neuro.chips import HostWork, mean_work
+from neuro.coding import Works, on_numbers
 from neuro_events import Events
 from neuro_models import path as network_path
-from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Pictures, Progress, TrialView, View
+from neuro_recognise.method import (
+    Answer,
+    Course,
+    Drawings,
+    FrameSize,
+    Learnt,
+    Method,
+    Pictures,
+    Progress,
+    TrialView,
+    View,
+)  # fmt: skip
 from neuro_recognise.parts.banks import Bank, Counts, Gabors, Max, Pool, Representation
 from neuro_recognise.parts.frames import VOTES, Encoder, Frames, LogLatency, ended_by, votes
 from neuro_recognise.parts.segmenters import Msd, Segmenter
@@ -227,6 +241,8 @@ def from_text(text: str) -> neuro.Network:
 ORDERS = ("recordings", "frames")
 DRAWN = 1
 """Index of the filter scale that is used to draw weights."""
+FRONT_END = ("segmenter", "representation", "bank", "pool", "encoder")
+"""Parts of a method between events and spikes."""
 AT_ONCE = 100
 """Number of recordings whose frames are in memory at once during inference."""
 
@@ -310,7 +326,8 @@ class Framewise(Method):
 
         Returns:
             ``codes`` and ``ids`` (spikes,); ``lengths`` (frames,) spikes per frame; ``ends`` (frames,) time at which a
-            frame is known to be complete, us after the first event; ``lasts`` (1,) us from the first event to the last.
+            frame is known to be complete, us after the first event; ``pixels`` (frames,) pixels with events;
+            ``lasts`` (1,) us from the first event to the last; ``events`` (1,) number of events.
         """
         first = int(events.t[0]) if len(events) else 0
         inside = self.inside(events)
@@ -319,8 +336,9 @@ class Framewise(Method):
         codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
         ends = self.segmenter.complete_at(inside.t, bounds) - first
         fitting = np.min_scalar_type(int(np.prod(self.front_end.shape)))
-        lasts = events.t[-1:] - events.t[:1]
-        return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends, "lasts": lasts}
+        pixels = self.representation.pixels(inside, bounds).active(self.size[0])
+        evidence = {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends, "pixels": pixels}
+        return evidence | {"lasts": events.t[-1:] - events.t[:1], "events": np.array([len(events)])}
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
         """Return the frames that were complete at each time.
@@ -330,7 +348,8 @@ class Framewise(Method):
         if self.segmenter.tentative:
             return super().observe_until(events, times_us)
         whole = self.observe(events)
-        return [ended_by(whole, us) for us in times_us]
+        ends = np.searchsorted(events.t, np.asarray(times_us) + (events.t[0] if len(events) else 0), "right")
+        return [{**ended_by(whole, us), "events": np.array([n])} for us, n in zip(times_us, ends, strict=True)]
 
     def fit(self, features: Features, course: Course) -> Learnt:
         """Train the network.
@@ -454,9 +473,40 @@ class Framewise(Method):
                     batches.setdefault(name, []).append(scores)
                 counts.append(results.taken)
             votes = {name: np.concatenate(scores) for name, scores in batches.items()}
-            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, counts)), duration_s=features.duration_s())
+            host = self.host(learnt, features, results.potential.shape[1])
+            return Answer(
+                votes[self.vote], votes, lambda: (sim, reduce(add, counts)), None, features.duration_s(), host
+            )
 
         return ask
+
+    def host(self, learnt: Learnt, features: Features, neurons: int) -> tuple[HostWork, ...]:
+        """Return the operations of the front end and of the vote.
+
+        Args:
+            learnt: result of `fit`.
+            features: evidence of the recordings.
+            neurons: number of neurons whose frames decide.
+        """
+        _, rows, columns = self.front_end.shape
+        bank, pixels = self.bank, int(np.prod(self.size))
+        size = FrameSize(pixels, bank.sizes, len(bank.orientations), self.pool.side, rows * columns)
+        parts = {name: getattr(self, name) for name in FRONT_END if name != "representation" or bank.framewise}
+        works = {f"{name} {one.called()}": one.work(size) for name, one in parts.items()}
+        works[f"vote {self.vote}"] = self.vote_work(learnt, neurons, len(features.classes))
+        frames = float(sum(len(one["lengths"]) for one in features.evidence))
+        uses = {"event": features.total("events"), "pixel": features.total("pixels"), "frame": frames}
+        return mean_work(works, uses | {"recording": float(len(features))}, len(features))
+
+    def vote_work(self, learnt: Learnt, neurons: int, classes: int) -> Works:
+        """Return the operations of the vote: the largest potential of each class in a frame, added up, and the choice.
+
+        A majority also counts a win in each frame, and breaks ties by a sort and 4 operations a class.
+        """
+        majority = self.vote == "majority"
+        ties = classes * (4 + math.ceil(math.log2(max(1, classes))))
+        frame = on_numbers(neurons + classes + majority, neurons + 2 * classes)
+        return {"frame": frame, "recording": on_numbers(2 * classes + majority * ties, 2 * classes)}
 
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features

@@ -17,7 +17,9 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
-from neuro.apps import install, setting
+from neuro.apps import PIXEL_SPIKE, install, setting
+from neuro.chips import mean_work
+from neuro.coding import Works, on_numbers
 from neuro_events import Events
 from neuro_models import path
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
@@ -82,10 +84,12 @@ class Gradients(Method):
         return {name: value for name, value in self.as_words().items() if name in SEEN}
 
     def observe(self, events: Events) -> Evidence:
-        """Return the spikes of the pixels: ``step`` and ``neuron``, (spikes,)."""
+        """Return the spikes of the pixels, ``step`` and ``neuron`` (spikes,), and the number of ``events`` (1,)."""
         words: Any = {"shape": self.pixels, "step": self.step, "duration": self.duration, "scale": self.scale}
         train = Spikes.of_recordings([self.inside(events)], INPUT, **words).trains[INPUT]
-        return {"step": train.step.astype(np.uint16), "neuron": train.neuron.astype(np.uint32)}
+        end = np.searchsorted(events.t, (events.t[0] if len(events) else 0) + 1000.0 * self.duration)
+        step, neuron = train.step.astype(np.uint16), train.neuron.astype(np.uint32)
+        return {"step": step, "neuron": neuron, "events": np.array([end], np.int64)}
 
     def fit(self, features: Features, course: Course) -> Learnt:
         """Train the network on a single thread of torch, so that equal trainings give equal bits.
@@ -181,7 +185,14 @@ class Gradients(Method):
                 sim.run(end)
                 scores.append(_scores(*sim.spikes(OUTPUT), len(features.classes), end))
                 counts.append(sim.taken())
-            return Answer(np.array(scores), {}, lambda: (sim, reduce(add, counts)), self.neurons_per_core or None)
+            total = reduce(add, counts)
+            spikes, n, classes = total.counts.populations[OUTPUT].spikes, len(features), len(features.classes)
+            # Of a spike the count and the first time; of a class five operations to the score, and a comparison.
+            counted = {"spike": on_numbers(2, 4), "recording": on_numbers(6 * classes, 3 * classes)}
+            works: dict[str, Works] = {"pixels": {"event": PIXEL_SPIKE}, "counts": counted}
+            uses = {"event": features.total("events"), "spike": float(spikes), "recording": float(n)}
+            host = mean_work(works, uses, n)
+            return Answer(np.array(scores), {}, lambda: (sim, total), self.neurons_per_core or None, host=host)
 
         return ask
 

@@ -21,6 +21,8 @@ import neuro
 import neuro_models
 from neuro import ModelError
 from neuro.apps import Settings, allocating, setting
+from neuro.chips import HostWork, mean_work
+from neuro.coding import Work, Works, on_numbers
 from neuro_events import Events
 from neuro_events.filters import BackgroundActivity
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Method, Run
@@ -435,14 +437,14 @@ class HFirst(Method, HFirstSettings):
 
         Returns:
             C1 spikes: ``times`` in ms and ``ids``, (spikes,); inputs ``on_events`` and ``off_events``, (spikes, 2) step
-            and neuron; ``lasts`` (1,) us from the first event to the last.
+            and neuron; ``lasts`` (1,) us from the first event to the last; ``events`` (1,) number of events.
         """
         inputs = input_spikes(self, self.inside(events))
         c1 = c1_spikes(_c1(self), self, s1_spikes(self, inputs))
         steps = {name: np.rint(spikes.times / self.resolution) for name, spikes in inputs.items()}
         return (
             c1._asdict()
-            | {"lasts": events.t[-1:] - events.t[:1]}
+            | {"lasts": events.t[-1:] - events.t[:1], "events": np.array([len(events)])}
             | {name: np.stack([steps[name], spikes.ids], axis=1).astype(np.uint32) for name, spikes in inputs.items()}
         )
 
@@ -463,9 +465,32 @@ class HFirst(Method, HFirstSettings):
             responses = [s2_heard(sim, self, LayerSpikes(one["times"], one["ids"])) for one in features.evidence]
             votes = {reading: np.stack([decisive(one, reading) for one in responses]) for reading in READINGS}
             run = partial(self.run_whole, learnt, features, backend)
-            return Answer(votes[self.reading], votes, run, duration_s=features.duration_s())
+            host = self.host(features, sum(one.spikes.ids.size for one in responses))
+            return Answer(votes[self.reading], votes, run, None, features.duration_s(), host)
 
         return ask
+
+    def host(self, features: Features, spikes: int) -> tuple[HostWork, ...]:
+        """Return the operations outside of the network.
+
+        The noise filter takes the newest of 8 neighbours, a difference and a comparison for each event, and a tick 3
+        operations. The potentials of all classes are added up at each C1 spike, S2 spikes only where they score.
+
+        Args:
+            features: evidence of the recordings.
+            spikes: S2 spikes in all recordings.
+        """
+        classes, by_spikes = len(features.classes), self.reading != "potentials"
+        works: dict[str, Works] = {"noise filter": {"event": on_numbers(7 + 2 + 3, 14)}}
+        ties = classes * (2 + math.ceil(math.log2(max(1, classes)))) * by_spikes + classes * (self.reading == "soft")
+        works[f"reading {self.reading}"] = {
+            "c1": on_numbers(classes, 2 * classes),
+            "s2": on_numbers(1, 2) if by_spikes else Work(),
+            "recording": on_numbers(classes + ties, 2 * classes),
+        }
+        c1 = float(sum(len(one["ids"]) for one in features.evidence))
+        uses = {"event": features.total("events"), "c1": c1, "s2": float(spikes), "recording": float(len(features))}
+        return mean_work(works, uses, len(features))
 
     def run_whole(self, learnt: Learnt, features: Features, backend: str = "event") -> Run:
         """Run the network with all its layers on recordings, and return the simulation and its counts."""

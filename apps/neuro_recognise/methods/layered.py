@@ -13,11 +13,19 @@ from neuro import ModelError
 from neuro.apps import part, setting
 from neuro_recognise.method import Answer, Course, Drawings, Learnt, Progress
 from neuro_recognise.methods.frame_networks import MasquelierThorpeLayer
-from neuro_recognise.methods.framewise import AT_ONCE, ORDERS, Framewise, Inputs, Layer, RemusLayer, from_text
+from neuro_recognise.methods.framewise import (
+    AT_ONCE,
+    FRONT_END,
+    ORDERS,
+    Framewise,
+    Inputs,
+    Layer,
+    RemusLayer,
+    from_text,
+)  # fmt: skip
 from neuro_recognise.parts.frames import Encoder, LogLatency
 from neuro_recognise.shown import Array, Features
 
-FRONT_END = ("segmenter", "representation", "bank", "pool", "encoder")
 CHOSEN = "chosen on 160 of the 800 training digits of fold 1 of 5, seed 0"
 
 

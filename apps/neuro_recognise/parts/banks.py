@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Part, Registry, setting
+from neuro.apps import Registry, setting
+from neuro.coding import Works, on_numbers
 from neuro_events import Events, representations
-from neuro_recognise.method import SPLITS
+from neuro_recognise.method import SPLITS, FrameSize, FrontEndPart
 from neuro_recognise.shown import Array, Floats, Ints
 
 
@@ -45,9 +46,17 @@ class Pixels(NamedTuple):
         np.add.at(images, (segment, self.y[inside], self.x[inside]), self.value[inside])
         return images
 
+    def active(self, width: int) -> Ints:
+        """Return the number of different pixels with entries in each segment, for a field of this width, px."""
+        segments = len(self.bounds) - 1
+        inside = slice(int(self.bounds[0]), int(self.bounds[-1]))
+        places = self.y[inside].astype(np.int64) * width + self.x[inside]
+        each = places * segments + np.repeat(np.arange(segments), np.diff(self.bounds))
+        return np.bincount(np.unique(each) % max(1, segments), minlength=segments)
+
 
 @dataclass(frozen=True)
-class Representation(Part):
+class Representation(FrontEndPart):
     """Base of the representations.
 
     Class attributes:
@@ -77,6 +86,10 @@ class Counts(Representation):
     def pixels(self, events: Events, bounds: Ints) -> Pixels:
         """Return an entry of 1 for each event."""
         return Pixels(events.x, events.y, np.ones(len(events)), bounds)
+
+    def work(self, size: FrameSize) -> Works:
+        """Return a comparison, whether the pixel is the first time in the frame, and an addition for each event."""
+        return {"event": on_numbers(2, 4)}
 
 
 @dataclass(frozen=True)
@@ -114,6 +127,10 @@ class Leaky(_Remembering):
     source = "thesis 6.2.8; appendix C, algorithm 15"
     surface = representations.LeakySurface
 
+    def work(self, size: FrameSize) -> Works:
+        """Return a leak of 5 operations: a comparison, a difference, a division, exp, and a product with a sum."""
+        return {"event": on_numbers(5, 7), "frame": on_numbers(5 * size.pixels, 3 * size.pixels)}
+
 
 @dataclass(frozen=True)
 class Surface(_Remembering):
@@ -121,6 +138,10 @@ class Surface(_Remembering):
 
     source = "thesis 6.2.8; Lagorce et al., IEEE TPAMI 39:1346, 2017, eq. 2"
     surface = representations.TimeSurface
+
+    def work(self, size: FrameSize) -> Works:
+        """Return a comparison, a difference, a division and exp for each pixel; an event is a copy of a time."""
+        return {"event": on_numbers(0, 4), "frame": on_numbers(4 * size.pixels, 2 * size.pixels)}
 
 
 Representation.known = Registry("representation", (Counts, Leaky, Surface))
@@ -189,7 +210,7 @@ COUNTS = Counts()
 
 
 @dataclass(frozen=True)
-class Bank(Part):
+class Bank(FrontEndPart):
     """Base of the banks of filters.
 
     Class attributes:
@@ -235,6 +256,11 @@ class Bank(Part):
         sizes = np.array(self.sizes, np.int64)
         largest_responses(*representation.pixels(events, bounds), self.filters, sizes, height, width, side, out)
         return out
+
+    def work(self, size: FrameSize) -> Works:
+        """Return a product with a sum for each value of all filters, and a comparison for each response at a pixel."""
+        macs, responses = size.orientations * sum(side * side for side in size.sides), size.responses * size.side**2
+        return {"pixel": on_numbers(macs, 1 + 2 * macs), "frame": on_numbers(responses, responses + size.responses)}
 
 
 @dataclass(frozen=True)
@@ -333,12 +359,22 @@ class LeakyGabors(_OfGabors):
         leaky_responses(*times, bounds, self.filters, sizes, height, width, self.leak / 1000.0, side, out)
         return out
 
+    def work(self, size: FrameSize) -> Works:
+        """Return the operations of an event under all filters, and of all responses at the end of a frame.
+
+        The time since the last event and its leak are 2. A response moves to 0 by 3 and adds a value of the filter by
+        a product with a sum; at the end of a frame it leaks once more, with a sign and a comparison.
+        """
+        area, responses = sum(side * side for side in size.sides), size.responses * size.side**2
+        event = on_numbers(area * (2 + 4 * size.orientations), 4 + area * (2 + 3 * size.orientations))
+        return {"event": event, "frame": on_numbers(7 * responses, 2 * responses + size.responses)}
+
 
 Bank.known = Registry("bank", (Gabors, LeakyGabors, Sobels))
 
 
 @dataclass(frozen=True)
-class Pool(Part):
+class Pool(FrontEndPart):
     """Base of the pools, which select from the largest responses of cells of `side` x `side` px."""
 
     kind = "pool"
@@ -365,6 +401,10 @@ class Max(Pool):
         """Return all responses unchanged."""
         return responses
 
+    def work(self, size: FrameSize) -> Works:
+        """Return nothing: the bank's comparisons are the pool."""
+        return {}
+
 
 @dataclass(frozen=True)
 class LocalMaximum(Pool):
@@ -385,6 +425,11 @@ class LocalMaximum(Pool):
             around = 2 * (size // 2 // self.side) + 1
             highest[:, scale] = maximum_filter(responses[:, scale], (1, 1, around, around), mode="constant")
         return np.where((responses >= self.least) & (responses == highest), responses, 0.0)
+
+    def work(self, size: FrameSize) -> Works:
+        """Return the comparisons along the rows and along the columns of a neighbourhood, and two of the result."""
+        around = sum(2 * (2 * (side // 2 // self.side)) + 2 for side in size.sides)
+        return {"frame": on_numbers(around * size.orientations * size.cells, 3 * size.responses)}
 
 
 Pool.known = Registry("pool", (Max, LocalMaximum))

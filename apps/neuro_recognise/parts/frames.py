@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,13 +11,14 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Part, Registry, setting
-from neuro.coding import log_intensity_to_latency
-from neuro_recognise.method import Learnt
+from neuro.apps import Registry, setting
+from neuro.coding import Works, log_intensity_to_latency, on_numbers
+from neuro_recognise.method import FrameSize, FrontEndPart, Learnt
 from neuro_recognise.shown import Array, Evidence, Features, Floats, Ints
 
 if TYPE_CHECKING:
     from neuro import TrialResults
+    from neuro.coding import Work
 
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
@@ -26,7 +28,7 @@ TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how
 
 
 @dataclass(frozen=True)
-class Encoder(Part):
+class Encoder(FrontEndPart):
     """Base of the encoders: stronger responses spike earlier.
 
     Evidence holds codes, which do not depend on training. Spike times are computed from codes and from what the encoder
@@ -145,6 +147,15 @@ class LogLatency(Encoder):
         """Convert ticks to ms."""
         return np.asarray(codes * self.resolution)
 
+    def work(self, size: FrameSize) -> Works:
+        """Return the operations of a frame.
+
+        The strongest scale is a comparison for each response. A value takes 10: the peak, the share, the least share,
+        log, a difference, a factor, the span, and a tick's division, rounding and limit. Then the values are sorted.
+        """
+        values = size.responses if self.scales == "all" else size.orientations * size.cells
+        return {"frame": _coded(size.responses - values + 10 * values, 1, values, self.first, size)}
+
 
 @dataclass(frozen=True)
 class Latency(Encoder):
@@ -176,6 +187,20 @@ class Latency(Encoder):
         """Convert responses to ms; responses at or above the largest training response spike at 0."""
         weak = 1.0 - np.minimum(codes / np.asarray(learnt["largest"], float), 1.0)
         return np.asarray(np.minimum(weak * self.window // self.resolution, self.last) * self.resolution)
+
+    def work(self, size: FrameSize) -> Works:
+        """Return a comparison for each response and the sort, and for each spike 8 operations.
+
+        A spike takes a division, a limit, a difference, a factor, a tick's division, rounding and limit, and a factor.
+        """
+        return {"frame": _coded(size.responses, 8, size.responses, self.first, size)}
+
+
+def _coded(macs: float, each: float, values: int, first: int, size: FrameSize) -> Work:
+    """Return the work of an encoder: `macs`, a sort of the values, and `each` for a spike, of which `first` remain."""
+    spikes = min(values, first or values)
+    sort = values * math.ceil(math.log2(max(1, values)))
+    return on_numbers(macs + sort + each * spikes, size.responses + 2 * spikes)
 
 
 def _first(order: Ints, lengths: Ints, n: int) -> tuple[Ints, Ints]:
@@ -230,9 +255,9 @@ def ended_by(evidence: Evidence, us: int) -> Evidence:
     """Return the evidence of frames that were complete `us` after the first event."""
     n = int(np.searchsorted(evidence["ends"], us, "right"))
     spikes = int(evidence["lengths"][:n].sum())
-    per_frame, per_spike = ("lengths", "ends"), ("codes", "ids")
+    per_frame, per_spike = ("lengths", "ends", "pixels"), ("codes", "ids")
     lasts = {name: np.minimum(evidence[name], us) for name in ("lasts",) if name in evidence}
-    per_frame_parts = {name: evidence[name][:n] for name in per_frame}
+    per_frame_parts = {name: evidence[name][:n] for name in per_frame if name in evidence}
     return per_frame_parts | {name: evidence[name][:spikes] for name in per_spike} | lasts
 
 

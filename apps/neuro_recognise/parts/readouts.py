@@ -15,6 +15,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import Part, Registry, install, setting
+from neuro.coding import Work, on_numbers
 from neuro_recognise.method import Course, Learnt
 from neuro_recognise.shown import Array, Floats, Ints
 
@@ -81,6 +82,10 @@ class Readout(Part):
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Return scores (recordings, classes), larger for a more likely class."""
 
+    def work(self, learnt: Learnt, values: int, classes: int) -> Work | None:
+        """Return the operations of `scores` for a vector of so many values; None without a count."""
+        return None
+
 
 @dataclass(frozen=True)
 class Svm(Readout):
@@ -128,6 +133,11 @@ class Svm(Readout):
         length = np.sqrt((x**2).sum(axis=1, keepdims=True))
         return np.asarray(np.divide(x, length, out=np.zeros_like(x), where=length > 0))
 
+    def work(self, learnt: Learnt, values: int, classes: int) -> Work:
+        """Return a product with a sum for each weight, and a threshold; a length takes squares, root and divisions."""
+        length = (2 * values + 1) * (self.scale == "length")
+        return on_numbers(classes * (values + 1) + length, values + classes * (values + 2))
+
 
 @dataclass(frozen=True)
 class Rbf(Readout):
@@ -160,6 +170,12 @@ class Rbf(Readout):
         kernel = np.exp(-self.gamma / x.shape[1] * np.maximum(squares, 0.0))
         return np.asarray(kernel @ m["weights"].T + m["thresholds"])
 
+    def work(self, learnt: Learnt, values: int, classes: int) -> Work:
+        """Return the operations: 3 a value, products with each vector and its squares, 6 a kernel, and the weights."""
+        vectors = len(np.asarray(learnt["weights"])[0])
+        macs = 3 * values + 2 * vectors * values + 6 * vectors + classes * (vectors + 1)
+        return on_numbers(macs, 3 * values + vectors * (values + classes) + 2 * classes)
+
 
 @dataclass(frozen=True)
 class Ridge(Readout):
@@ -191,6 +207,10 @@ class Ridge(Readout):
         """Return scores from about -1 to about 1."""
         m: Any = learnt
         return np.asarray(x @ m["weights"].T + m["thresholds"])
+
+    def work(self, learnt: Learnt, values: int, classes: int) -> Work:
+        """Return a product with a sum for each weight, and the threshold of each class."""
+        return on_numbers(classes * (values + 1), values + classes * (values + 2))
 
 
 @dataclass(frozen=True)

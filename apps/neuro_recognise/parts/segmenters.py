@@ -10,8 +10,9 @@ from typing import ClassVar
 import numpy as np
 
 from neuro.apps import Part, Registry, setting
+from neuro.coding import Works, on_numbers
 from neuro_events import Events, filters, segmentation
-from neuro_recognise.method import SPLITS
+from neuro_recognise.method import SPLITS, FrameSize, FrontEndPart
 from neuro_recognise.shown import Ints
 
 
@@ -60,7 +61,7 @@ Cleaner.known = Registry("cleaner", (Plain, Tar))
 
 
 @dataclass(frozen=True)
-class Segmenter(Part):
+class Segmenter(FrontEndPart):
     """Base of the segmenters.
 
     Class attributes:
@@ -112,6 +113,10 @@ class Msd(Segmenter):
         """Return a motion symbol detector."""
         return segmentation.MSD(self.tau, self.threshold)
 
+    def work(self, size: FrameSize) -> Works:
+        """Return the operations of a leak: a difference, a division, exp, a product with a sum, and a comparison."""
+        return {"event": on_numbers(5, 5)}
+
 
 @dataclass(frozen=True)
 class Hes(Segmenter):
@@ -129,6 +134,10 @@ class Hes(Segmenter):
         """Return the time of the first event after each window."""
         return t[bounds[1:]]
 
+    def work(self, size: FrameSize) -> Works:
+        """Return the comparison of a time with the end of the window."""
+        return {"event": on_numbers(1, 2)}
+
 
 @dataclass(frozen=True)
 class Counts(Segmenter):
@@ -141,6 +150,10 @@ class Counts(Segmenter):
     def cutter(self) -> segmentation.Cutter:
         """Return a cutter by number of events."""
         return segmentation.Counts(self.count)
+
+    def work(self, size: FrameSize) -> Works:
+        """Return the addition and the comparison of a counter."""
+        return {"event": on_numbers(2, 2)}
 
 
 @dataclass(frozen=True)
@@ -162,6 +175,14 @@ class Ses(Segmenter):
     def cutter(self) -> segmentation.Cutter:
         """Return a peak finder, which confirms a peak `search` after it."""
         return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
+
+    def work(self, size: FrameSize) -> Works:
+        """Return the operations of an event.
+
+        A difference of times, two leaks of 3, their difference, a difference and a comparison for the candidate and
+        for the first of the queue, two comparisons for a new candidate, and two for the end of the queue.
+        """
+        return {"event": on_numbers(1 + 2 * 3 + 1 + 2 * 2 + 2 + 2, 9)}
 
 
 class _End(segmentation.Cutter):
@@ -189,6 +210,10 @@ class Whole(Segmenter):
     def cutter(self) -> segmentation.Cutter:
         """Return a cutter that cuts after the last event."""
         return _End()
+
+    def work(self, size: FrameSize) -> Works:
+        """Return nothing: the recording is one segment."""
+        return {}
 
 
 Segmenter.known = Registry("recogniser segmenter", (Msd, Hes, Counts, Ses, Whole))
