@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import neuro
+    from neuro.chips import HostWork
 
 PICOJOULES = {"int8": 0.23, "float32": 4.6, "float32 sum": 0.9}
 """Energy of the arithmetic of a multiply-accumulate, or of a sum, in pJ."""
@@ -33,6 +34,8 @@ CHIPS = {"loihi": "Loihi", "spinnaker": "SpiNNaker"}
 """Chips on which spiking networks are priced."""
 PROCESSORS = {"int8": ("microcontroller, int8", 330.0), "float32": ("CPU core, float32", 8600.0)}
 """Processor for each number format, and its energy of a multiply-accumulate in pJ."""
+HOST = "cpu"
+"""Processor whose figure prices the work outside of a network."""
 BY_SPIKES = ("synaptic_op", "spike_in_tile", "hop_east_west", "hop_north_south", "packet")
 """Costs of a chip that are proportional to the number of spikes."""
 
@@ -56,6 +59,8 @@ class Costs:
         joules_of_spikes: part of the energy that is proportional to the number of spikes, by chip.
         refused: reason why a chip cannot run the model, by chip.
         unpriced: names of the costs without a published figure, which `joules` lacks, by chip.
+        host: ``macs`` and ``bytes`` of an example outside of a spiking network, and their ``joules``, which are in
+            those of each chip; empty without a count.
     """
 
     parameters: int | None
@@ -69,6 +74,7 @@ class Costs:
     joules_of_spikes: Mapping[str, float] = field(default_factory=dict)
     refused: Mapping[str, str] = field(default_factory=dict)
     unpriced: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    host: Mapping[str, float] = field(default_factory=dict)
 
     def as_words(self) -> dict[str, Any]:
         """Return all costs as plain data."""
@@ -109,7 +115,13 @@ def product_costs(parameters: int, footprint_bytes: int, macs: float, dense: flo
 
 
 def spiking_costs(
-    sim: neuro.Simulation, counts: Any, examples: int, *, steps: int | None = None, clock: bool = True
+    sim: neuro.Simulation,
+    counts: Any,
+    examples: int,
+    *,
+    steps: int | None = None,
+    clock: bool = True,
+    host: Sequence[HostWork] = (),
 ) -> Costs:
     """Return the costs of a spiking network: NeuroBench's counts, and the bills of the chips that can run it.
 
@@ -119,6 +131,7 @@ def spiking_costs(
         examples: number of examples.
         steps: steps of one example; by default the steps of the run divided by the number of examples.
         clock: whether to include real time, which has no meaning where a step has no duration.
+        host: operations outside of the network for all these examples.
     """
     from neuro.chips import neurobench
 
@@ -128,12 +141,14 @@ def spiking_costs(
         parameters=metrics["parameter_count"],
         **{name: metrics[name] for name in ("footprint_bytes", "connection_sparsity", "activation_sparsity")},
         **{name: operations[name] for name in ("effective_macs", "effective_acs", "dense")},
-        **on_chips(sim, counts, examples, clock),
+        **on_chips(sim, counts, examples, clock, host),
     )
 
 
-def on_chips(sim: neuro.Simulation, counts: Any, examples: int, clock: bool = True) -> dict[str, Any]:
-    """Return `joules`, `joules_of_spikes`, `refused` and `unpriced` of a spiking network; see `spiking_costs`."""
+def on_chips(
+    sim: neuro.Simulation, counts: Any, examples: int, clock: bool = True, host: Sequence[HostWork] = ()
+) -> dict[str, Any]:
+    """Return `joules`, `joules_of_spikes`, `refused`, `unpriced` and `host` of a network; see `spiking_costs`."""
     from neuro.chips import chip, place, quantise
 
     joules, joules_of_spikes, refused, unpriced = {}, {}, {}, {}
@@ -142,14 +157,20 @@ def on_chips(sim: neuro.Simulation, counts: Any, examples: int, clock: bool = Tr
         if reasons := [f"{each.what}: {each.why}" for each in problems if each.refused]:
             refused[title] = reasons[0]
             continue
-        fastest = sim.energy(target, of=counts).per(examples, "example")
+        fastest = sim.energy(target, of=counts, host=host).per(examples, "example")
         for pace, bill in (("as fast as it can", fastest), ("in real time", fastest.real_time))[: 2 if clock else 1]:
             name = f"{title}, {pace}"
             joules[name] = bill.total_j
             if bill.missing:
                 unpriced[name] = list(bill.missing)
             joules_of_spikes[name] = sum(value for cost, value in bill.by_cost().items() if cost in BY_SPIKES)
-    return {"joules": joules, "joules_of_spikes": joules_of_spikes, "refused": refused, "unpriced": unpriced}
+    rows = [
+        item for item in sim.energy(HOST, of=counts, host=host).per(examples, "example").items if item.kind == "host"
+    ]
+    sums = {"macs": "count", "bytes": "bytes", "joules": "joules"}
+    of_host = {name: sum(getattr(item, field) or 0.0 for item in rows) for name, field in sums.items()}
+    figures = {"joules": joules, "joules_of_spikes": joules_of_spikes, "refused": refused, "unpriced": unpriced}
+    return figures | {"host": of_host}
 
 
 def break_even(joules: float, of_spikes: float, opponent: float) -> float:

@@ -11,6 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 import neuro
+from neuro.chips import HostWork
+from neuro.coding import on_numbers
 from neuro_bench.artificial import Network, train_module
 from neuro_bench.costs import Costs, product_costs, spiking_costs
 from neuro_bench.spiking import CHIP, INPUT, OUTPUT
@@ -254,4 +256,5 @@ class _Readout:
         """Return NeuroBench's counts and the bills of chips, averaged over the first steps."""
         n = min(PRICED_STEPS, len(data))
         sim = self._run(CHIP, data.take(slice(n)))
-        return spiking_costs(sim, sim.taken(), n)
+        scaled = on_numbers(len(self._mean), 3 * len(self._mean))  # a product with a sum for each value
+        return spiking_costs(sim, sim.taken(), n, host=[HostWork("scale of the potentials", scaled, "step", times=n)])

@@ -114,6 +114,11 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
         console().print(table(("method", *(f">{each}" for each in machines)), bills, title="uJ per example"))
     for one in ordered:
         name, costs = one["method"]["name"], one["costs"]
+        if host := costs.get("host"):
+            counts = f"{number(host['macs'])} mac, {number(host['bytes'])} bytes"
+            console().print(
+                f"{name}: host: {counts}, {1e6 * host['joules']:.3g} uJ, in its joules on chips", soft_wrap=True
+            )
         for machine, missing in costs.get("unpriced", {}).items():
             console().print(
                 f"{name}: {machine}: without {', '.join(missing)} (no published figure), hence >", soft_wrap=True

@@ -24,7 +24,9 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro_bench.costs import PICOJOULES, Costs, product_costs, spiking_costs
+from neuro.chips import HostWork
+from neuro.coding import on_numbers
+from neuro_bench.costs import Costs, product_costs, spiking_costs
 from neuro_bench.task import Method, Series
 
 EMPTYING, SHOWN = 2, 16
@@ -187,11 +189,13 @@ class _Coded:
         sim.reset()
         self.predict(n)
         counts: Any = sim.taken()
-        costs: Any = spiking_costs(sim, counts, n, steps=STEPS, clock=False)
         members, delays, cells = self._weights.shape
         spikes = counts.counts.populations["cells"].spikes / n
         readout = delays * (spikes + members * SHOWN)  # sums of the spikes' weights, and of the currents in each step
-        sums, renamed = PICOJOULES["float32 sum"] * 1e-12 * readout, "{}, and the readout's sums".format
+        # Two limits of each prediction, their sum, and a product with a sum for the scale.
+        work = on_numbers(readout + 3 * members + 1, 2 * readout + 2 * members + 3)
+        host = [HostWork("readout", work, "value", times=n)]
+        costs: Any = spiking_costs(sim, counts, n, steps=STEPS, clock=False, host=host)
         with_readout: Costs = replace(
             costs,
             parameters=self._weights.size,
@@ -199,9 +203,6 @@ class _Coded:
             effective_macs=float(members * cells),  # the current into each neuron
             effective_acs=costs.effective_acs + readout,
             dense=costs.dense + members * cells + self._weights.size,
-            joules={renamed(k): v + sums for k, v in costs.joules.items()},
-            joules_of_spikes={renamed(k): v + sums for k, v in costs.joules_of_spikes.items()},
-            unpriced={renamed(k): v for k, v in costs.unpriced.items()},
         )
         return with_readout
 

@@ -22,6 +22,8 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.apps import Showing
+from neuro.chips import HostWork
+from neuro.coding import on_numbers
 from neuro_bench.artificial import members
 from neuro_bench.costs import Costs, spiking_costs
 from neuro_bench.features import recordings
@@ -135,8 +137,8 @@ class _Trained:
         showing = Showing(sim, INPUT, OUTPUT)
         for k in range(n):
             train = events.trains[INPUT].of([k])
-            showing.show(train.step, train.neuron, events.steps)
-        return spiking_costs(sim, showing.taken, n)
+            showing.show(train.step, train.neuron, events.steps, len(train.step))
+        return spiking_costs(sim, showing.taken, n, host=showing.host("counts"))
 
 
 class Recurrent(Spiking):
@@ -289,15 +291,16 @@ class _Converted:
             net.connect(before, OUTPUT, neuro.all_to_all(), weight=weight_of_classes.T.astype(np.float64), delay=1.0)
         self.net, self._steps, self._backend = net, int(release_times[-1]) + levels + 4, backend
 
-    def _show(self, sim: Any, data: Examples) -> tuple[Any, Any]:
-        """Return the class of each example, the one with the highest potential, and the counts of the runs."""
+    def _show(self, sim: Any, data: Examples) -> tuple[Any, Showing]:
+        """Return the class of each example, the one with the highest potential, and the runs."""
         showing, spikes = Showing(sim, INPUT, OUTPUT), data.spikes
         ends, classes = np.searchsorted(spikes.example, np.arange(len(data) + 1)), []
         for k in range(len(data)):
             own = slice(ends[k], ends[k + 1])
-            showing.show(1 + (spikes.at[own] * spikes.step).astype(np.int64), spikes.neuron[own], self._steps)
+            steps, neurons = 1 + (spikes.at[own] * spikes.step).astype(np.int64), spikes.neuron[own]
+            showing.show(steps, neurons, self._steps, len(neurons))
             classes.append(int(np.argmax(sim.get(OUTPUT, "V_m"))))
-        return np.array(classes), showing.taken
+        return np.array(classes), showing
 
     def predict(self, data: Examples) -> Any:
         """Return the class of each example."""
@@ -307,8 +310,9 @@ class _Converted:
         """Return NeuroBench's counts and the bills of chips, averaged over the first examples."""
         n = min(PRICED, len(data))
         sim = neuro.compile(self.net, backend=self._backend)
-        _, counts = self._show(sim, data.take(np.arange(n)))
-        return spiking_costs(sim, counts, n)
+        _, showing = self._show(sim, data.take(np.arange(n)))
+        choice = HostWork("choice", on_numbers(len(data.classes), len(data.classes)), "recording", times=n)
+        return spiking_costs(sim, showing.taken, n, host=(*showing.host(""), choice))
 
 
 LEAST = 22
@@ -364,11 +368,10 @@ class _RecogniserModel:
     def costs(self, data: Examples) -> Costs:
         """Return NeuroBench's counts and the bills of chips, averaged over the first examples.
 
-        Filtering and cutting of events are not counted. Examples differ in length; the counts use the mean length. In
-        real time a pseudo-frame has 64 ms.
+        Examples differ in length; the counts use the mean length. In real time a pseudo-frame has 64 ms.
         """
         n = min(PRICED, len(data))
         answer = self.recogniser.answer(recordings(data.take(np.arange(n))))
         assert answer.run is not None
         sim, counts = answer.run()
-        return spiking_costs(sim, counts, n, steps=counts.raw_counts.steps // n)
+        return spiking_costs(sim, counts, n, steps=counts.raw_counts.steps // n, host=answer.host)

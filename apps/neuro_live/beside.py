@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+from collections.abc import Iterable
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -27,7 +28,7 @@ from neuro import (
     one_to_one,
 )
 from neuro.apps import Lost, Processes, Task, Work, compile_network, difference, save, settable
-from neuro.chips import Chip, Placement, chip, chips, place, price
+from neuro.chips import Chip, HostWork, Placement, chip, chips, place, price
 from neuro.extend import EngineCounts, Neuron, Program
 
 CURRENTS = 24
@@ -84,7 +85,7 @@ class Beside:
         now = self._sim.taken().raw_counts
         before, self._before = self._before, now
         if before is not None and now.steps > before.steps:
-            about = {"path": str(self._path), "seed": self._sim.program.seed}
+            about = {"path": str(self._path), "seed": self._sim.program.seed, "host": tuple(self._sim.host_work)}
             self._pool.put({"do": "price", "counts": difference(now, before), **about})
 
     def curve(self, population: str, neuron: int) -> None:
@@ -166,10 +167,12 @@ def _placements(path: str, seed: int) -> tuple[Program, list[tuple[Chip, Placeme
 
 def _price(job: Job) -> list[dict[str, Any]]:
     program, placements = _placements(job["path"], job["seed"])
-    return [_bill(program, job["counts"], *each) for each in placements]
+    return [_bill(program, job["counts"], job["host"], *each) for each in placements]
 
 
-def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) -> dict[str, Any]:
+def _bill(
+    program: Program, counts: EngineCounts, host: Iterable[HostWork], chip: Chip, placement: Any
+) -> dict[str, Any]:
     """Return the joules per second of network time on a chip in real time.
 
     If the chip is slower than real time, `late` is the chip's time in units of network time.
@@ -178,7 +181,7 @@ def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) ->
     if isinstance(placement, str):
         return about | {"refused": placement}
     try:
-        energy = price(program, counts, placement, chip).real_time
+        energy = price(program, counts, placement, chip, host=host).real_time
     except ModelError as error:
         return about | {"refused": "; ".join(dict.fromkeys(each.message for each in (error.others or (error,))))}
     if energy.refused:
@@ -186,7 +189,9 @@ def _bill(program: Program, counts: EngineCounts, chip: Chip, placement: Any) ->
     seconds = energy.duration_s
     static = energy.static_j / seconds if energy.static_known else None
     slowdown = (energy.chip_time_s or 0.0) / seconds if energy.late else None
-    joules = {"dynamic": energy.dynamic_j / seconds, "static": static, "missing": list(energy.missing)}
+    host_j = energy.by_cost().get("host", 0.0) / seconds
+    dynamic = energy.dynamic_j / seconds - host_j
+    joules = {"dynamic": dynamic, "host": host_j, "static": static, "missing": list(energy.missing)}
     return about | joules | {"chips": energy.chips, "late": slowdown}
 
 

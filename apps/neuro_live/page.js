@@ -606,7 +606,7 @@ function showJoules(message) {
   const rows = (message.chips || []).map(each => each.refused
     ? make("tr", {}, make("td", {title: each.refused}, each.chip, make("small", {}, each.refused)), make("td", {}, "–"))
     : make("tr", {}, make("td", {title: each.title}, each.chip, make("small", {}, named(each.chips, "chip") + (each.late ? `, takes ${short(Number(each.late.toPrecision(2)))} s for a second` : ""))),
-      make("td", {title: each.missing.length ? `not priced, as no figure is published: ${each.missing.join(", ")}` : ""}, (each.missing.length ? "> " : "") + watts(each.dynamic + (each.static || 0)), make("small", {}, each.static === null ? "dynamic; static: no figure" : `dynamic ${watts(each.dynamic)}, static ${watts(each.static)}`))));
+      make("td", {title: each.missing.length ? `not priced, as no figure is published: ${each.missing.join(", ")}` : ""}, (each.missing.length ? "> " : "") + watts(each.dynamic + each.host + (each.static || 0)), make("small", {}, `dynamic ${watts(each.dynamic)}, host ${watts(each.host)}, ${each.static === null ? "static: no figure" : `static ${watts(each.static)}`}`))));
   get("joules").tBodies[0].replaceChildren(...rows);
 }
 function showFigures(message) {

@@ -160,12 +160,14 @@ class Pixels:
 
     Attributes:
         steps: steps of a run; None if each recording decides.
+        events: number of events of the last recording that became spikes.
     """
 
     def __init__(self, net: Network, readout: Readout) -> None:
         self._readout, self._h = readout, net.resolution
         self._shape = tuple(int(side) for side in net.populations[readout.input].shape)
         self.steps = None if readout.duration is None else Clock(self._h).step(readout.duration, "--for")
+        self.events = 0
         if self.steps == 0:
             raise ModelError(f"--for = {readout.duration:g} ms: expected at least a step of {self._h:g} ms")
 
@@ -193,6 +195,7 @@ class Pixels:
         step, neuron = pixel_spikes(
             events, self._shape, self._h, steps=self.steps, scale=readout.scale, start=readout.start
         )
+        self.events = len(step)
         if not readout.merge:
             return step, neuron
         size = math.prod(self._shape)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.coding import first_to_fire, highest_rate
+from neuro.coding import Works, first_to_fire, highest_rate, on_numbers
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -58,6 +58,23 @@ def by_potential(V_m: Floats) -> tuple[int, Floats]:
     """
     mean = V_m.mean(axis=0)
     return (SILENT if (mean == mean[0]).all() else int(mean.argmax())), mean
+
+
+def decision_work(by: str, neurons: int) -> Works:
+    """Return the operations of a decision, by the unit of a use: a spike of the output, a step, or a recording.
+
+    A spike is counted and its time compared; then the counts and the first times are compared with the best and with
+    each other. Potentials are added up in each step, then divided, and compared with the best and with the first.
+
+    Args:
+        by: "counts", "first" or "potential"; "" for an output without a decision.
+        neurons: number of neurons of the output.
+    """
+    if not by:
+        return {}
+    if by == "potential":
+        return {"step": on_numbers(neurons, 2 * neurons), "recording": on_numbers(3 * neurons, 2 * neurons)}
+    return {"spike": on_numbers(2, 4), "recording": on_numbers(4 * neurons, 2 * neurons)}
 
 
 def _counts_and_first(times: Floats, ids: Ints, neurons: int) -> tuple[Floats, Floats]:

@@ -171,7 +171,7 @@ def ask(
     for k, item in enumerate(recordings):
         step, neuron = pixels.spikes(load(item), name_of(item, k))
         steps = pixels.steps or int(step.max(initial=-1)) + 1 + path_steps
-        times, ids, payloads = showing.show(step, neuron, steps)
+        times, ids, payloads = showing.show(step, neuron, steps, pixels.events)
         V_m = sim.trace(probe)[1] if probe else None
         decided[k], scores[k] = _decision(readout.decide, times, ids, payloads, V_m, neurons)
         spikes[k] = len(ids)
@@ -179,7 +179,7 @@ def ask(
             in_full.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
         report(k + 1, total)
     names = tuple(name_of(item, k) for k, item in enumerate(recordings))
-    bill = _bill(showing, backend, total)
+    bill = _bill(showing, backend, total, readout.decide or "")
     return Predictions(
         backend, readout, names, decided, scores, spikes, true_classes, bill, showing.overflows, tuple(in_full)
     )
@@ -243,7 +243,10 @@ def _decision(
     return by_counts(times, ids, neurons, payloads) if by == "counts" else by_first(times, ids, neurons)
 
 
-def _bill(showing: Showing, backend: str, recordings: int) -> Energy | None:
+def _bill(showing: Showing, backend: str, recordings: int, decide: str) -> Energy | None:
     """Return the bill of a recording on the chip that a backend emulates."""
     chip = chip_of(backend)
-    return showing.sim.energy(backend, of=showing.taken).per(recordings, "recording") if chip and chip.costs else None
+    if chip is None or not chip.costs:
+        return None
+    bill = showing.sim.energy(backend, of=showing.taken, host=showing.host(decide))
+    return bill.per(recordings, "recording")

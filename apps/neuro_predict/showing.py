@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from neuro import OverflowWarning
+from neuro.apps import PIXEL_SPIKE
+from neuro.chips import HostWork, mean_work
+from neuro.coding import Works
+from neuro_predict.decisions import decision_work
 
 if TYPE_CHECKING:
     from neuro import Simulation, TrialCounts
@@ -60,14 +64,18 @@ class Showing:
         self._graded = any(part.model.graded for part in sim.program.populations if part.name == output)
         self.taken: TrialCounts | None = None
         self.overflows: dict[str, tuple[int, str]] = {}
+        self._uses: dict[str, float] = {}
 
-    def show(self, step: npt.NDArray[Any], neuron: npt.NDArray[Any], steps: int) -> tuple[Floats, Ints, Ints | None]:
+    def show(
+        self, step: npt.NDArray[Any], neuron: npt.NDArray[Any], steps: int, events: int = 0
+    ) -> tuple[Floats, Ints, Ints | None]:
         """Show one.
 
         Args:
             step: of each spike of the input, from 0 on.
             neuron: that emits it.
             steps: how long the network runs.
+            events: number of events that became these spikes; 0 for spikes that come as such.
 
         Returns:
             The output's spikes: times in ms, neurons, and payloads, None where it is not graded.
@@ -78,4 +86,18 @@ class Showing:
         with overflows_counted(self.overflows):
             sim.run(steps * h)
         self.taken = sim.taken() if self.taken is None else self.taken + sim.taken()
-        return sim.payloads(self._output) if self._graded else (*sim.spikes(self._output), None)
+        times, ids, payloads = sim.payloads(self._output) if self._graded else (*sim.spikes(self._output), None)
+        for unit, n in {"event": events, "spike": len(ids), "step": steps, "recording": 1}.items():
+            self._uses[unit] = self._uses.get(unit, 0.0) + n
+        return times, ids, payloads
+
+    def host(self, decide: str) -> tuple[HostWork, ...]:
+        """Return the operations outside of the network for all recordings: events to spikes, and the decision.
+
+        Args:
+            decide: what decides, see `neuro_predict.decisions.decision_work`.
+        """
+        neurons = next(part.size for part in self.sim.program.populations if part.name == self._output)
+        parts: dict[str, Works] = {f"pixels of {self._input}": {"event": PIXEL_SPIKE}}
+        parts |= {f"{decide} of {self._output}": decision_work(decide, neurons)}
+        return mean_work(parts, self._uses, int(self._uses.get("recording", 0)))

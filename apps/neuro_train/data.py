@@ -43,6 +43,7 @@ class BatchData:
         classes: names of the classes; empty with targets.
         shape: shape of the population of pixels.
         digest: hash of the recordings.
+        n_events: (recordings,) events that became spikes; None for spikes that come as such.
     """
 
     events: Events
@@ -50,13 +51,16 @@ class BatchData:
     classes: tuple[str, ...]
     shape: tuple[int, ...]
     digest: str
+    n_events: Ints | None = None
 
     def __len__(self) -> int:
         return len(self.labels)
 
     def take(self, chosen: Ints) -> BatchData:
         """Some of them."""
-        return BatchData(self.events[chosen.tolist()], self.labels[chosen], self.classes, self.shape, self.digest)
+        n_events = None if self.n_events is None else self.n_events[chosen]
+        events = self.events[chosen.tolist()]
+        return BatchData(events, self.labels[chosen], self.classes, self.shape, self.digest, n_events)
 
     @property
     def variance(self) -> float:
@@ -148,20 +152,22 @@ def show(
             raise ModelError(f"{data.path}: {message}: expected the shape {expected}", hint=hint)
     words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
     words |= {"scale": plan.scale, "start": plan.start}
-    parts = []
+    parts, n_events = [], []
     for k in range(len(data)):
         events = data[k].load()
         if plan.window is not None:
             part = corner(plan.window), plan.start, plan.duration, str(data[k].path)
             events = windowed(events, (shape[-1] * plan.scale, shape[-2] * plan.scale), *part)
         parts.append(Events.of_recordings([events], plan.input, **words))
+        since_ms = (events.t - events.t[:1]) / 1000.0 - plan.start
+        n_events.append(np.count_nonzero((since_ms >= 0.0) & (since_ms < plan.duration)))
         report("reading recordings", k + 1, len(data))
     joined = Events.join(parts)
     if not joined.trains[plan.input].step.size:
         when = f"{plan.start:g} to {plan.start + plan.duration:g} ms"
         message = f"{data.path}: no recording has an event from {when}: expected some to learn from"
         raise ModelError(message, hint="--start and --duration say which part of each recording is used")
-    return BatchData(joined, data.labels, data.classes, shape, data.fingerprint()[:32])
+    return BatchData(joined, data.labels, data.classes, shape, data.fingerprint()[:32], np.array(n_events, np.int64))
 
 
 def moved(

@@ -224,7 +224,8 @@ def on_backend(
     showing, potentials = Showing(sim, plan.input, plan.output), []
     for k in range(len(samples)):
         train = events.trains[plan.input].of([k])
-        times, ids, payloads = showing.show(train.step, train.neuron, events.steps)
+        n_events = 0 if samples.n_events is None else int(samples.n_events[k])
+        times, ids, payloads = showing.show(train.step, train.neuron, events.steps, n_events)
         at = np.rint(times / h).astype(np.int64) - 1, ids
         np.add.at(spikes[k].numpy(), at, 1.0 if payloads is None else payloads)
         if plan.loss == "mse":
@@ -234,7 +235,8 @@ def on_backend(
     if priced is not None and priced.costs:
         placement = place(sim.program, priced, neurons_per_core=fewer) if priced.mesh is not None else None
         run_counts: Any = showing.taken
-        bill = price(sim.program, run_counts.raw_counts, placement, priced).per(len(samples), "recording")
+        host = showing.host("" if plan.loss == "mse" else "counts")
+        bill = price(sim.program, run_counts.raw_counts, placement, priced, host=host).per(len(samples), "recording")
     events_of = () if showing.taken is None else showing.taken.raw_counts.events
     counts = zip(sim.program.populations, events_of, strict=False)
     mean_spikes = {part.name: float(each.sum()) / len(samples) for part, each in counts}

@@ -71,3 +71,6 @@ def test_chips_run_it_and_say_nearly_as_much(backend):
     costs = made.costs(shown)
     assert not costs.refused
     assert [name.split(",")[0] for name in costs.joules] == ["Loihi", "Loihi", "SpiNNaker", "SpiNNaker"]
+    macs = 6 * len(shown.spikes.at) / len(shown) + len(shown.classes)
+    assert costs.host["macs"] == pytest.approx(macs), "6 operations a spike of the input, and a comparison a class"
+    assert costs.host["joules"] == pytest.approx(macs * 8.6e-9)

@@ -82,6 +82,7 @@ def test_the_spiking_network_and_its_opponents_say_where_the_cursor_goes(bench, 
     assert all(mean > 0.3 for mean in means), means
     spiking = found[files[2]]["costs"]
     assert spiking["effective_macs"] == 0.0
+    assert spiking["host"]["macs"] == 2, "a product with a sum for each of two values in a step"
     assert 0.0 < spiking["effective_acs"] < spiking["dense"] == 24 * 32 + 32 * 2
     assert found[files[0]]["costs"]["dense"] == 24 * 10 * 2
     status, out, err = bench("compare", *files)

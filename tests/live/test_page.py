@@ -13,6 +13,9 @@ import pytest
 
 import neuro
 from neuro import ModelError
+from neuro.chips import HostWork, chip
+from neuro.coding import on_numbers
+from neuro.live.beside import _bill
 from neuro.live.commands import Pace
 from neuro.live.facts import about
 from neuro.live.frames import MOST_SPIKES, Frames, smaller, weights_of
@@ -224,6 +227,18 @@ def test_the_curve_and_power_come_from_another_process(client):
     chips = {each["chip"]: each for each in kept["joules"]["chips"]}
     assert chips["loihi"]["dynamic"] > 0.0
     assert chips["loihi"]["static"] > chips["loihi"]["dynamic"]
+    assert chips["loihi"]["host"] == 0.0
+
+
+def test_the_power_of_the_host_stands_beside_the_chip():
+    net = neuro.Network("one", resolution=1.0)
+    net.population("cell", 1, neuro.iaf_psc_exp())
+    sim = neuro.compile(net)
+    sim.run(100.0)
+    host = [HostWork("part", on_numbers(70, 3), steps=20)]
+    power, alone = (_bill(sim.program, sim.taken().raw_counts, each, chip("spinnaker2"), None) for each in (host, ()))
+    assert power["host"] == pytest.approx(70 * 8.6e-9 / 0.02), "70 operations each 20 ms"
+    assert power["dynamic"] == pytest.approx(alone["dynamic"])
 
 
 def test_what_is_asked_for_all_the_time_does_not_hold_the_run_up(running):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import zipfile
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -84,6 +85,11 @@ def test_labels_give_accuracy_and_backends_equal_decisions_and_joules(run):
         assert (one["energy"] is not None) == (name in ("loihi", "spinnaker"))
     joules = told["backends"]["loihi"]["energy"]
     assert joules["of"] == "recording"
+    # An event takes 6 operations, a spike of the output 2, and the choice between two neurons 4 each.
+    seen, spikes = 6 * 60, sum(each["decided"]["loihi"]["spikes"] for each in told["recordings"])
+    assert {item["of"]: item["count"] for item in joules["items"] if item["what"] == "host"} == pytest.approx(
+        {"pixels of pixels, cpu": 6 * seen / 6, "counts of out, cpu": 2 * spikes / 6 + 4 * 2}
+    )
     assert 0.0 < joules["total_low_j"] < joules["total_j"] < joules["total_high_j"]
     assert [each["label"] for each in told["recordings"]] == ["left"] * 3 + ["right"] * 3
     decided = told["recordings"][0]["decided"]
@@ -296,3 +302,18 @@ def test_the_convolutional_network_of_nir_reads_digits(tmp_path):
     found = snn.predict(snn.load(tmp_path / "cnn.yaml"), chosen, labels=labels)
     assert (found.readout.input, found.readout.output, found.readout.decide) == ("input", "12", "counts")
     assert found.own.accuracy >= 0.95
+
+
+def test_the_host_of_merged_events_and_of_potentials_by_hand(run):
+    """Two events of a pixel in a step are one spike, and both are looked at; V_m is added up in each step."""
+    net = snn.load("named.yaml")
+    net.projections["hidden_out"] = replace(net.projections["hidden_out"], weight=0.0001)
+    one = events("left")
+    twice = Events(np.repeat(one.t, 2), np.repeat(one.x, 2), np.repeat(one.y, 2), np.repeat(one.p, 2), one.sensor_size)
+    net.readout(input="pixels", output="out", merge=True, decide="potential", duration=20.0)
+    bill = snn.predict(net, [twice], backend="spinnaker").bill
+    shown = np.count_nonzero(twice.t - twice.t[0] < 20_000)
+    assert {item.of: item.count for item in bill.items if item.what == "host"} == {
+        "pixels of pixels, cpu": 6 * shown,
+        "potential of out, cpu": 20 * 2 + 3 * 2,
+    }

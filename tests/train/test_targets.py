@@ -61,6 +61,8 @@ def test_potentials_follow_targets_on_every_backend(net, files):
         tried = on_backend(trained.net, backend, unseen, plan)
         assert np.abs(tried.V_m - first.V_m).max() < most
         assert (tried.bill is not None) == (backend == "loihi")
+        host = [(item.of, item.count) for item in tried.bill.items if item.what == "host"] if tried.bill else []
+        assert host == [("cpu", 0.0)] * (backend == "loihi"), "spikes come as such, and potentials are read"
         assert not tried.spikes.any()
 
 

@@ -50,6 +50,13 @@ def test_it_learns_and_every_backend_decides_alike(told, folder):
         assert tried.agrees(by_torch) == 1.0
         assert tried.same_spikes(by_torch) >= spikes
         assert (tried.bill is not None) == (backend in ("loihi", "spinnaker"))
+        if tried.bill is not None:
+            # 6 operations an event of the first 60 ms, 2 a spike of the output, 4 a class.
+            times = [item.load().t for item in recordings(folder, part="Test")]
+            events, neurons = sum(np.count_nonzero(t - t[0] < 60_000) for t in times), tried.spikes.shape[2]
+            assert {item.of: 9 * item.count for item in tried.bill.items if item.what == "host"} == pytest.approx(
+                {"pixels of pixels, cpu": 6 * events, "counts of out, cpu": 2 * tried.spikes.sum() + 9 * 4 * neurons}
+            )
 
 
 def test_the_command_writes_a_network_and_a_page_and_tests_on_chips(neuro, folder, file):
