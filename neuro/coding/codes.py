@@ -31,14 +31,14 @@ from neuro.core.registry import Registry
 from neuro.core.values import shown
 
 SEED = "seed"
-"""The argument of a code that draws. It is no word: in a network it follows from the network's seed."""
+"""Name of the seed's argument. It is no parameter of a description, since a network derives it from its own seed."""
 
 _KINDS = {float: "number", int: "integer", bool: "boolean"}
 _ARGUMENTS = re.compile(r"^Args:\n((?: .*\n|\n)*)", re.M)
 _SOURCE = re.compile(r"^Source: (.*(?:\n    .*)*)", re.M)
 _ARGUMENT = re.compile(r"^    (\w+): (.*(?:\n        .*)*)", re.M)
 _UNIT = re.compile(r"(?:, | \()(ms|Hz)\)?$")
-"""How the docstring of an argument ends that has a unit."""
+"""End of the description of an argument that has a unit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +65,7 @@ class Code(Choice):
     source: ClassVar[str] = ""
 
     def __call__(self, values: Floats, seed: int) -> Floats:
-        """Return spike times, with an axis of spikes behind those of the values, or rates.
+        """Return spike times, with the axes of the values and perhaps an axis of spikes, or return rates.
 
         Raises:
             ModelError: the code refuses a value or a parameter, or returns an invalid time or rate.
@@ -85,15 +85,15 @@ class Code(Choice):
 
 @cache
 def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
-    """The choice of a code's function.
+    """Return the class of a code for a function.
 
     Args:
-        function: takes the values and named parameters: annotated `float` (also if not annotated), `int`, `bool` or
-            `Literal` words, each also `| None`.
-        rates: whether it is a rate code.
+        function: function of the values and named parameters. A parameter is annotated `float`, `int`, `bool` or with
+            `Literal` words, each also `| None`; without annotation it is a `float`.
+        rates: whether the function is a rate code.
 
     Raises:
-        TypeError: it takes something else; it says what.
+        TypeError: the function has other arguments or annotations, or no argument.
     """
     message = f"code '{function.__name__}'"
     arguments = [
@@ -101,23 +101,23 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
     ]
     if not arguments:
         raise TypeError(f"{message} takes no argument: expected the values first")
-    first, *parameters = arguments
+    values, *parameters = arguments
     try:
         hints = get_type_hints(function)
     except NameError as error:
         raise TypeError(f"{message}: its annotations cannot be read: {error}") from None
     doc = inspect.getdoc(function) or ""
     meanings = _meanings(doc)
-    words = [p for p in parameters if p.name != SEED]
+    described = [p for p in parameters if p.name != SEED]
     made: type[Code] = make_dataclass(
         function.__name__,
-        [(p.name, Any, _field(message, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in words],
+        [(p.name, Any, _field(message, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in described],
         bases=(Code,),
         namespace={
             "__doc__": doc.partition("\nArgs:")[0].strip(),
             "function": staticmethod(function),
-            "values": first.name,
-            "draws": len(words) < len(parameters),
+            "values": values.name,
+            "draws": len(described) < len(parameters),
             "rates": rates,
             "source": _joined("".join(_SOURCE.findall(doc))),
         },
@@ -141,7 +141,7 @@ def _joined(text: str) -> str:
 
 def _field(code_name: str, argument: inspect.Parameter, hint: Any, doc: str) -> Any:
     """Return the quantity of one argument."""
-    inner = [other for other in get_args(hint) if other is not NoneType]
+    inner = [type_ for type_ in get_args(hint) if type_ is not NoneType]
     if NoneType in get_args(hint) and len(inner) == 1:
         hint = inner[0]
     if hasattr(Code, argument.name):
@@ -180,9 +180,9 @@ CODES: Registry[Function] = Registry(
     group="neuro.codes",
     complete=lambda function: _complete(function, False),
 )
-"""All codes by name: functions of values and named parameters that give spike times.
+"""All codes by name: functions of values and named parameters that return spike times.
 
-The times have the shape of the values, or one more axis with the spikes of each; NaN is no spike.
+The times have the shape of the values, or one more axis for the spikes of a value; NaN stands for no spike.
 """
 
 RATE_CODES: Registry[Function] = Registry(
@@ -191,7 +191,8 @@ RATE_CODES: Registry[Function] = Registry(
     group="neuro.rate_codes",
     complete=lambda function: _complete(function, True),
 )
-"""All codes by name that give values, in Hz if they are rates: of the shape of theirs, or with one more axis."""
+"""All rate codes by name: functions that return rates in Hz, or values for another code. The result has the shape of
+the values, or one more axis."""
 
 
 class _Choices(Mapping[str, type[Code]]):
@@ -209,16 +210,16 @@ class _Choices(Mapping[str, type[Code]]):
 
 
 CHOICES: Mapping[str, type[Code]] = _Choices()
-"""Both kinds by name, with their parameters as a description says them."""
+"""Classes of all codes by name, with the parameters of a description."""
 
 
-def chain(words: Any) -> tuple[Code, ...]:
-    """Return codes from the words of the language: a name, `{name: {parameters}}`, or a list of these.
+def chain(description: Any) -> tuple[Code, ...]:
+    """Return codes from a description: a name, `{name: {parameters}}`, or a list of these.
 
     Raises:
-        ModelError: the words are no codes, or the list is empty.
+        ModelError: the description contains something other than codes, or the list is empty.
     """
-    items = words if isinstance(words, (list, tuple)) else [words]
+    items = description if isinstance(description, (list, tuple)) else [description]
     if not items:
         raise ModelError("code = []: expected a code, or a list of codes", path=("code",))
     return tuple(_code(item) for item in items)

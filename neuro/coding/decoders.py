@@ -14,20 +14,20 @@ from neuro.core.errors import ModelError
 
 Ids = npt.NDArray[np.int64]
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
-"""Of a vector's length, in shares of what it sums: angles up to pi are rounded, too."""
+"""Rounding error of the length of a vector sum, as a share of the added lengths. Angles up to pi are rounded, too."""
 
 
 def highest_rate(counts: npt.ArrayLike) -> Ids:
     """Return the neurons with the highest firing rate (HFR).
 
     Args:
-        counts: (n,) spikes of each neuron in the same time, e.g. ``np.bincount(ids, minlength=n)``, or rates.
+        counts: (n,) number of spikes of each neuron in the same time, e.g. ``np.bincount(ids, minlength=n)``, or rates.
 
     Returns:
         ids of all neurons with the highest rate, ascending; empty if no neuron fired.
 
     Raises:
-        ModelError: `counts` is no list of finite numbers, or one is below 0.
+        ModelError: `counts` is no list of finite numbers, or a number is below 0.
 
     Source: thesis section 2.5, line 759.
     """
@@ -39,7 +39,8 @@ def first_to_fire(times: npt.ArrayLike) -> Ids:
     """Return the neurons that fire first (F2F).
 
     Args:
-        times: (n,) first spike of each neuron, or (n, spikes) of all, in any unit; NaN stands for no spike.
+        times: (n,) time of the first spike of each neuron, or (n, spikes) times of all spikes, in any unit; NaN stands
+            for no spike.
 
     Returns:
         ids of all neurons with the first time, ascending; empty if no neuron fired.
@@ -68,7 +69,7 @@ def rank_order(
     The activation is largest if the inputs fire in the order of descending weights.
 
     Args:
-        times: (n,) spike of each input, in any unit; NaN stands for no spike and adds 0.
+        times: (n,) time of the spike of each input, in any unit; NaN stands for no spike and adds 0.
         weights: (..., n) weights of each neuron's inputs.
         modulation: factor from one rank to the next, in (0, 1].
         ties: see `rank`.
@@ -83,28 +84,28 @@ def rank_order(
     Source: Thorpe & Gautrais, "Rank order coding", Computational Neuroscience: Trends in Research (1998).
     """
     argument("modulation", modulation, above=0, at_most=1)
-    at, w = _list(_times(times), "times"), finite(weights, "weights")
-    if w.shape[-1:] != at.shape:
-        raise ModelError(f"weights has the shape {list(w.shape)}, expected [..., {at.size}], a weight for each time")
-    spiked = np.flatnonzero(~np.isnan(at))
-    factors = np.zeros(at.size)
-    factors[spiked] = modulation ** (rank(-at[spiked], ties) - 1.0)
+    spikes, w = _list(_times(times), "times"), finite(weights, "weights")
+    if w.shape[-1:] != spikes.shape:
+        raise ModelError(f"weights has the shape {list(w.shape)}, expected [..., {spikes.size}], one for each time")
+    spiked = np.flatnonzero(~np.isnan(spikes))
+    factors = np.zeros(spikes.size)
+    factors[spiked] = modulation ** (rank(-spikes[spiked], ties) - 1.0)
     return np.asarray(w @ factors)
 
 
 def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Floats:
-    """The direction that a population tells: the angle of ``sum of c exp(i theta)``.
+    """Return the direction that a population encodes: the angle of ``sum of c exp(i theta)``.
 
     Args:
         activity: (..., n) counts or rates of neurons, at least 0.
-        directions: (n,) what each prefers, rad.
+        directions: (n,) preferred direction of each neuron, rad.
 
     Returns:
-        Angles in [-pi, pi], rad, the shape of ``activity`` without its last axis; NaN where no neuron fired, or
-        activity cancels to what rounding leaves.
+        Angles in [-pi, pi], rad, the shape of ``activity`` without its last axis; NaN if no neuron fired, or if
+        the activities cancel except for rounding.
 
     Raises:
-        ModelError: a value is not finite, below 0, or directions of another number of neurons.
+        ModelError: a value is not finite or below 0, or the number of directions differs from that of neurons.
 
     Source: Georgopoulos, Schwartz & Kettner, Science 233 (1986).
     """
@@ -123,7 +124,7 @@ def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
     ``1 - exp(-d / tau)`` for a spike moved by d.
 
     Args:
-        times: (n,) spikes of one train in any order, ms; NaN is ignored.
+        times: (n,) spike times of one train in any order, ms; NaN is ignored.
         tau: time constant, ms.
         at: times t of the values, any shape, ms.
 
@@ -140,10 +141,10 @@ def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
     spikes = np.sort(train[~np.isnan(train)])
     if not spikes.size:
         return np.zeros(t.shape)
-    falls = np.exp([(a - b) / scale for a, b in pairwise(spikes)])
-    level = np.array(list(accumulate(falls, lambda x, fall: x * fall + 1.0, initial=1.0)))
-    last = np.searchsorted(spikes, t, side="right") - 1
-    f: Floats = np.where(last < 0, 0.0, level[last] * np.exp(-np.maximum(t - spikes[last], 0.0) / scale))
+    decays = np.exp([(a - b) / scale for a, b in pairwise(spikes)])
+    level = np.array(list(accumulate(decays, lambda x, fall: x * fall + 1.0, initial=1.0)))
+    index = np.searchsorted(spikes, t, side="right") - 1
+    f: Floats = np.where(index < 0, 0.0, level[index] * np.exp(-np.maximum(t - spikes[index], 0.0) / scale))
     return f
 
 

@@ -1,12 +1,12 @@
-"""Sounds to spikes: a bank of filters as a cochlea, half-wave rectified, and three codes of what it gives.
+"""Sounds to spikes: a bank of filters as a cochlea, half-wave rectified, and three codes of its output.
 
 | step | by |
 | --- | --- |
 | sound to channels | `Cochlea` (gammatone filters, sample by sample), `MelBands` (bands of spectra, frame by frame) |
 | channels to spikes | `HairCells` (integrate-and-fire), `crossings` (passed thresholds), rates |
 
-All are streams: pieces of a sound give what the whole gives. Rates are the levels times a largest rate, which
-`neuro.coding.poisson` makes into spikes.
+All of them are streams: a sound in pieces gives the same result as the whole sound. Rates are the levels times a
+largest rate, and `neuro.coding.poisson` turns them into spikes.
 
 Source: gammatone filters: Slaney, Apple Computer Technical Report 35, 1993; mel scale: O'Shaughnessy, Speech
 Communication, 1987; spikes of integrate-and-fire cells behind a half-wave rectifier: Cramer, Stradmann, Schemmel &
@@ -28,27 +28,27 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 BANDWIDTH = 1.019
-"""Of a gammatone filter, in equivalent rectangular bandwidths (Patterson et al., 1992)."""
+"""Bandwidth of a gammatone filter in equivalent rectangular bandwidths (Patterson et al., 1992)."""
 _SILENCE = 1e-12
 
 
 class Cochlea:
-    """Gammatone filters side by side, each followed by a half-wave rectifier; it hears a sound in pieces.
+    """Gammatone filters side by side, each followed by a half-wave rectifier, for a sound in pieces.
 
     Centres are evenly spaced in equivalent rectangular bandwidths (Glasberg and Moore, 1990). A tone of the amplitude 1
-    at the centre of a channel gives half-waves of the amplitude 1 there.
+    at the centre of a channel gives half-waves of the amplitude 1 in that channel.
 
     Args:
-        rate: samples of a second, Hz.
-        channels: filters, 1 to 1024.
-        low: centre of the lowest, Hz.
-        high: centre of the highest, Hz, at most half of the rate.
+        rate: sampling rate, Hz.
+        channels: number of filters, 1 to 1024.
+        low: centre of the lowest filter, Hz.
+        high: centre of the highest filter, Hz, at most half of the rate.
 
     Attributes:
-        centres: of the filters, Hz, ascending, shape (channels,).
+        centres: centres of the filters, Hz, ascending, shape (channels,).
 
     Raises:
-        ModelError: a number is out of its bounds.
+        ModelError: a number is out of bounds.
     """
 
     def __init__(self, rate: float, channels: int = 64, low: float = 80.0, high: float = 3600.0) -> None:
@@ -61,7 +61,7 @@ class Cochlea:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was heard: the next sample is the first."""
+        """Discard all samples so far: the next sample is the first."""
         self._states = [np.zeros((4, 2)) for _ in self._filters]
 
     def hear(self, sound: npt.ArrayLike) -> Floats:
@@ -74,7 +74,7 @@ class Cochlea:
             half-waves, at least 0, shape (samples, channels).
 
         Raises:
-            ModelError: `sound` is no row of finite numbers.
+            ModelError: `sound` is not a list of finite numbers.
         """
         from scipy.signal import sosfilt
 
@@ -87,17 +87,17 @@ class Cochlea:
 
 
 class HairCells:
-    """A leaky integrate-and-fire cell for each channel: tau v' = drive - v; it spikes at v >= 1 and begins at 0.
+    """A leaky integrate-and-fire cell for each channel: tau v' = drive - v. The cell spikes at v >= 1; v begins at 0.
 
     Args:
-        channels: cells.
-        rate: samples of a second, Hz.
-        gain: by which a drive is multiplied.
-        tau: of the leak, ms.
+        channels: number of cells.
+        rate: sampling rate, Hz.
+        gain: factor on the drive.
+        tau: time constant of the leak, ms.
         refractory: time after a spike in which a cell stays at 0, ms.
 
     Raises:
-        ModelError: a number is out of its bounds.
+        ModelError: a number is out of bounds.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class HairCells:
             drive: output of channels, shape (samples, channels).
 
         Returns:
-            times since the first sample of all in ms, ascending, and the channel of each.
+            spike times since the first sample after `reset` in ms, ascending, and the channel of each spike.
 
         Raises:
             ModelError: the drive has another shape, or is not finite.
@@ -160,7 +160,7 @@ class MelBands:
 
     Args:
         rate: sampling rate, Hz.
-        channels: bands, 1 to 1024.
+        channels: number of bands, 1 to 1024.
         low: lower end of the lowest band, Hz.
         high: upper end of the highest band, Hz; by default half of the rate.
         window: length of a frame's Hann window, ms.
@@ -196,7 +196,7 @@ class MelBands:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was heard: the next sample is the first."""
+        """Discard all samples so far: the next sample is the first."""
         self._seen = np.zeros(len(self._window))
 
     def hear(self, sound: npt.ArrayLike) -> Floats:
@@ -206,10 +206,10 @@ class MelBands:
             sound: samples, shape (samples,).
 
         Returns:
-            levels in dB of a band's energy, -120 for silence, shape (frames, channels).
+            energy of each band in dB, -120 for silence, shape (frames, channels).
 
         Raises:
-            ModelError: `sound` is no row of finite numbers.
+            ModelError: `sound` is not a list of finite numbers.
         """
         samples, width = np.concatenate((self._seen, _row(sound))), len(self._window)
         frames = (len(samples) - width) // self._step
@@ -222,30 +222,30 @@ class MelBands:
 
 
 def crossings(levels: npt.ArrayLike, thresholds: npt.ArrayLike, before: npt.ArrayLike | None = None) -> Floats:
-    """Spikes where a channel passes a threshold between two frames, upward and downward.
+    """Return a spike for each threshold that a channel passes between two frames, upward and downward.
 
     Args:
-        levels: of channels, shape (frames, channels).
+        levels: levels of the channels, shape (frames, channels).
         thresholds: ascending, shape (thresholds,), in the unit of the levels.
-        before: the frame before the first, shape (channels,), such as the last of the piece before; below all
-            thresholds if not given.
+        before: frame before the first one, shape (channels,), e.g. the last frame of the previous piece; by default
+            all its levels are below all thresholds.
 
     Returns:
         1 for a spike, else 0, shape (frames, 2, thresholds, channels): downward, then upward.
 
     Raises:
-        ModelError: a shape is another one, thresholds do not ascend, or a number is not finite.
+        ModelError: a shape is wrong, thresholds do not ascend, or a number is not finite.
     """
     values, bars = finite(levels, "levels"), finite(thresholds, "thresholds")
     if values.ndim != 2:
         raise ModelError(f"levels: found the shape {values.shape}: expected (frames, channels)")
     if bars.ndim != 1 or not len(bars) or (np.diff(bars) <= 0).any():
         raise ModelError("thresholds: expected ascending numbers in a row, at least one")
-    first = np.full(values.shape[1], -np.inf) if before is None else finite(before, "before")
-    if first.shape != values.shape[1:]:
-        raise ModelError(f"before: found the shape {first.shape}: expected ({values.shape[1]},)")
-    above = np.concatenate((first[None], values))[:, None, :] >= bars[:, None]
-    change = np.diff(above.astype(np.int8), axis=0)
+    previous = np.full(values.shape[1], -np.inf) if before is None else finite(before, "before")
+    if previous.shape != values.shape[1:]:
+        raise ModelError(f"before: found the shape {previous.shape}: expected ({values.shape[1]},)")
+    is_above = np.concatenate((previous[None], values))[:, None, :] >= bars[:, None]
+    change = np.diff(is_above.astype(np.int8), axis=0)
     return np.stack((change < 0, change > 0), axis=1).astype(np.float64)
 
 
@@ -259,12 +259,12 @@ def _row(sound: npt.ArrayLike) -> Floats:
 
 
 def _erbs(f: float) -> float:
-    """Equivalent rectangular bandwidths below a frequency in Hz (Glasberg and Moore, 1990)."""
+    """Return the number of equivalent rectangular bandwidths below a frequency in Hz (Glasberg and Moore, 1990)."""
     return float(21.4 * np.log10(1.0 + 0.00437 * f))
 
 
 def _gammatone(centre: float, rate: float) -> Floats:
-    """Four sections of second order, whose product has the gain 1 at the centre (Slaney 1993)."""
+    """Return four filters of second order, whose product has the gain 1 at the centre (Slaney 1993)."""
     t, width = 1.0 / rate, 2.0 * np.pi * BANDWIDTH * 24.7 * (0.00437 * centre + 1.0)
     angle, decay = 2.0 * np.pi * centre * t, np.exp(-width * t)
     sections = np.zeros((4, 6))
@@ -277,7 +277,7 @@ def _gammatone(centre: float, rate: float) -> Floats:
 
 
 def _triangles(channels: int, low: float, high: float, bins: int, rate: float) -> Floats:
-    """The share of each frequency in each band, shape (frequencies, channels)."""
+    """Return the share of each frequency in each band, shape (frequencies, channels)."""
     mels = np.linspace(2595.0 * np.log10(1.0 + low / 700.0), 2595.0 * np.log10(1.0 + high / 700.0), channels + 2)
     edges = 700.0 * (10.0 ** (mels / 2595.0) - 1.0)
     f = np.arange(bins // 2 + 1)[:, None] * rate / bins

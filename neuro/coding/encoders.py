@@ -31,11 +31,11 @@ def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: f
         Spike times, shape of ``r``, in [0, window].
 
     Raises:
-        ModelError: a value is not a number, not ``r_min < r_max``, ``window`` not positive, or a value outside of
-            the range.
+        ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``, or ``window`` is
+            not positive.
 
-    Source: thesis eq. 14, line 689, with its misprint corrected: as printed it gives late spikes to high
-        values, against the sentence before it.
+    Source: thesis eq. 14, line 689, with its misprint corrected: the printed equation gives late spikes to
+        high values, which contradicts the sentence before it.
     """
     check_bounds(r_min, r_max)
     length, values = argument("window", window, above=0), numbers(r, "r")
@@ -50,18 +50,18 @@ def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, windo
     ``t = window (ln r_max - ln r) / (ln r_max - ln r_min)``
 
     Args:
-        r: values between ``r_min`` and ``r_max``, or at most 0, which have no logarithm and no spike; any shape and
-            unit.
+        r: values between ``r_min`` and ``r_max``, any shape and unit. A value of at most 0 has no logarithm, so it has
+            no spike.
         r_min: the value that spikes last; more than 0.
         r_max: the value that spikes first.
         window: length of the code, in the unit wanted for the times (ms).
 
     Returns:
-        Spike times, shape of ``r``, in [0, window]; NaN where there is no spike.
+        Spike times, shape of ``r``, in [0, window]; NaN stands for no spike.
 
     Raises:
-        ModelError: a value is not a number, not ``0 < r_min < r_max``, ``window`` not positive, or a value above 0
-            outside of the range.
+        ModelError: a value is not a number, a value above 0 is outside of the range, ``0 < r_min < r_max`` does not
+            hold, or ``window`` is not positive.
 
     Source: thesis eq. 15, line 693.
     """
@@ -80,15 +80,15 @@ def rank(r: npt.ArrayLike, ties: Literal["order", "dense"] = "order", window: fl
 
     Args:
         r: values, any shape and unit; all are ranked together.
-        ties: "order": equal values spike one after the other, the first in C order first; "dense": they share a
-            rank, and the next value has the next one.
-        window: length of the code; the ranks themselves are the times if it is not given (ms).
+        ties: "order": equal values spike one after the other, in C order; "dense": equal values share a rank, and the
+            next smaller value has the next rank.
+        window: length of the code; by default the ranks themselves are the times (ms).
 
     Returns:
         Spike times, shape of ``r``: the ranks 1 to n, or ``window rank / n`` for n values.
 
     Raises:
-        ModelError: a value is not finite, another word for ``ties``, or ``window`` not positive.
+        ModelError: a value is not finite, ``ties`` is another word, or ``window`` is not positive.
 
     Source: thesis section 2.3.2, line 697.
     """
@@ -122,8 +122,8 @@ def rate(r: npt.ArrayLike, r_min: float, r_max: float, max_rate: float, min_rate
         Rates in Hz, shape of ``r``.
 
     Raises:
-        ModelError: a value is not a number, not ``r_min < r_max``, not ``0 <= min_rate < max_rate``, or a value
-            outside of the range.
+        ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``, or
+            ``0 <= min_rate < max_rate`` does not hold.
 
     Source: thesis eq. 12, line 672: a rate is a number of spikes over a time.
     """
@@ -152,14 +152,14 @@ def population(
 
     Args:
         r: values between ``r_min`` and ``r_max``, any shape and unit.
-        n: neurons for each value, at least 3.
+        n: number of neurons for each value, at least 3.
         r_min: the smallest value.
         r_max: the largest value.
         max_rate: rate of a neuron at the centre of its field, Hz.
         fields: "gaussian" on a line or "cosine" on a circle.
 
     Returns:
-        rates in Hz, the shape of ``r`` and an axis of n.
+        rates in Hz, the shape of ``r`` and an axis of n neurons.
 
     Raises:
         ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``, ``n`` or
@@ -178,21 +178,22 @@ def population(
         angle = 2.0 * np.pi * ((values[..., None] - r_min) / (r_max - r_min) - neurons / neurons.size)
         return peak * np.maximum(np.cos(angle), 0.0)
     distance = (r_max - r_min) / (neurons.size - 2)
-    away = (values[..., None] - r_min) / distance - (neurons - 0.5)
-    activity: Floats = peak * np.exp(-0.5 * (_WIDTHS * away) ** 2)
+    offsets = (values[..., None] - r_min) / distance - (neurons - 0.5)
+    activity: Floats = peak * np.exp(-0.5 * (_WIDTHS * offsets) ** 2)
     return activity
 
 
 MOST_SPIKES = 2**28
-"""Numbers that a table of spike times may have."""
-_ROUNDING = 1e-9  # a product that is a whole number but for rounding is that number
+"""Largest number of spike times in a table."""
+_ROUNDING = 1e-9  # a product this close to a whole number counts as that number
 
 
 def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
     """Poisson trains: the number of spikes follows ``(lambda T)^k exp(-lambda T) / k!``, and spike times are uniform.
 
-    Mean and variance of the number are lambda T. At most one spike in a step h would not keep both: with the
-    probability lambda h the variance is (1 - lambda h) times the mean, with 1 - exp(-lambda h) the rate is too small.
+    Mean and variance of the number are lambda T. At most one spike in a step h would change mean or variance: with
+    the probability lambda h the variance is (1 - lambda h) times the mean, with 1 - exp(-lambda h) the rate is too
+    small.
 
     Args:
         r: rates, Hz, at least 0, any shape.
@@ -206,7 +207,7 @@ def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
         ModelError: a value is not finite, a rate is below 0, ``window`` is not positive, or there are too many
             spikes.
 
-    Source: thesis eq. 13, line 676, which lacks the T of its own words.
+    Source: thesis eq. 13, line 676. The equation lacks the T that its text names.
     """
     length: float = argument("window", window, above=0)
     rates = finite(r, "r", unit="Hz", at_least=0)
@@ -216,46 +217,46 @@ def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
         raise ModelError(f"{message}, expected a table of at most {MOST_SPIKES} times", path=("window",))
     rng = generator(argument("seed", seed, kind="integer", at_least=0, at_most=2**64 - 1), "code", "poisson")
     counts = np.asarray(rng.poisson(mean))
-    most = int(counts.max(initial=0))
-    times = rng.random((*mean.shape, most)) * length
-    times[np.arange(most) >= counts[..., None]] = np.nan
+    longest_train = int(counts.max(initial=0))
+    times = rng.random((*mean.shape, longest_train)) * length
+    times[np.arange(longest_train) >= counts[..., None]] = np.nan
     times.sort(axis=-1)
     return times
 
 
 def phase(r: npt.ArrayLike, r_min: float, r_max: float, window: float, bits: int = 8) -> Floats:
-    """Phase code: the k-th phase of a window has a spike where the k-th binary digit is 1, and weighs 2^-(k+1).
+    """Phase code: the k-th phase of a window has a spike of weight 2^-(k+1) if the k-th binary digit is 1.
 
-    The share ``P = (r - r_min) / (r_max - r_min)`` is rounded to the nearest multiple of 2^-bits, so that the spikes'
-    weights sum to P within 2^-(bits+1); above the largest sum, 1 - 2^-bits, all phases spike.
+    The share ``P = (r - r_min) / (r_max - r_min)`` is rounded to the nearest multiple of 2^-bits, so the weights of
+    the spikes sum to P within 2^-(bits+1). All phases spike for a share above the largest sum, 1 - 2^-bits.
 
     Args:
         r: values between ``r_min`` and ``r_max``, any shape and unit.
         r_min: the value without a spike.
         r_max: the value whose phases all spike.
         window: length of all phases together (ms).
-        bits: how many phases there are, 1 to 52.
+        bits: number of phases, 1 to 52.
 
     Returns:
         Spike times, the shape of ``r`` and an axis of phases, most significant first: ``window k / bits`` or NaN.
 
     Raises:
-        ModelError: a value is not a number, not ``r_min < r_max``, ``window`` not positive, ``bits`` out of bounds,
-            or a value outside of the range.
+        ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``, ``window`` is not
+            positive, or ``bits`` is out of bounds.
 
     Source: Kim, Kim, Huh, Lee & Choi, Neurocomputing 311 (2018), "Deep neural networks with weighted spikes".
     """
     n = argument("bits", bits, kind="integer", at_least=1, at_most=52)
     length: float = argument("window", window, above=0)
     levels = np.minimum(np.rint(share(r, r_min, r_max) * 2.0**n), 2.0**n - 1).astype(np.int64)
-    ones = levels[..., None] >> np.arange(n - 1, -1, -1) & 1
-    return np.where(ones == 1, length * np.arange(n) / n, np.nan)
+    digits = levels[..., None] >> np.arange(n - 1, -1, -1) & 1
+    return np.where(digits == 1, length * np.arange(n) / n, np.nan)
 
 
 def burst(
     r: npt.ArrayLike, r_min: float, r_max: float, n_max: int = 5, t_max: float = 20.0, t_min: float = 2.0
 ) -> Floats:
-    """Burst code: a larger value has more spikes, nearer to each other.
+    """Burst code: a larger value has more spikes at shorter intervals.
 
     With ``P = (r - r_min) / (r_max - r_min)``: ``ceil(n_max P)`` spikes, the first at 0, at intervals of
     ``ceil(t_max - (t_max - t_min) P)``.
@@ -264,7 +265,7 @@ def burst(
         r: values between ``r_min`` and ``r_max``, any shape and unit.
         r_min: the value without a spike.
         r_max: the value with most spikes.
-        n_max: the most spikes of a burst.
+        n_max: largest number of spikes of a burst.
         t_max: the longest interval (ms).
         t_min: the shortest interval, above 0 and at most ``t_max`` (ms).
 
@@ -272,24 +273,24 @@ def burst(
         Spike times, the shape of ``r`` and an axis of ``n_max`` spikes, NaN where a burst has ended.
 
     Raises:
-        ModelError: a value is not a number, not ``r_min < r_max``, not ``0 < t_min <= t_max``, ``n_max`` no whole
-            number, or a value outside of the range.
+        ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``,
+            ``0 < t_min <= t_max`` does not hold, or ``n_max`` is not a whole number.
 
     Source: Guo, Fouda, Eltawil & Salama, Front. Neurosci. 15 (2021), "Neural coding in spiking neural networks: a
         comparative study".
     """
-    most = argument("n_max", n_max, kind="integer", at_least=1, at_most=1000)
+    most_spikes = argument("n_max", n_max, kind="integer", at_least=1, at_most=1000)
     shortest, longest = argument("t_min", t_min, above=0), argument("t_max", t_max, above=0)
     if shortest > longest:
         raise ModelError(f"t_min is {t_min} and t_max {t_max}, expected t_min <= t_max", path=("t_min",))
     p = share(r, r_min, r_max)[..., None]
     interval = np.ceil(longest - (longest - shortest) * p - _ROUNDING)
-    spikes = np.arange(most)
-    return np.where(spikes < np.ceil(most * p - _ROUNDING), spikes * interval, np.nan)
+    spikes = np.arange(most_spikes)
+    return np.where(spikes < np.ceil(most_spikes * p - _ROUNDING), spikes * interval, np.nan)
 
 
 def check_bounds(r_min: float, r_max: float) -> None:
-    """Refuse bounds that are NaN, or not in this order."""
+    """Raise an error if a bound is NaN or the bounds are not in this order."""
     argument("r_min", r_min)
     argument("r_max", r_max)
     if not r_min < r_max:
@@ -297,14 +298,14 @@ def check_bounds(r_min: float, r_max: float) -> None:
 
 
 def check_inside(values: Floats, r_min: float, r_max: float) -> None:
-    """Refuse a value outside of the bounds, or none."""
+    """Raise an error if a value is NaN or outside of the bounds."""
     outside = ~((values >= r_min) & (values <= r_max))
     if outside.any():
         raise ModelError(f"value {values[outside][0]} is outside of [{r_min}, {r_max}]", path=("r",))
 
 
 def share(r: npt.ArrayLike, r_min: float, r_max: float) -> Floats:
-    """Return the place of values between their bounds: 0 at ``r_min``, 1 at ``r_max``.
+    """Return the positions of values between their bounds: 0 at ``r_min``, 1 at ``r_max``.
 
     Raises:
         ModelError: ``r_min`` is not below ``r_max``, or a value is NaN or outside of the bounds.
@@ -319,10 +320,10 @@ Ints = npt.NDArray[np.int64]
 
 
 def check_pixels(shape: Sequence[int | str]) -> None:
-    """Refuse the shape of a population that is none of pixels.
+    """Raise an error if the shape of a population is not a shape of pixels.
 
     Raises:
-        ModelError: it is neither (2, rows, columns) nor (rows, columns).
+        ModelError: the shape is neither (2, rows, columns) nor (rows, columns).
     """
     if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
         raise ModelError(f"shape {list(shape)}: expected [2, rows, columns], OFF then ON, or [rows, columns]")
@@ -335,34 +336,34 @@ PIXEL_SPIKE = on_numbers(6, 6)
 def pixel_spikes(
     events: Any, shape: Sequence[int], step: float, *, steps: int | None = None, scale: int = 1, start: float = 0.0
 ) -> tuple[Ints, Ints]:
-    """The steps and neurons of the spikes that a recording is, one for each event, in the order of the events.
+    """Return the steps and neurons of the spikes of a recording, one for each event, in the order of the events.
 
     Args:
-        events: `neuro.events.Events`, or what has their `t` (us), `x`, `y` (px) and `p`.
-        shape: of the population: (2, rows, columns), OFF then ON, or (rows, columns) where both count as one.
-        step: of the network, ms.
-        steps: events from this step on are left out; all are seen if not given.
-        scale: pixels in a row and in a column that are one neuron.
-        start: ms from the first event to the first step; what comes before is left out.
+        events: `neuro.events.Events`, or an object with the attributes `t` (us), `x`, `y` (px) and `p`.
+        shape: shape of the population: (2, rows, columns), OFF then ON, or (rows, columns) for both together.
+        step: step of the network, ms.
+        steps: number of steps; later events are left out. By default no event is left out at the end.
+        scale: side of the square of pixels that share a neuron, px.
+        start: time from the first event to the first step, ms; earlier events are left out.
 
     Returns:
         Steps from 0 on, and neurons, both (spikes,).
 
     Raises:
-        ModelError: the shape is another, an event lies outside, or the step is no whole number of us.
+        ModelError: the shape is not one of pixels, an event lies outside, or the step is not a whole number of us.
     """
     check_pixels(shape)
     if abs(step * 1000.0 - round(step * 1000.0)) > 1e-6:
         raise ModelError(f"steps of {step:g} ms: expected whole microseconds, as events have them")
     rows, columns = shape[-2:]
-    since = events.t - (events.t[0] if len(events.t) else 0) - round(start * 1000.0)
-    at = np.floor_divide(since, round(step * 1000.0)).astype(np.int64)
-    inside = (at >= 0) if steps is None else (at >= 0) & (at < steps)
-    x, y = (np.asarray(each, dtype=np.int64)[inside] // scale for each in (events.x, events.y))
+    times_us = events.t - (events.t[0] if len(events.t) else 0) - round(start * 1000.0)
+    step_of_event = np.floor_divide(times_us, round(step * 1000.0)).astype(np.int64)
+    is_inside = (step_of_event >= 0) if steps is None else (step_of_event >= 0) & (step_of_event < steps)
+    x, y = (np.asarray(positions, dtype=np.int64)[is_inside] // scale for positions in (events.x, events.y))
     for k in np.flatnonzero((x >= columns) | (y >= rows))[:1]:
         message = f"an event at x = {x[k] * scale}, y = {y[k] * scale} px"
         raise ModelError(f"{message}: expected within the shape {list(shape)} at scale {scale}")
     neuron = y * columns + x
     if len(shape) == 3:
-        neuron = neuron + np.asarray(events.p, dtype=np.int64)[inside] * (rows * columns)
-    return at[inside], neuron
+        neuron = neuron + np.asarray(events.p, dtype=np.int64)[is_inside] * (rows * columns)
+    return step_of_event[is_inside], neuron

@@ -162,17 +162,17 @@ class Fields:
 
     def _layout(self, members: Sequence[Sequence[int]], cells: Sequence[int]) -> None:
         """Number the neurons of each grid or group, from the number of neurons along each dimension."""
-        stride, first = [], []
+        strides, first_neurons = [], []
         for chosen in members:
             steps = np.cumprod([1, *(cells[d] for d in chosen)], dtype=np.float64)
-            stride.append(steps[:-1])
-            first.append(self.size)
+            strides.append(steps[:-1])
+            first_neurons.append(self.size)
             if self.size + steps[-1] > MOST:
                 raise self._too_many()
             self.size += int(steps[-1])
-        self.active = len(first)
+        self.active = len(first_neurons)
         self._member = np.array(members, dtype=np.int64)
-        self._stride, self._first = np.array(stride, dtype=np.int64), np.array(first, dtype=np.int64)
+        self._stride, self._first = np.array(strides, dtype=np.int64), np.array(first_neurons, dtype=np.int64)
 
     def _too_many(self) -> ModelError:
         return ModelError(
@@ -209,17 +209,15 @@ class _Grids(Fields):
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
         """Return the spikes of some vectors, see `Fields.spikes`. The phase of a neuron is its index modulo 5."""
-        n = len(vectors)
+        n, vectors = len(vectors), np.ascontiguousarray(vectors)
         limit = n * self.active * len(range(0, ticks - 1, PERIOD if rng is None else 1))
-        when, ids, count = np.empty(limit, np.int64), np.empty(limit, np.int64), np.zeros(n + 1, np.int64)
+        spike_ticks, ids, count = np.empty(limit, np.int64), np.empty(limit, np.int64), np.zeros(n + 1, np.int64)
         cells = np.empty(self.active, np.int64)
         draws = _NONE if rng is None else rng.random((n, ticks, self.active))
         parts = (self._member, self._stride, self._shift, self._first)
-        _spikes(
-            np.ascontiguousarray(vectors), parts, self._ends, self._fields, ticks - 1, draws, cells, count, when, ids
-        )
+        _spikes(vectors, parts, self._ends, self._fields, ticks - 1, draws, cells, count, spike_ticks, ids)
         total = count[-1]
-        return count, when[:total], ids[:total]
+        return count, spike_ticks[:total], ids[:total]
 
     def work(self, ticks: int, poisson: bool = False) -> Work:
         """Return the operations for one vector, see `Fields.work`.
@@ -300,19 +298,19 @@ class OneHot(_Grids):
     """
 
     def __init__(self, dimensions: Sequence[Dimension]) -> None:
-        super().__init__([_with_states(one) for one in dimensions], 1, 2, 1)
+        super().__init__([_with_states(dimension) for dimension in dimensions], 1, 2, 1)
 
 
-def _with_states(one: Dimension) -> Dimension:
+def _with_states(number: Dimension) -> Dimension:
     """Return a dimension with a state for each of its values."""
-    if one.states:
-        return one
-    if not (one.whole and one.bounded):
+    if number.states:
+        return number
+    if not (number.whole and number.bounded):
         raise ModelError(
-            f"one_hot: {one.name} is continuous: expected a number of values, as of Discrete or a Box of integers",
+            f"one_hot: {number.name} is continuous: expected a number of values, as of Discrete or a Box of integers",
             hint="places, tiles and population take continuous dimensions",
         )
-    return replace(one, states=int(one.high - one.low) + 1, first=int(one.low))
+    return replace(number, states=int(number.high - number.low) + 1, first=int(number.low))
 
 
 class Population(Fields):
@@ -344,14 +342,14 @@ class Population(Fields):
         """Return the spikes of some vectors, see `Fields.spikes`. Phases of neurons are spread evenly."""
         n = len(vectors)
         limit = n * self._room * (ticks - 1)
-        when, ids, count = np.empty(limit, np.int64), np.empty(limit, np.int64), np.zeros(n + 1, np.int64)
+        spike_ticks, ids, count = np.empty(limit, np.int64), np.empty(limit, np.int64), np.zeros(n + 1, np.int64)
         draws = _NONE if rng is None else rng.random((n, ticks, self._room))
-        at = 0
+        end = 0
         for k in range(n):
             cells, amounts = self.activity(vectors[k])
-            at = _bell_spikes(cells, amounts, ticks - 1, draws[k : k + 1], at, when, ids)
-            count[k + 1] = at
-        return count, when[:at], ids[:at]
+            end = _bell_spikes(cells, amounts, ticks - 1, draws[k : k + 1], end, spike_ticks, ids)
+            count[k + 1] = end
+        return count, spike_ticks[:end], ids[:end]
 
     def work(self, ticks: int, poisson: bool = False) -> Work:
         """Return the operations for one vector, see `Fields.work`.
@@ -361,7 +359,7 @@ class Population(Fields):
         and a stride for each dimension, and a comparison with the least activity. A tick of regular spikes takes the
         phase, two sums and two roundings, a tick of random spikes a comparison.
         """
-        bells = [1 if one.states else min(NEAR, int(self._fields)) for one in self.dimensions]
+        bells = [1 if dimension.states else min(NEAR, int(self._fields)) for dimension in self.dimensions]
         groups = [[bells[d] for d in group] for group in self._groups]
         macs = self._placing(4, 1) + sum(5 * n for group in groups for n in group if n > 1)
         combinations = sum(math.prod(group) for group in groups)
@@ -413,31 +411,31 @@ def _spikes(
     draws: Floats,
     cell: Ints,
     count: Ints,
-    when: Ints,
+    spike_ticks: Ints,
     ids: Ints,
 ) -> None:
-    """Fill `when` and `ids` with the spikes of each vector, by tick, then id; `draws` is empty for regular spikes."""
+    """Write the spikes of each vector to `spike_ticks` and `ids`, by tick, then id. Empty `draws`: regular spikes."""
     member, stride, shift, first = parts
-    at = 0
+    end = 0
     for k in range(vectors.shape[0]):
         for g in range(member.shape[0]):
-            place = first[g]
+            neuron = first[g]
             for j in range(member.shape[1]):
                 d = member[g, j]
                 x = vectors[k, d]
                 if ends[STATES, d] > 0.0:
-                    inside = min(max(x - ends[LOW, d], 0.0), ends[STATES, d] - 1.0)
+                    position = min(max(x - ends[LOW, d], 0.0), ends[STATES, d] - 1.0)
                 else:
-                    inside = _share(x, ends, d) * fields * (1.0 - 1e-12) + shift[g, j]
-                place += stride[g, j] * np.int64(inside)
-            cell[g] = place
+                    position = _share(x, ends, d) * fields * (1.0 - 1e-12) + shift[g, j]
+                neuron += stride[g, j] * np.int64(position)
+            cell[g] = neuron
         # Cells of later grids have larger indices, so the cells are sorted.
         for tick in range(1, last + 1):
             for g in range(member.shape[0]):
                 if draws[k, tick, g] * PERIOD < 1.0 if draws.size else (tick - 1) % PERIOD == cell[g] % PERIOD:
-                    when[at], ids[at] = tick, cell[g]
-                    at += 1
-        count[k + 1] = at
+                    spike_ticks[end], ids[end] = tick, cell[g]
+                    end += 1
+        count[k + 1] = end
 
 
 @kernel
@@ -457,24 +455,24 @@ def _bells(
     n = 0
     for g in range(member.shape[0]):
         combinations = 1
-        for j in range(member.shape[1]):  # the bells near the value, from `lowest[0]`, `lowest[1]` of them
+        for j in range(member.shape[1]):  # the bells near the value: lowest[1, j] bells from lowest[0, j] on
             d = member[g, j]
             if ends[STATES, d] > 0.0:
-                inside = min(max(vector[d] - ends[LOW, d], 0.0), ends[STATES, d] - 1.0)
-                lowest[0, j], lowest[1, j] = np.int64(inside), 1
+                position = min(max(vector[d] - ends[LOW, d], 0.0), ends[STATES, d] - 1.0)
+                lowest[0, j], lowest[1, j] = np.int64(position), 1
                 bells[j, 0] = 1.0
             else:
-                at = _share(vector[d], ends, d) * (fields - 2.0) + 0.5
-                lowest[0, j] = np.int64(max(0.0, np.floor(at + 0.5) - NEAR // 2))
+                position = _share(vector[d], ends, d) * (fields - 2.0) + 0.5
+                lowest[0, j] = np.int64(max(0.0, np.floor(position + 0.5) - NEAR // 2))
                 lowest[1, j] = np.int64(min(float(NEAR), fields - lowest[0, j]))
                 for i in range(lowest[1, j]):
-                    bells[j, i] = np.exp(-0.5 * (WIDTH * (at - (lowest[0, j] + i))) ** 2)
+                    bells[j, i] = np.exp(-0.5 * (WIDTH * (position - (lowest[0, j] + i))) ** 2)
             combinations *= lowest[1, j]
         for k in range(combinations):
-            cell, amount, rest = first[g], 1.0, k
+            cell, amount, remainder = first[g], 1.0, k
             for j in range(member.shape[1]):
-                i = rest % lowest[1, j]
-                rest //= lowest[1, j]
+                i = remainder % lowest[1, j]
+                remainder //= lowest[1, j]
                 cell += stride[g, j] * (lowest[0, j] + i)
                 amount *= bells[j, i]
             if amount >= SILENT:
@@ -484,14 +482,14 @@ def _bells(
 
 
 @kernel
-def _bell_spikes(cells: Ints, amounts: Floats, last: int, draws: Floats, at: int, when: Ints, ids: Ints) -> int:
-    """Write the spikes of one vector into `when` and `ids` from entry `at`, by tick; return the end of the entries."""
+def _bell_spikes(cells: Ints, amounts: Floats, last: int, draws: Floats, end: int, spike_ticks: Ints, ids: Ints) -> int:
+    """Write the spikes of one vector to `spike_ticks` and `ids` from entry `end`, by tick. Return the new end."""
     for tick in range(1, last + 1):
         for i in range(cells.size):
             amount = amounts[i] / PERIOD
             phase = (cells[i] * GOLDEN) % 1.0
             regular = np.floor(amount * tick + phase) > np.floor(amount * (tick - 1) + phase)
             if draws[0, tick, i] < amount if draws.size else regular:
-                when[at], ids[at] = tick, cells[i]
-                at += 1
-    return at
+                spike_ticks[end], ids[end] = tick, cells[i]
+                end += 1
+    return end

@@ -15,15 +15,15 @@ from neuro.core.errors import ModelError
 
 Floats = npt.NDArray[np.float64]
 BOUNDLESS = 1e6
-"""A bound beyond this is none: spaces name the largest float where they know none."""
+"""A bound beyond this number counts as infinite, because spaces name the largest float if they know no bound."""
 EXPECTED = "Box, Discrete, MultiDiscrete, MultiBinary, or a Dict or Tuple of these"
 
 
 def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> list[Dimension]:
-    """The dimensions of a space of observations, in the order of `flat`.
+    """Return the dimensions of a space of observations, in the order of `flat`.
 
     Raises:
-        ModelError: a part of it is of another kind.
+        ModelError: a part of the space is of another kind.
     """
     match space:
         case spaces.Discrete():
@@ -41,9 +41,9 @@ def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> lis
                 for k, (low, high) in enumerate(ends)
             ]
         case spaces.Dict():
-            return [one for key, part in _parts_by_key(space, name) for one in dimensions_of(part, f"{name}[{key!r}]")]
+            return [d for key, part in _parts_by_key(space, name) for d in dimensions_of(part, f"{name}[{key!r}]")]
         case spaces.Tuple():
-            return [one for k, part in enumerate(space.spaces) for one in dimensions_of(part, f"{name}[{k}]")]
+            return [d for k, part in enumerate(space.spaces) for d in dimensions_of(part, f"{name}[{k}]")]
     raise ModelError(f"{name} space: found {type(space).__name__}: expected {EXPECTED}")
 
 
@@ -60,15 +60,17 @@ def _bound(value: float) -> float:
 
 
 def flat(space: gymnasium.Space[Any], observation: Any, n: int = 0) -> Floats:
-    """Observations as vectors, (observations, dimensions), which stay: many environments write on in their arrays.
+    """Return observations as vectors, (observations, dimensions).
+
+    The vectors are copies, because many environments reuse the arrays of their observations.
 
     Args:
-        space: of one observation.
-        observation: one observation, or with `n` as many as a vector of environments gives them.
-        n: how many there are.
+        space: space of one observation.
+        observation: one observation, or with `n` the observations of a vector of environments.
+        n: number of environments; 0 for a single observation.
 
     Raises:
-        ModelError: one has another form than the space says, or holds NaN.
+        ModelError: an observation does not fit the space, or contains NaN.
     """
     leading = (n,) if n else ()
     try:
@@ -76,44 +78,44 @@ def flat(space: gymnasium.Space[Any], observation: Any, n: int = 0) -> Floats:
             vectors = np.concatenate([part.reshape(n or 1, -1) for part in _parts(space, observation, leading)], axis=1)
         else:
             vectors = _array(space, observation, leading).reshape(n or 1, -1)
-        whole, vectors = vectors.dtype.kind in "biu", vectors.astype(np.float64)
+        is_integer, vectors = vectors.dtype.kind in "biu", vectors.astype(np.float64)
     except (TypeError, ValueError, KeyError, IndexError, OverflowError):
         form_expected = f"{n} of {space}, one for each environment" if n else f"one of {space}"
         shape = getattr(observation, "shape", None)
         form = type(observation).__name__ if shape is None else f"an array of shape {list(shape)}"
         raise ModelError(f"observation: found {form}: expected {form_expected}") from None
-    if whole:
+    if is_integer:
         return vectors
-    good = np.isfinite(vectors)
-    if np.count_nonzero(good) < good.size:
-        bad = int(np.argmin(good))
-        which, d = divmod(bad, vectors.shape[1])
-        place = dimensions_of(space)[d].name + (f" of environment {which}" if n else "")
-        raise ModelError(f"{place} is {vectors.flat[bad]:g}: expected a finite number")
+    is_finite = np.isfinite(vectors)
+    if np.count_nonzero(is_finite) < is_finite.size:
+        bad = int(np.argmin(is_finite))
+        environment, d = divmod(bad, vectors.shape[1])
+        number = dimensions_of(space)[d].name + (f" of environment {environment}" if n else "")
+        raise ModelError(f"{number} is {vectors.flat[bad]:g}: expected a finite number")
     return vectors
 
 
 class States:
-    """The numbers of an observation that have states, and their values.
+    """The dimensions of an observation with states, and their values.
 
     Args:
         space: space of one observation.
     """
 
     def __init__(self, space: gymnasium.Space[Any]) -> None:
-        with_states = [(d, one) for d, one in enumerate(dimensions_of(space)) if one.states]
-        self._space, self._at = space, [d for d, _ in with_states]
-        self._first = np.array([one.first for _, one in with_states])
-        self._count = np.array([one.states for _, one in with_states])
+        with_states = [(d, dimension) for d, dimension in enumerate(dimensions_of(space)) if dimension.states]
+        self._space, self._columns = space, [d for d, _ in with_states]
+        self._first = np.array([dimension.first for _, dimension in with_states])
+        self._count = np.array([dimension.states for _, dimension in with_states])
 
     def check(self, vectors: Floats) -> Floats:
-        """The vectors, (observations, dimensions), as they are.
+        """Return the vectors, (observations, dimensions), unchanged.
 
         Raises:
-            ModelError: a number is none of its states.
+            ModelError: a number is not a state of its dimension.
         """
-        if self._at:
-            values = vectors[:, self._at]
+        if self._columns:
+            values = vectors[:, self._columns]
             bad = (values < self._first) | (values >= self._first + self._count) | (values != np.floor(values))
             if bad.any():
                 raise ModelError(f"observation: found {values[bad][0]:g}: expected one of {self._space}")
@@ -125,8 +127,8 @@ def _parts(space: gymnasium.Space[Any], value: Any, leading: tuple[int, ...]) ->
         for key, part in _parts_by_key(space):
             yield from _parts(part, value[key], leading)
     elif isinstance(space, spaces.Tuple):
-        for part, one in zip(space.spaces, value, strict=True):
-            yield from _parts(part, one, leading)
+        for part, part_value in zip(space.spaces, value, strict=True):
+            yield from _parts(part, part_value, leading)
     else:
         yield _array(space, value, leading)
 
@@ -140,7 +142,7 @@ def _array(space: gymnasium.Space[Any], value: Any, leading: tuple[int, ...]) ->
 
 ACTIONS = "Discrete, MultiDiscrete, MultiBinary, or a Box with finite bounds"
 MOST = 64
-"""Neurons of a circuit, see `neuro.soft_wta`."""
+"""Largest number of neurons of a circuit, see `neuro.soft_wta`."""
 
 
 @dataclass(frozen=True)
@@ -148,9 +150,9 @@ class Actions:
     """Actions from the spikes of circuits.
 
     Attributes:
-        sizes: neurons of each circuit.
+        sizes: number of neurons of each circuit.
         space: space of the actions.
-        values: numbers of a Box for the neurons of each circuit; a Box of whole numbers takes the nearest.
+        values: numbers of a Box for the neurons of each circuit. They are rounded for a Box of whole numbers.
     """
 
     sizes: tuple[int, ...]
@@ -158,11 +160,11 @@ class Actions:
     values: tuple[npt.NDArray[np.float64], ...] = ()
 
     def of(self, winners: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-        """The actions of the winners of each circuit, (copies, circuits); the first axis is that of the copies."""
+        """Return the actions of all copies, copies first, for the winners of each circuit, (copies, circuits)."""
         if isinstance(self.space, spaces.Box):
             chosen = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
             means = chosen.reshape(len(chosen), *self.space.shape, -1).mean(axis=-1)
-            # Means of equal numbers are rounded, and so may lie beyond the bound.
+            # The mean of equal numbers is rounded, so it may lie beyond the bound.
             winners = np.clip(means, self.space.low, self.space.high)
             if np.issubdtype(self.space.dtype, np.integer):
                 winners = np.rint(winners)
@@ -178,8 +180,8 @@ def actions_of(space: gymnasium.Space[Any], levels: int, circuits: int = 1) -> A
 
     Args:
         space: space of the actions.
-        levels: neurons of each circuit of a Box, between its bounds.
-        circuits: circuits for each number of a Box, which is the mean of their choices.
+        levels: number of neurons of each circuit of a Box, between its bounds.
+        circuits: number of circuits for each number of a Box, which is the mean of their choices.
 
     Raises:
         ModelError: the space is of another kind, has no bounds, or needs more neurons than a circuit has.
@@ -188,7 +190,7 @@ def actions_of(space: gymnasium.Space[Any], levels: int, circuits: int = 1) -> A
     if max(actions.sizes, default=0) > MOST:
         raise ModelError(f"action space {space}: {max(actions.sizes)} actions: expected at most {MOST}")
     if not actions.sizes:
-        raise ModelError(f"action space {space}: it is empty: expected {ACTIONS}")
+        raise ModelError(f"action space {space} is empty: expected {ACTIONS}")
     return actions
 
 
@@ -201,11 +203,11 @@ def _actions(space: gymnasium.Space[Any], levels: int, circuits: int) -> Actions
         case spaces.MultiBinary():
             return Actions((2,) * int(np.prod(space.shape)), space)
         case spaces.Box():
-            ends = [np.ravel(each).astype(np.float64) for each in (space.low, space.high)]
+            ends = [np.ravel(bound).astype(np.float64) for bound in (space.low, space.high)]
             if np.abs(ends).max(initial=0.0) >= BOUNDLESS:
                 raise ModelError(
-                    f"action space {space}: it has no bounds, or one beyond {BOUNDLESS:,.0f}: expected {ACTIONS}",
-                    hint="a wrapper gives it others: gymnasium.wrappers.TransformAction",
+                    f"action space {space}: no bounds, or a bound beyond {BOUNDLESS:,.0f}: expected {ACTIONS}",
+                    hint="set bounds with a wrapper, gymnasium.wrappers.TransformAction",
                 )
             values = tuple(
                 np.linspace(low, high, levels) for low, high in zip(*ends, strict=True) for _ in range(circuits)

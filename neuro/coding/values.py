@@ -16,9 +16,9 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 MOST = 1.25
-"""The largest magnitude of a value: at -1.6 the neurons of the critic fall silent, at 3.8 they spike in each ms."""
+"""Largest magnitude of a value: the critic's neurons are silent at -1.6, and spike in each ms at 3.8."""
 SOME = 500
-"""Control steps over which a value, or the size of errors, is averaged."""
+"""Number of control steps over which a value, or the size of errors, is averaged."""
 
 
 class RewardScale:
@@ -40,27 +40,27 @@ class RewardScale:
         self._level = 0.0
 
     def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
-        """Take the scale from rewards, of which one is not 0.
+        """Compute the scale from rewards. Nothing changes if all rewards are 0.
 
-        A typical reward in each step, for ever, is to be a value of `scale`. Where rewards are rare, only as many count
-        as come within the horizon, and within an episode. States are worth at first what random moves bring, if that is
-        more than nothing: a value that is too high makes an agent try what it has not tried. Where rewards are rare it
-        is at most the best return, since a goal that ends the episode must not be worth less than to go on.
+        A typical reward in each step, for ever, has the value `scale`. If rewards are rare, only the number of rewards
+        within the horizon, and within an episode, counts. The first value of all states is the value of random moves,
+        at least 0: a value that is too high makes an agent explore. If rewards are rare, the first value is at most the
+        best return, since a goal that ends the episode must not have a lower value than the states before it.
 
         Args:
-            rewards: of control steps.
-            returns: of the episodes that have ended.
+            rewards: rewards of control steps.
+            returns: returns of the episodes that have ended.
         """
-        array = np.asarray(rewards, dtype=np.float64)
-        some = array[array != 0.0]
-        if not some.size:
+        all_rewards = np.asarray(rewards, dtype=np.float64)
+        nonzero = all_rewards[all_rewards != 0.0]
+        if not nonzero.size:
             return
-        dense, steps, most = some.size / array.size, self.horizon, math.inf
+        dense, steps, limit = nonzero.size / all_rewards.size, self.horizon, math.inf
         if dense < 0.5:
-            steps = max(1.0, min(dense * self.horizon, some.size / max(1, len(returns))))
-            most = max(0.0, float(some.max()), *returns)
-        self.factor = self.scale / (float(np.median(np.abs(some))) * steps)
-        self.first = max(0.0, self.factor * min(most, float(array.mean()) * self.horizon))
+            steps = max(1.0, min(dense * self.horizon, nonzero.size / max(1, len(returns))))
+            limit = max(0.0, float(nonzero.max()), *returns)
+        self.factor = self.scale / (float(np.median(np.abs(nonzero))) * steps)
+        self.first = max(0.0, self.factor * min(limit, float(all_rewards.mean()) * self.horizon))
         self.known = True
 
     def begin(self) -> None:
@@ -78,13 +78,13 @@ class RewardScale:
             values: values of the states, (copies,).
             rewards: rewards of the environments, (copies,).
         """
-        # Of the few numbers of a control step, lists are faster than reductions of arrays.
+        # For the few numbers of a control step, lists are faster than reductions of arrays.
         self._level += (sum(values) / len(values) - self._level) / SOME
         level, largest = abs(self._level), self.factor * max(map(abs, rewards.tolist()))
         return min(MOST / 2.0 / level if level > MOST else 1.0, MOST / largest if largest > MOST else 1.0)
 
     def shrink(self, share: float) -> None:
-        """Let rewards be this share of what they were."""
+        """Multiply the scale of rewards, and the values, by `share`."""
         self.factor, self.first, self._level = self.factor * share, self.first * share, self._level * share
 
 
@@ -94,12 +94,12 @@ class TemporalDifference:
     Values of the few copies of a control step are lists, with which Python is faster than calls of numpy.
 
     Args:
-        scale: of the rewards.
-        discount: of the value one control step later.
-        adapts: whether the scale is learnt from the rewards, and shrinks where values come to exceed their range.
+        scale: scale of the rewards.
+        discount: factor on the value one control step later.
+        adapts: whether the scale is learnt from the rewards, and shrinks if values exceed their range.
 
     Attributes:
-        reward: of the last control step, as the critic learns it, one for each copy.
+        reward: scaled reward of the last control step, one for each copy.
     """
 
     def __init__(self, scale: RewardScale, discount: float, adapts: bool = True) -> None:
@@ -107,49 +107,49 @@ class TemporalDifference:
         self.begin(1)
 
     def begin(self, copies: int) -> None:
-        """Begin a block of so many copies."""
+        """Begin a block of training with a number of copies."""
         self._scale.begin()
         self.reward, self._value, self._ended = [0.0] * copies, [0.0] * copies, [False] * copies
 
     def errors(self, values: list[float], moment: Moment) -> list[float]:
         """Return the errors of the last control step but one from the values of the present states."""
-        each = zip(self.reward, values, self._ended, self._value, moment.first.tolist(), strict=True)
-        # What a state is worth follows a cut-off, and nothing an end; of what has just begun nothing is known.
+        per_copy = zip(self.reward, values, self._ended, self._value, moment.first.tolist(), strict=True)
+        # A cut-off is followed by the value of the state, an end by 0. An episode that has just begun has no error.
         errors = [
             (reward + self._discount * value * (not ended) - before) * (not first)
-            for reward, value, ended, before, first in each
+            for reward, value, ended, before, first in per_copy
         ]
         self._value, self._ended = values, moment.ended.tolist()
         return errors
 
     def share(self, moment: Moment) -> float:
-        """Take the reward of the control step; return the factor on what the critic has learnt, 1 for no change."""
+        """Adapt the scale to the rewards of a control step. Return the factor on the critic's weights, or 1."""
         scale, share = self._scale, 1.0
         if self._adapts:
-            if not scale.known and moment.rewards.any():  # the scale is that of the first rewards: all before were 0
-                first = moment.rewards[~moment.last]
-                scale.learn([0.0] * (moment.steps - first.size) + first.tolist(), moment.returns)
+            if not scale.known and moment.rewards.any():  # these are the first rewards that are not 0
+                rewards = moment.rewards[~moment.last]
+                scale.learn([0.0] * (moment.steps - rewards.size) + rewards.tolist(), moment.returns)
             share = scale.excess(self._value, moment.rewards)
             if share < 1.0:
                 self._value = [value * share for value in self._value]
         return share
 
     def take(self, moment: Moment) -> None:
-        """Keep the reward of the control step in the scale of now, for the next errors."""
+        """Store the rewards of the control step in the present scale, for the next errors."""
         self.reward = [reward * self._scale.factor for reward in moment.rewards.tolist()]
 
 
 class Novelty:
-    """A reward for what has seldom been seen: the mean of scale / sqrt(n), n how often each active place has been.
+    """A reward for rare states: the mean of scale / sqrt(n), where n counts the activations of each active place.
 
-    Dopamine neurons respond to what is new, less with each time (Kakade & Dayan, Neural Networks 15:549, 2002). The
-    form is that of Strehl & Littman, J. Comput. Syst. Sci. 74:1309, 2008.
+    Dopamine neurons respond to new stimuli, less with each repetition (Kakade & Dayan, Neural Networks 15:549, 2002).
+    The formula is that of Strehl & Littman, J. Comput. Syst. Sci. 74:1309, 2008.
 
     Args:
-        scale: the reward of a state that has not been seen.
+        scale: reward of a state that has not been seen.
 
     Attributes:
-        counts: how often each place has been active, (places,).
+        counts: number of activations of each place, (places,).
     """
 
     def __init__(self, scale: float) -> None:
@@ -157,11 +157,11 @@ class Novelty:
         self.counts: Ints = np.zeros(0, dtype=np.int64)
 
     def join(self, cells: Callable[[Floats], Ints], size: int) -> None:
-        """Count from now on the active places of an observation, `cells` of it, of `size` places."""
+        """Count from now on the active places of observations: `cells(observation)`, out of `size` places."""
         self._cells, self.counts = cells, np.zeros(size, dtype=np.int64)
 
     def of(self, observations: Floats) -> list[float]:
-        """The reward of each observation, (copies, dimensions), each of which has been seen once more then."""
+        """Count the places of observations, (copies, dimensions), and return the reward of each observation."""
         rewards = []
         for vector in observations:
             cells = self._cells(vector)
@@ -171,13 +171,13 @@ class Novelty:
 
 
 class ErrorScale:
-    """Errors, unscaled or brought to a size, so that one learning rate fits any task.
+    """Errors, unscaled or scaled to a size, so that one learning rate fits any task.
 
     Args:
         size: mean root mean square of the errors; None for unscaled errors.
 
     Attributes:
-        scales: True if errors are brought to a size.
+        scales: True if errors are scaled to a size.
     """
 
     def __init__(self, size: float | None) -> None:
@@ -189,7 +189,7 @@ class ErrorScale:
         self._count, self._square = 0, 0.0
 
     def of(self, errors: Floats) -> Floats:
-        """The errors of a control step, of all copies, scaled."""
+        """Return the scaled errors of all copies in a control step."""
         if self._size is None:
             return errors
         self._count = min(self._count + 1, SOME)

@@ -1,6 +1,6 @@
-"""A network meets a world: encoders of observations, decoders of actions, and what teaches its signals.
+"""A network in a world: encoders of observations, decoders of actions, and teachers of its signals.
 
-A control step goes round once: encoders show the observation, the network runs, the decoder reads its spikes, the
+A control step has four parts: encoders show the observation, the network runs, the decoder reads its spikes, the
 environment takes the action, and teachers set the signals for the next step.
 """
 
@@ -28,7 +28,7 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 Bools: TypeAlias = npt.NDArray[np.bool_]
 Spikes: TypeAlias = tuple[Ints, Ints, Ints]
-"""Offsets of the copies, ticks within the control step and ids, as `neuro.Stepper.step` takes them."""
+"""Offsets of the copies, ticks within the control step and ids, as for `neuro.Stepper.step`."""
 Infos: TypeAlias = Sequence[Mapping[str, Any]]
 
 
@@ -37,16 +37,16 @@ class Moment:
     """A control step of all copies, after the environment has answered.
 
     Attributes:
-        counts: spikes of each neuron by population, (copies, neurons).
+        counts: number of spikes of each neuron by population, (copies, neurons).
         first: whether the observation that was shown began an episode, (copies,).
-        last: whether it was the last one of an episode, whose action had no effect.
-        rewards: of the environment's step, 0 where an episode began with it.
-        ended: whether that step ended an episode by itself, and did not cut it off.
-        infos: what the environment said beside, one for each copy.
-        observations: those after the step, (copies, dimensions).
-        time: of the network since learning began, ms.
-        steps: of all environments so far.
-        returns: of the episodes that are over.
+        last: whether that observation was the last one of an episode, so that its action had no effect, (copies,).
+        rewards: rewards of the environment's step, 0 for a step that began an episode, (copies,).
+        ended: whether the step ended an episode, other than by a cut-off, (copies,).
+        infos: info of the environment for each copy.
+        observations: observations after the step, (copies, dimensions).
+        time: time of the network since learning began, ms.
+        steps: number of steps of all environments so far.
+        returns: returns of the finished episodes.
     """
 
     counts: Mapping[str, Ints]
@@ -65,46 +65,46 @@ class Shown:
     """An encoder in use, for one space of observations.
 
     Attributes:
-        size: how many neurons it needs; 0 for any number.
-        active: neurons that `cells` gives, for the count of operations; 0 if the number is not known.
+        size: number of neurons that it needs; 0 for any number.
+        active: number of neurons that `cells` returns, for the count of operations; 0 if unknown.
     """
 
     size = 0
     active = 0
 
     def learn(self, observations: Floats) -> None:
-        """Take the bounds of unbounded dimensions from what random moves have shown, (observations, dimensions)."""
+        """Learn the range of unbounded dimensions from observations of random moves, (observations, dimensions)."""
 
     def rewarded(self, rewards: Floats) -> None:
-        """Take the rewards of the last actions, (copies,), before `spikes` or `rates`; 0 where an episode begins."""
+        """Receive the rewards of the last actions, (copies,), before `spikes` or `rates`; 0 if an episode begins."""
 
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
-        """Spikes of a control step of so many ticks, for the observations of all copies."""
+        """Return the spikes of a control step of `ticks` ticks for the observations of all copies."""
         raise NotImplementedError
 
     def rates(self, observations: Floats) -> Floats:
-        """Rates of a control step in Hz, (copies, neurons)."""
+        """Return the rates in a control step in Hz, (copies, neurons)."""
         raise NotImplementedError
 
     def cells(self, observation: Floats) -> Ints:
-        """The neurons that stand for one observation, (dimensions,); of an encoder with fields."""
+        """Return the neurons that stand for one observation, (dimensions,). Only encoders with fields have it."""
         raise NotImplementedError
 
     def work(self, ticks: int, shape: tuple[int, ...]) -> Work | None:
         """Return the operations for one observation; None if they are not counted.
 
         Args:
-            ticks: ticks of the control step.
+            ticks: number of ticks of the control step.
             shape: shape of the population.
         """
         return None
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """All that it has learnt, for a checkpoint."""
+        """Return the learnt state, for a checkpoint."""
         return {}
 
     def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Go on from what `arrays` gave."""
+        """Restore the state that `arrays` returned."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,26 +117,26 @@ class Encoder(Choice):
 
     kind: ClassVar[str] = "encoder"
     gives: ClassVar[str] = "spikes"
-    key: Any = quantity(None, "", "the part of an observation that is a Dict; all of it if not given", kind="name")
-    dimensions: Any = quantity(None, "", "which numbers of it, counted from 0; all if not given", kind="ids")
+    key: Any = quantity(None, "", "key of the part of a Dict observation; by default all parts", kind="name")
+    dimensions: Any = quantity(None, "", "indices of the numbers in this part, from 0; by default all", kind="ids")
 
     @abstractmethod
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the encoder for a space of observations and a population of this shape.
 
         Raises:
-            ModelError: the observations are of another kind, or the number of neurons is another.
+            ModelError: the encoder does not take these observations, or needs another number of neurons.
         """
 
     def columns(self, space: gymnasium.Space[Any]) -> Ints:
-        """The numbers of an observation that it sees, in the order of `spaces.flat`.
+        """Return the indices of the numbers that it encodes, in the order of `spaces.flat`.
 
         Raises:
-            ModelError: there is no such part.
+            ModelError: the observation has no such part or number.
         """
         from neuro.coding.spaces import dimensions_of
 
-        names = [one.name for one in dimensions_of(space)]
+        names = [dimension.name for dimension in dimensions_of(space)]
         columns = np.arange(len(names))
         if self.key is not None:
             begin = f"observation[{self.key!r}]"
@@ -159,30 +159,30 @@ class Decoder(Choice):
     """Base of the decoders: spikes of populations in a control step to the action."""
 
     kind: ClassVar[str] = "decoder"
-    of: Any = quantity(doc="the population whose spikes are read, or several", kind="names")
+    of: Any = quantity(doc="population whose spikes are read, or a list of populations", kind="names")
 
     @abstractmethod
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
         """Make the decoder.
 
         Args:
-            space: of the actions.
-            sizes: neurons of each population of `of`.
-            most: spikes of a neuron that are possible in a control step, of each.
+            space: space of the actions.
+            sizes: number of neurons of each population of `of`.
+            most: largest possible number of spikes of a neuron in a control step, for each population.
 
         Returns:
-            a function of the counts by population, (copies, neurons), that gives the actions, copies first.
+            a function of the counts by population, (copies, neurons), that returns the actions, copies first.
 
         Raises:
             ModelError: the populations do not fit the space.
         """
 
     def work(self, sizes: Sequence[int]) -> Work | None:
-        """Return the operations for an action, by the sizes of its populations; None if not counted."""
+        """Return the operations for an action, by the sizes of its populations; None if they are not counted."""
         return None
 
     def chosen(self, counts: Mapping[str, Ints], population: str) -> Bools:
-        """Return which neurons of a population voted for the action that the counts give, (copies, neurons).
+        """Return which neurons of a population voted for the chosen action, (copies, neurons).
 
         Raises:
             ModelError: the neurons of the population do not choose between actions.
@@ -194,7 +194,7 @@ class Taught:
     """A teacher in use.
 
     Attributes:
-        several: whether its value may be several numbers.
+        several: True if its value may be several numbers.
     """
 
     several = False
@@ -207,13 +207,13 @@ class Taught:
         """
 
     def begin(self, copies: int) -> None:
-        """Begin a block of so many copies."""
+        """Begin a block of training with a number of copies."""
 
     def explored(self, rewards: Sequence[float], returns: Sequence[float]) -> None:
-        """See the rewards of random moves, before anything is learnt."""
+        """Receive the rewards and returns of random moves, before learning."""
 
     def values(self, moment: Moment) -> Floats:
-        """The values of its signal from now on, (copies, 1) or (copies, numbers)."""
+        """Return the new values of its signal, (copies, 1) or (copies, numbers)."""
         raise NotImplementedError
 
     def of(self, values: Floats) -> Floats:
@@ -221,7 +221,7 @@ class Taught:
         return values
 
     def share(self, moment: Moment) -> float:
-        """Return the factor on the weights onto the critic after this step; 1 for no change."""
+        """Return the factor on the weights onto the critic after this step, 1 for no change."""
         return 1.0
 
     def work(self) -> Work | None:
@@ -229,34 +229,34 @@ class Taught:
         return None
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """All that it keeps from block to block."""
+        """Return the state that lasts from block to block."""
         return {}
 
     def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Go on from what `arrays` gave."""
+        """Restore the state that `arrays` returned."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Teacher(Choice):
-    """Base of what sets a signal after a control step."""
+    """Base of the teachers, which set a signal after each control step."""
 
     kind: ClassVar[str] = "teacher"
     delayed: ClassVar[bool] = False
-    """Whether the value tells of the action before the last one."""
+    """True if the value belongs to the action before the last one."""
     scale: float = quantity(1.0, "", "factor on the value")
-    opposed: bool = quantity(False, "", "whether neurons of a pair hear opposite signs", kind="boolean")
+    opposed: bool = quantity(False, "", "whether the neurons of a pair receive opposite signs", kind="boolean")
     others: float = quantity(1.0, "", "share of the value for neurons that voted for another action than was taken")
-    settle: Any = quantity(None, "ms", "time of the network after which the value is halved, then 1/3, ...", above=0)
+    settle: Any = quantity(None, "ms", "time after which the value is 1/2; after twice this time 1/3", above=0)
 
     @abstractmethod
     def made(self, critic_size: int = 0) -> Taught:
         """Make the teacher."""
 
     def spread(self, values: Floats, size: int, time: float) -> Floats:
-        """The values of a signal for the neurons that hear it, (copies, 1) or (copies, size).
+        """Return the values of a signal for the neurons that receive it, (copies, 1) or (copies, size).
 
         Raises:
-            ModelError: the numbers are neither one nor as many as neurons or pairs.
+            ModelError: there is neither one number nor a number for each neuron or pair.
         """
         factor = self.scale if self.settle is None else self.scale / (1.0 + time / self.settle)
         scaled = factor * values
@@ -272,11 +272,11 @@ class Teacher(Choice):
         return scaled
 
     def spread_work(self, size: int, several: bool) -> Work:
-        """Return the operations of `spread` and `others` for one copy: a factor and perhaps a sign for each number.
+        """Return the operations of `spread` and `others` for one copy. Each number takes a factor, and perhaps a sign.
 
         Args:
-            size: neurons that hear the signal.
-            several: whether the teacher gives several numbers, then at most one for each neuron or pair.
+            size: number of neurons that receive the signal.
+            several: whether the teacher has several numbers, at most one for each neuron or pair.
         """
         numbers = max(1, size // (1 + self.opposed)) if several else 1
         settle, shares = 2 * (self.settle is not None), size * (self.others != 1.0)
@@ -289,10 +289,10 @@ def _complete(part: Any) -> Any:
     return part
 
 
-def _table(base: type[Choice], own: Sequence[str]) -> Registry[type[Any]]:
+def _table(base: type[Choice], names: Sequence[str]) -> Registry[type[Any]]:
     return Registry(
         base.kind,
-        dict.fromkeys(own, f"neuro.coding.world_{base.kind}s"),
+        dict.fromkeys(names, f"neuro.coding.world_{base.kind}s"),
         takes=lambda part: isinstance(part, type) and issubclass(part, base),
         group=f"neuro.{base.kind}s",
         complete=_complete,
@@ -306,4 +306,4 @@ ENCODERS = _table(
 DECODERS = _table(Decoder, ("winner", "difference", "mean", "counts"))
 """Decoders by name."""
 TEACHERS = _table(Teacher, ("reward", "info", "td", "same"))
-"""What sets signals, by name."""
+"""Teachers, which set signals, by name."""

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 def _box(name: str, space: Any) -> Any:
-    """The space, if its actions are numbers with bounds."""
+    """Return the space if its actions are numbers with bounds, else raise an error."""
     from gymnasium import spaces
 
     if not isinstance(space, spaces.Box) or not space.is_bounded():
-        raise ModelError(f"{name}: action space {space}: expected a Box with finite bounds", hint="winner takes others")
+        raise ModelError(f"{name}: action space {space}: expected a Box with finite bounds", hint="use winner instead")
     return space
 
 
@@ -34,29 +34,29 @@ def _numbers(name: str, space: Any, neurons: int, expected: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class winner(Decoder):
-    """The neurons with most spikes of each population, the first of equal ones, are the choice for a number."""
+    """The neuron with most spikes in a population chooses the value of a number; of equal neurons the first."""
 
-    votes: int = quantity(1, "", "neurons side by side that stand for one choice together", kind="integer", at_least=1)
+    votes: int = quantity(1, "", "number of adjacent neurons that share a choice", kind="integer", at_least=1)
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
-        """Make the decoder; along a number of a Box the neurons stand for actions between its bounds."""
+        """Make the decoder. The neurons of a number of a Box stand for values between its bounds."""
         from gymnasium import spaces
 
         from neuro.coding.spaces import actions_of
 
         box = isinstance(space, spaces.Box)
         numbers = int(np.prod(space.shape or ())) if box else 1
-        circuits, rest = divmod(len(sizes), max(1, numbers))
-        if box and (rest or not circuits):
+        circuits, remainder = divmod(len(sizes), max(1, numbers))
+        if box and (remainder or not circuits):
             raise ModelError(f"winner: {len(sizes)} populations for actions of {space}: expected {numbers}, or more")
         actions = actions_of(space, sizes[0] // self.votes if box else 2, circuits if box else 1)
         expected = [self.votes * size for size in actions.sizes]
         if list(sizes) != expected:
             message = f"winner: populations of {list(sizes)} neurons for actions of {space}"
             raise ModelError(f"{message}: expected {len(expected)} of {', '.join(map(str, expected))}")
-        one, *others = self.of
+        only, *others = self.of
         if not others:
-            return lambda counts: actions.of(self._winners(counts[one])[:, None])
+            return lambda counts: actions.of(self._winners(counts[only])[:, None])
         return lambda counts: actions.of(np.array([self._winners(counts[name]) for name in self.of]).T)
 
     def work(self, sizes: Sequence[int]) -> Work:
@@ -84,12 +84,12 @@ class winner(Decoder):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class difference(Decoder):
-    """Pairs of neurons pull a number up and down: gain times the difference of their spikes over the most possible.
+    """Pairs of neurons pull a number up and down: gain times the difference of their spikes / the most possible.
 
     Source: Mosca, MSc thesis, 2020, eq. 129.
     """
 
-    gain: Any = quantity(1.0, "", "factor, one for all or one for each number", above=0, arrays=True)
+    gain: Any = quantity(1.0, "", "factor for all numbers, or a factor for each number", above=0, arrays=True)
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
         """Make the decoder: neurons 0 and 1 are the pair of the first number."""
@@ -103,10 +103,10 @@ class difference(Decoder):
         names = self.of
 
         def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:
-            each = [counts[name] for name in names]
-            fired = each[0] if len(each) == 1 else np.concatenate(each, axis=1)
+            counts_of_names = [counts[name] for name in names]
+            fired = counts_of_names[0] if len(counts_of_names) == 1 else np.concatenate(counts_of_names, axis=1)
             actions: Floats = factor * (fired[:, 0::2] - fired[:, 1::2]).reshape(shape)
-            np.maximum(actions, low, out=actions)  # with the next one half as long as clip
+            np.maximum(actions, low, out=actions)  # with the next line twice as fast as clip
             np.minimum(actions, high, out=actions)
             return actions
 
@@ -119,10 +119,10 @@ class difference(Decoder):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class mean(Decoder):
-    """The mean of what the neurons stand for, spread evenly between the bounds, weighted by their spikes."""
+    """The mean of the neurons' values, weighted by their spikes. The values are evenly spaced between the bounds."""
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
-        """Make the decoder; without a spike the action is in the middle."""
+        """Make the decoder. Without a spike the action is in the middle of its bounds."""
         box = _box("mean", space)
         low, high = (np.ravel(each).astype(np.float64) for each in (box.low, box.high))
         if len(sizes) != low.size:
@@ -148,10 +148,10 @@ class mean(Decoder):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class counts(Decoder):
-    """Each neuron is a number of the action: offset + gain times its spikes, within the bounds."""
+    """Each neuron sets a number of the action: offset + gain times its spikes, within the bounds."""
 
-    gain: float = quantity(1.0, "", "for a spike", nonzero=True)
-    offset: float = quantity(0.0, "", "without a spike")
+    gain: float = quantity(1.0, "", "change of the number for a spike", nonzero=True)
+    offset: float = quantity(0.0, "", "value of the number without a spike")
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
         """Make the decoder."""

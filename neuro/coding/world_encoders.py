@@ -48,14 +48,14 @@ class _OfFields(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _FieldEncoder(Encoder):
-    spikes: str = quantity("regular", "", "regular or at random times", kind="word", words=("regular", "poisson"))
+    spikes: str = quantity("regular", "", "kind of spike times", kind="word", words=("regular", "poisson"))
 
-    def _fields(self, kind: str, space: gymnasium.Space[Any], **words: Any) -> Shown:
+    def _fields(self, kind: str, space: gymnasium.Space[Any], **parameters: Any) -> Shown:
         from neuro.coding.fields import FIELDS
         from neuro.coding.spaces import dimensions_of
 
         columns, dimensions = self.columns(space), dimensions_of(space)
-        fields = FIELDS[kind]([dimensions[k] for k in columns], **words)
+        fields = FIELDS[kind]([dimensions[k] for k in columns], **parameters)
         has_columns = self.key is not None or self.dimensions is not None
         return _OfFields(fields, columns if has_columns else slice(None), self.spikes == "poisson")
 
@@ -64,9 +64,9 @@ class _FieldEncoder(Encoder):
 class places(_FieldEncoder):
     """Place cells, see `neuro.coding.Places`."""
 
-    group: int = quantity(2, "", "dimensions that a group of grids sees together", kind="integer", at_least=1)
-    fields: int = quantity(6, "", "fields of a grid along a continuous dimension", kind="integer", at_least=2)
-    active: int = quantity(24, "", "about how many neurons are active at a time", kind="integer", at_least=1)
+    group: int = quantity(2, "", "number of dimensions of a group of grids", kind="integer", at_least=1)
+    fields: int = quantity(6, "", "number of fields of a grid along a continuous dimension", kind="integer", at_least=2)
+    active: int = quantity(24, "", "approximate number of active neurons", kind="integer", at_least=1)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the place cells."""
@@ -77,9 +77,9 @@ class places(_FieldEncoder):
 class tiles(_FieldEncoder):
     """Tile coding, see `neuro.coding.Tiles`."""
 
-    group: Any = quantity(None, "", "dimensions that a grid sees; all if not given", kind="integer", at_least=1)
-    fields: int = quantity(6, "", "fields of a grid along a continuous dimension", kind="integer", at_least=2)
-    active: int = quantity(8, "", "about how many neurons are active at a time", kind="integer", at_least=1)
+    group: Any = quantity(None, "", "number of dimensions of a grid; by default all", kind="integer", at_least=1)
+    fields: int = quantity(6, "", "number of fields of a grid along a continuous dimension", kind="integer", at_least=2)
+    active: int = quantity(8, "", "approximate number of active neurons", kind="integer", at_least=1)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the tiles."""
@@ -99,8 +99,8 @@ class one_hot(_FieldEncoder):
 class population(_FieldEncoder):
     """A population with tuning curves along each dimension, see `neuro.coding.Population`."""
 
-    group: int = quantity(1, "", "dimensions to which a neuron is tuned", kind="integer", at_least=1)
-    fields: int = quantity(8, "", "bells along a continuous dimension", kind="integer", at_least=3)
+    group: int = quantity(1, "", "number of dimensions to which a neuron is tuned", kind="integer", at_least=1)
+    fields: int = quantity(8, "", "number of bells along a continuous dimension", kind="integer", at_least=3)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
         """Make the neurons."""
@@ -108,21 +108,21 @@ class population(_FieldEncoder):
 
 
 class _Rates(Shown):
-    """Rates as a function of the observed numbers, with a number of operations for each of them."""
+    """Rates as a function of the observed numbers, with a number of operations for each number."""
 
     def __init__(
-        self, encoder: Encoder, space: gymnasium.Space[Any], rates: Callable[[Floats], Floats], each: float
+        self, encoder: Encoder, space: gymnasium.Space[Any], rates: Callable[[Floats], Floats], n_operations: float
     ) -> None:
         columns = encoder.columns(space)
         has_columns = encoder.key is not None or encoder.dimensions is not None
         self._columns, self.size, self._rates = columns if has_columns else slice(None), columns.size, rates
-        self._each = each
+        self._n_operations = n_operations
 
     def rates(self, observations: Floats) -> Floats:
         return self._rates(observations[:, self._columns])
 
     def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
-        return on_numbers(self._each * self.size, 2 * self.size)
+        return on_numbers(self._n_operations * self.size, 2 * self.size)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,7 +153,7 @@ class shares(Encoder):
             sums = counts.sum(axis=-1, keepdims=True)
             if self.of == "rows":
                 sums *= shape[0]
-            sums += sums == 0.0  # without events all rates are 0
+            sums += sums == 0.0  # if all numbers are 0, so are the rates
             spread: Floats = (counts / sums).reshape(observations.shape)
             spread *= self.total
             return np.minimum(self.most, spread, out=spread)
@@ -213,11 +213,11 @@ class _Rewards(Shown):
         self._rewards = rewards
 
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
-        room = max(1, int(self._choice.within * ticks))
-        volleys = np.clip(np.rint(self._choice.gain * self._rewards), 0, room).astype(np.int64)
-        when = [1 + np.arange(count) * room // max(1, count) for count in volleys]
+        n_ticks = max(1, int(self._choice.within * ticks))
+        volleys = np.clip(np.rint(self._choice.gain * self._rewards), 0, n_ticks).astype(np.int64)
+        spike_ticks = [1 + np.arange(count) * n_ticks // max(1, count) for count in volleys]
         offsets = np.concatenate([[0], np.cumsum(volleys)]) * self._neurons
-        joined = np.concatenate(when) if when else np.zeros(0, np.int64)
+        joined = np.concatenate(spike_ticks) if spike_ticks else np.zeros(0, np.int64)
         return offsets, np.repeat(joined, self._neurons), np.tile(np.arange(self._neurons), joined.size)
 
     def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
@@ -232,7 +232,7 @@ class rewards(Encoder):
     A reward on which an episode ends is shown with the last observation. A negative `gain` shows punishments.
     """
 
-    gain: float = quantity(10.0, "", "spikes of each neuron for a reward of 1, rounded; none below 0", nonzero=True)
+    gain: float = quantity(10.0, "", "number of spikes for a reward of 1, rounded, at least 0", nonzero=True)
     within: float = quantity(0.5, "", "duration of the spikes, as a share of the step", above=0, at_most=1)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
@@ -246,7 +246,7 @@ class _Events(Shown):
 
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         parts, offsets, neurons = [], [0], int(np.prod(self._shape))
-        *first, height, width = self._shape
+        *polarity, height, width = self._shape
         for info in infos:
             events = info.get(self._choice.info)
             if events is None:  # the first observation of an episode may have none
@@ -257,7 +257,7 @@ class _Events(Shown):
                 message = f"events: found an event at ({x.max()}, {y.max()}): expected a sensor of {width} x {height}"
                 raise ModelError(message)
             ids = y.astype(np.int64) * width + x
-            if first:
+            if polarity:
                 ids += np.asarray(events.p, dtype=np.int64) * height * width
             span = max(1.0, self._choice.step_us)
             tick = np.clip((np.asarray(events.t) % span * ticks / span).astype(np.int64) + 1, 1, ticks)
@@ -273,9 +273,10 @@ class _Events(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class events(Encoder):
-    """The events of an event camera, pixel by pixel, at their times in the step. A pixel spikes once in a tick at most.
+    """The events of an event camera, pixel by pixel, at their times in the step. A pixel spikes at most once in a tick.
 
-    A population of shape [2, height, width] has one map for each polarity, a population of [height, width] takes both.
+    A population of shape [2, height, width] has one map for each polarity, a population of [height, width] one for
+    both.
     """
 
     info: str = quantity("events", "", "key of the events in the environment's info", kind="name")
@@ -286,7 +287,7 @@ class events(Encoder):
         """Make the encoder.
 
         Raises:
-            ModelError: the population has another shape.
+            ModelError: the shape of the population is not one of pixels.
         """
         if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
             raise ModelError(f"events: a population of shape {list(shape)}: expected [height, width] or [2, ...]")

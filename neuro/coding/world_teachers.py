@@ -38,9 +38,9 @@ class _Reward(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class reward(Teacher):
-    """The reward of the step, or what it exceeds a running mean by."""
+    """The reward of the step, or its difference from a running mean."""
 
-    less: Any = quantity(None, "", "steps of the running mean that is subtracted; none if not given", at_least=1)
+    less: Any = quantity(None, "", "steps of the running mean that is subtracted; by default no mean", at_least=1)
 
     def made(self, critic_size: int = 0) -> Taught:
         """Make the teacher."""
@@ -77,9 +77,9 @@ class _Info(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class info(Teacher):
-    """A value of the environment's info, a number or several."""
+    """A value of the environment's info: a number or several numbers."""
 
-    key: str = quantity(doc="the word of info", kind="name")
+    key: str = quantity(doc="key of the info", kind="name")
 
     def made(self, critic_size: int = 0) -> Taught:
         """Make the teacher."""
@@ -110,10 +110,10 @@ class _TD(Taught):
         macs += 6 * self._adapts  # the running mean of values, and the comparisons of `RewardScale.excess`
         if td.novelty:
             encoder = self._places
-            one = encoder.work(PERIOD + 1, (encoder.size,))
-            if one is None or not encoder.active:
+            cell_work = encoder.work(PERIOD + 1, (encoder.size,))
+            if cell_work is None or not encoder.active:
                 return None
-            cells = one
+            cells = cell_work
             macs += 4 * encoder.active + 2  # a count, root, division and sum for each place; the mean and the reward
         return on_numbers(macs, self._neurons + 2) + cells
 
@@ -136,22 +136,22 @@ class _TD(Taught):
 
     def values(self, moment: Moment) -> Floats:
         td, spikes = self._td, moment.counts[self._td.critic]
-        counts, first = spikes.sum(axis=1), self.scale.first
+        counts, initial = spikes.sum(axis=1), self.scale.first
         if self._decay.size:
             fired = self._smoothed(counts / self._neurons, moment).tolist()
         else:
             fired = [count / self._neurons for count in counts.tolist()]
-        errors = self._difference.errors([first + (each - td.rest) / td.gain for each in fired], moment)
+        errors = self._difference.errors([initial + (rate - td.rest) / td.gain for rate in fired], moment)
         if td.wait:
             self._since = np.where(moment.first, 0, self._since + 1)
             return np.asarray(np.array(errors) * (self._since >= td.wait))[:, None]
         return np.array(errors)[:, None]
 
     def _smoothed(self, fired: Floats, moment: Moment) -> Floats:
-        """Return the spikes of a step by a kernel that rises and falls; each comes in the middle of its step."""
-        slow, quick = self._td.smooth
+        """Filter the spikes of a step by a kernel that rises and falls. Spikes count from the middle of their step."""
+        fall, rise = self._td.smooth
         self._parts = self._parts * ~moment.first[:, None] * self._decay + fired[:, None] * np.sqrt(self._decay)
-        smoothed: Floats = (self._parts[:, 0] - self._parts[:, 1]) / (slow - quick)
+        smoothed: Floats = (self._parts[:, 0] - self._parts[:, 1]) / (fall - rise)
         return smoothed
 
     def share(self, moment: Moment) -> float:
@@ -189,26 +189,26 @@ class td(Teacher):
     """
 
     delayed: ClassVar[bool] = True
-    critic: str = quantity(doc="the population whose spikes say the value", kind="name")
-    discount: float = quantity(0.99, "", "of the value one step later", at_least=0, below=1)
-    rest: float = quantity(0.0, "", "spikes of a neuron that stand for a value of 0")
-    gain: float = quantity(1.0, "", "spikes more that stand for a value of 1", above=0)
+    critic: str = quantity(doc="population whose spikes encode the value", kind="name")
+    discount: float = quantity(0.99, "", "factor on the value one step later", at_least=0, below=1)
+    rest: float = quantity(0.0, "", "number of spikes of a neuron for a value of 0")
+    gain: float = quantity(1.0, "", "number of additional spikes for a value of 1", above=0)
     worth: Any = quantity(
-        None, "", "of a typical reward in each step, for ever; rewards as they are if not given", above=0
+        None, "", "value of a typical reward in each step, for ever; by default rewards are not scaled", above=0
     )
     smooth: Any = quantity(
         None,
         "",
-        "steps over which spikes count, fall and rise of the kernel; those of the step if not given",
+        "fall and rise of the kernel that filters the spikes, in steps; by default only the spikes of the step count",
         kind="array",
         arrays=True,
         above=0,
     )
     wait: int = quantity(
-        0, "", "steps of an episode until the value has settled, without error", kind="integer", at_least=0
+        0, "", "first steps of an episode, whose error is 0 until the value settles", kind="integer", at_least=0
     )
     novelty: float = quantity(0.0, "", "reward for a state that has not been seen, in typical rewards", at_least=0)
-    places: Any = quantity(None, "", "the population whose neurons with fields tell what has been seen", kind="name")
+    places: Any = quantity(None, "", "population with fields that counts visits for novelty", kind="name")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -240,13 +240,13 @@ class _Same(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class same(Teacher):
-    """The value of another signal of the world, before its scale; with a `size` it is brought to that size."""
+    """The value of another signal of the world, before its scale. With `size` it is scaled to that size."""
 
-    as_: str = quantity(doc="the other signal", kind="name")
+    as_: str = quantity(doc="name of the other signal", kind="name")
     size: Any = quantity(
-        None, "", "root mean square of the value, from its own of late; as it is if not given", above=0
+        None, "", "root mean square to which the value is scaled; by default it is not scaled", above=0
     )
 
     def made(self, critic_size: int = 0) -> Taught:
-        """Make the teacher: the loop gives it the value of the other one."""
+        """Make the teacher. The loop passes it the value of the other signal."""
         return _Same(self.size)

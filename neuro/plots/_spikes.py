@@ -81,24 +81,24 @@ def _stacked(spike_trains: list[SpikeTrain], axis: Any) -> Figure:
     return figure
 
 
-def _dots(axis: Any, times: Floats, rows: NDArray[Any], colour: str, height: float, of: int) -> None:
-    """Dots, or ticks where there are few rows, as large as the rows of a panel of this height in points allow."""
-    marker, edge = ("|", 0.8) if of <= MOST_TICKS else ("o", 0.0)
-    size = float(np.clip(0.8 * height / of, 1.0 if times.size < MOST_DOTS // 5 else 0.6, 12.0))
-    # In a file of vectors very many dots would make it slow to show.
+def _dots(axis: Any, times: Floats, rows: NDArray[Any], colour: str, height: float, n_rows: int) -> None:
+    """Draw dots, or ticks if there are few rows, as large as the rows of a panel of this height in points allow."""
+    marker, edge = ("|", 0.8) if n_rows <= MOST_TICKS else ("o", 0.0)
+    size = float(np.clip(0.8 * height / n_rows, 1.0 if times.size < MOST_DOTS // 5 else 0.6, 12.0))
+    # Very many dots would make a file of vectors slow to show.
     axis.plot(times, rows, marker, color=colour, ms=size, mew=edge, rasterized=times.size > MOST_VECTORS)
 
 
 def chosen(train: SpikeTrain, most: int) -> tuple[Floats, Ints, str]:
-    """At most so many spikes, an even choice that is always the same, and words that say so."""
+    """Return at most `most` spikes, chosen evenly and reproducibly, and a note for the title."""
     if train.times_ms.size <= most:
         return train.times_ms, train.ids, ""
-    some = np.random.default_rng(0).choice(train.times_ms.size, most, replace=False)
-    return train.times_ms[some], train.ids[some], f", {most:,} of {train.times_ms.size:,} spikes drawn"
+    selection = np.random.default_rng(0).choice(train.times_ms.size, most, replace=False)
+    return train.times_ms[selection], train.ids[selection], f", {most:,} of {train.times_ms.size:,} spikes drawn"
 
 
 def rate(run: object, of: Any = None, *, bin: float | str | None = None, window: Any = None, ax: Any = None) -> Figure:
-    """The mean rate of a neuron of each population in bins of equal length.
+    """Draw the mean rate of a neuron of each population in bins of equal length.
 
     Args:
         run: a simulation or results.
@@ -111,7 +111,7 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
         the figure.
 
     Raises:
-        ModelError: nothing of this was recorded, or the bin is none.
+        ModelError: no spikes of these populations were recorded, or the bin is invalid.
     """
     source = recorded(run)
     spike_trains = trains(source, of, window)
@@ -124,8 +124,8 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
         label(axis, "", f"rate (Hz), {width:g} ms bins")
         axis.set_ylim(bottom=0.0)
         over_time(axis, spike_trains[0].window)
-        whole: Figure = axis.get_figure(root=True)
-        return whole
+        root_figure: Figure = axis.get_figure(root=True)
+        return root_figure
     figure, axes = panels(
         f"{source.network}: mean rates in bins of {width:g} ms", len(spike_trains), spike_trains[0].window
     )
@@ -139,22 +139,22 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
 
 
 def binned(train: SpikeTrain, edges: Floats) -> Floats:
-    """The mean rate of a neuron in Hz between edges in ms; a spike on an edge belongs to the bin that ends there."""
-    last = [up_to(train.times_ms, edge) for edge in edges]
-    return np.diff(last) / max(train.neurons.size, 1) / np.diff(edges) * 1000.0
+    """Return a neuron's mean rate in Hz between edges in ms. A spike on an edge belongs to the bin that ends there."""
+    counts = [up_to(train.times_ms, edge) for edge in edges]
+    return np.diff(counts) / max(train.neurons.size, 1) / np.diff(edges) * 1000.0
 
 
 def _edges(run: Recorded, train: SpikeTrain, bin: float | str | None) -> tuple[Floats, float]:
     begin, end = train.window
     width = _fitting(run, end - begin) if bin is None else _checked_bin(run, bin, end - begin)
-    whole = math.ceil((end - begin) / width * (1.0 - 1e-12))
-    return np.append(begin + width * np.arange(max(whole, 1)), max(end, begin + run.resolution_ms)), width
+    n_bins = math.ceil((end - begin) / width * (1.0 - 1e-12))
+    return np.append(begin + width * np.arange(max(n_bins, 1)), max(end, begin + run.resolution_ms)), width
 
 
 def _fitting(run: Recorded, length: float) -> float:
-    """A round length of bins in ms, or where none is on the grid of steps the next one that is."""
-    least = max(length / 200.0, run.resolution_ms)
-    return math.ceil(next(each for each in _nice() if each >= least) / run.resolution_ms - 1e-6) * run.resolution_ms
+    """Return a round length of bins in ms, rounded up to whole steps."""
+    shortest = max(length / 200.0, run.resolution_ms)
+    return math.ceil(next(t for t in _nice() if t >= shortest) / run.resolution_ms - 1e-6) * run.resolution_ms
 
 
 def _checked_bin(run: Recorded, bin: float | str, length: float) -> float:
@@ -176,7 +176,7 @@ def _nice() -> Iterator[float]:
 
 BINS = 100
 DRAWN = 0.99
-"""The share of intervals that is drawn: the longest would leave no room for the others."""
+"""Share of the intervals that is drawn: the longest would leave no room for the others."""
 
 
 def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
@@ -200,17 +200,17 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
         lengths, _ = intervals(train.times_ms, train.ids)
         if not lengths.size:
             return "no intervals"
-        # Intervals are whole steps: bins of as many steps each, or some would hold more than their neighbours.
+        # Intervals are whole steps. Bins have equal numbers of steps, or some would contain more than their neighbours.
         steps = np.rint(lengths / step)
         most = float(np.quantile(steps, DRAWN, method="higher"))
         width = max(1, math.ceil(most / BINS))
-        last = math.ceil((most + 0.5) / width) * width - 0.5
-        _histogram(axis, steps * step, np.arange(-0.5, last + width / 2, width) * step, colour)
-        beyond = int((steps > last).sum())
-        note = f", {beyond:,} longer than {last * step:.3g} ms" if beyond else ""
+        end = math.ceil((most + 0.5) / width) * width - 0.5
+        _histogram(axis, steps * step, np.arange(-0.5, end + width / 2, width) * step, colour)
+        n_longer = int((steps > end).sum())
+        note = f", {n_longer:,} longer than {end * step:.3g} ms" if n_longer else ""
         return f"{lengths.size:,} intervals, mean {lengths.mean():.3g} ms{note}"
 
-    return _each(run, of, window, ax, draw, "intervals between spikes", ("interval (ms)", "intervals"))
+    return _distributions(run, of, window, ax, draw, "intervals between spikes", ("interval (ms)", "intervals"))
 
 
 def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
@@ -231,34 +231,34 @@ def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Fi
 
     def draw(axis: Any, train: SpikeTrain, colour: str) -> str:
         coefficients = variation(train.times_ms, train.ids)
-        of = f"{coefficients.size:,} of {train.neurons.size:,} neurons"
+        selection = f"{coefficients.size:,} of {train.neurons.size:,} neurons"
         if not coefficients.size:
-            return f"{of} with two intervals"
+            return f"{selection} with two intervals"
         _histogram(axis, coefficients, np.linspace(0.0, max(float(coefficients.max()), 1.0), BINS + 1), colour)
         axis.axvline(coefficients.mean(), color=colour, lw=1.0, ls="--")
-        return f"mean {coefficients.mean():.2f} of {of}"
+        return f"mean {coefficients.mean():.2f} of {selection}"
 
-    return _each(run, of, window, ax, draw, "irregularity", ("CV of intervals", "neurons"))
+    return _distributions(run, of, window, ax, draw, "irregularity", ("CV of intervals", "neurons"))
 
 
-def _each(run: object, of: Any, window: Any, ax: Any, draw: Any, what: str, words: tuple[str, str]) -> Figure:
+def _distributions(run: object, of: Any, window: Any, ax: Any, draw: Any, title: str, names: tuple[str, str]) -> Figure:
     """Draw each population with a label, in a panel per population, or all in `ax`."""
     source = recorded(run)
     spike_trains = trains(source, of, window)
     if ax is None:
-        figure, axes = panels(f"{source.network}: {what}", len(spike_trains))
+        figure, axes = panels(f"{source.network}: {title}", len(spike_trains))
         for axis, train, colour in zip(axes, spike_trains, colours(), strict=False):
-            label(axis, f"{train.population}: {draw(axis, train, colour)}", words[1])
+            label(axis, f"{train.population}: {draw(axis, train, colour)}", names[1])
     else:
         axes = [checked_axes(ax)]
         figure = axes[0].get_figure(root=True)
         for train, colour in zip(spike_trains, colours(), strict=False):
             axes[0].plot([], [], color=colour, label=literal(f"{train.population}: {draw(axes[0], train, colour)}"))
-        label(axes[0], "", words[1])
+        label(axes[0], "", names[1])
         legend(axes[0], columns=1)
     for axis in axes:
         axis.set_ylim(bottom=0.0)
-    axes[-1].set_xlabel(words[0])
+    axes[-1].set_xlabel(names[0])
     return figure
 
 

@@ -82,10 +82,10 @@ def among(whole: StateTrace, of: Any) -> StateTrace | None:
     population contain no recorded neuron.
     """
     views = [view for view in (of if isinstance(of, (list, tuple)) else [of]) if isinstance(view, View)]
-    mine = [view for view in views if view.population.name == whole.of]
-    if whole.noun != "neuron" or not mine:
+    own_views = [view for view in views if view.population.name == whole.of]
+    if whole.noun != "neuron" or not own_views:
         return whole
-    columns = np.flatnonzero(np.isin(whole.columns, np.concatenate([view.ids for view in mine])))
+    columns = np.flatnonzero(np.isin(whole.columns, np.concatenate([view.ids for view in own_views])))
     if not columns.size:
         return None
     return replace(whole, columns=whole.columns[columns], values=whole.values[:, columns])
@@ -120,14 +120,14 @@ def _column_names(part: StateTrace) -> list[str]:
 def _dots(axis: Any, part: StateTrace) -> None:
     assert part.pre is not None
     assert part.post is not None
-    ends, which = np.unique(np.stack([part.pre, part.post]), axis=1, return_inverse=True)
+    ends, synapse_index = np.unique(np.stack([part.pre, part.post]), axis=1, return_inverse=True)
     if ends.shape[1] > MOST_LINES:
-        thin = max(FAINTEST, min(1.0, MOST_TIMES / part.values.size))
-        axis.plot(part.times_ms, part.values, ".", color=COLOURS[0], ms=2.0, mew=0.0, alpha=thin, rasterized=True)
+        opacity = max(FAINTEST, min(1.0, MOST_TIMES / part.values.size))
+        axis.plot(part.times_ms, part.values, ".", color=COLOURS[0], ms=2.0, mew=0.0, alpha=opacity, rasterized=True)
         return
     for k, (pre, post) in enumerate(ends.T.tolist()):
-        mine = which.ravel() == k
-        axis.plot(part.times_ms[mine], part.values[mine], ".", color=COLOURS[k], ms=4.0, label=f"{pre} to {post}")
+        rows = synapse_index.ravel() == k
+        axis.plot(part.times_ms[rows], part.values[rows], ".", color=COLOURS[k], ms=4.0, label=f"{pre} to {post}")
     if ends.shape[1] > 1:
         legend(axis, MOST_LINES, "right")
 
@@ -159,10 +159,10 @@ def _map(axis: Any, part: StateTrace) -> tuple[Any, str]:
     times, values = part.times_ms[steps], part.values[steps]
     n = part.columns.size
     pick = np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(int))
-    every = times[1] - times[0] if times.size > 1 else 1.0
+    interval = times[1] - times[0] if times.size > 1 else 1.0
     # Columns that are not consecutive neurons are numbered by their place in the view.
     first = int(part.columns[0]) if (np.diff(part.columns) == 1).all() else 0
-    extent = (times[0] - every, times[-1], first - 0.5, first + n - 0.5)
+    extent = (times[0] - interval, times[-1], first - 0.5, first + n - 0.5)
     whole_numbers(axis)
     options: dict[str, Any] = {"aspect": "auto", "origin": "lower", "cmap": "cividis", "interpolation": "nearest"}
     limits = axis.get_xlim()

@@ -1,1 +1,1 @@
-"""The runtime that users hold: simulations with their trials, records and settings."""
+"""The runtime: simulations with their trials, records and settings."""

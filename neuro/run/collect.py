@@ -52,10 +52,10 @@ def collect(
         sim: a simulation that has run.
         net: the network it was compiled from.
         threads: number of threads of the run.
-        record: the populations whose spikes are included; empty: all that were recorded.
-        all_weights: include the weights of static projections above a million synapses, too. They follow from network
-            and seed.
-        weights: whether weights are included at all; `all_weights_of` yields them one projection after the other.
+        record: names of the populations whose spikes are included; empty: all recorded populations.
+        all_weights: whether to include the weights of static projections above a million synapses, too. They follow
+            from network and seed.
+        weights: whether to include weights at all; `all_weights_of` yields them one projection after the other.
     """
     program, counts, raw = sim.program, sim.counts(), sim.taken().raw_counts
     included = record or [part.name for part in program.populations]
@@ -126,7 +126,7 @@ def steered_since(record: str, sim: Any) -> str:
 
 
 def record_of(net: Network, **of_a_run: Any) -> dict[str, Any]:
-    """Return the provenance of something that is made with a network now."""
+    """Return the provenance of a result that is made with a network now."""
     return provenance((*net.inputs, *recordings_of(net).values(), *extensions()), **of_a_run)
 
 
@@ -152,14 +152,14 @@ def train_of(sim: Any, part: Population, includes_spikes: bool, counts: Counts, 
     Spikes are included if `includes_spikes` is true and `empty` is false.
     """
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
-    about = (part.model_name, part.shape, asdict(counts.populations[part.name]), includes_spikes and part.records)
+    fields = (part.model_name, part.shape, asdict(counts.populations[part.name]), includes_spikes and part.records)
     steps, ids, multiplicity = none, none, none
     payloads = none.astype(np.int32) if part.model.graded else None
     if includes_spikes and part.records and not empty:
         steps, ids, multiplicity, carried = sim._records.train(sim.handles.neurons(part.name))
         payloads = None if carried is None else carried.astype(np.int32)
     emits = "current" if part.kind == "current" else "spikes"
-    return Train(*about, sim.program.resolution, steps, ids, multiplicity, zeros, zeros, emits, payloads)
+    return Train(*fields, sim.program.resolution, steps, ids, multiplicity, zeros, zeros, emits, payloads)
 
 
 def weights_of(
@@ -167,19 +167,19 @@ def weights_of(
 ) -> Weights:
     """Return the results of a projection, with weights if `includes_weights` is true."""
     names = [population.name for population in sim.program.populations]
-    about = (names[part.source], names[part.target], part.synapse.name, part.size)
-    words = (*about, asdict(counts.projections[part.name]))
+    first_fields = (names[part.source], names[part.target], part.synapse.name, part.size)
+    fields = (*first_fields, asdict(counts.projections[part.name]))
     if (
         part.undrawn is not None
         or not includes_weights
         or not (all_weights or part.synapse.learns or part.size <= SMALL)
     ):
-        return Weights(*words, drawn_by=None if part.undrawn is None else sim.backend)
+        return Weights(*fields, drawn_by=None if part.undrawn is None else sim.backend)
     if part.grid is not None:
-        return Weights(*words, weight=sim.weights(part.name))
+        return Weights(*fields, weight=sim.weights(part.name))
     delay = sim.get(part.name, "delay") if part.synapse.delays else None
     pre, post, weight = sim.weights(part.name)
-    return Weights(*words, pre, post, weight, delay)
+    return Weights(*fields, pre, post, weight, delay)
 
 
 def all_weights_of(sim: Any, all_weights: bool) -> Iterator[tuple[str, Weights]]:
@@ -191,27 +191,27 @@ def all_weights_of(sim: Any, all_weights: bool) -> Iterator[tuple[str, Weights]]
 
 def trace_of(sim: Any, probe: Probe | SynapseProbe) -> Trace:
     """Return a trace without values."""
-    about: dict[str, Any] = {"probe": sim.handles.probe_name(probe.name), "mean": probe.mean}
+    fields: dict[str, Any] = {"probe": sim.handles.probe_name(probe.name), "mean": probe.mean}
     if isinstance(probe, Probe):
         population = sim.program.populations[probe.population]
         states = {state.name: state.unit for state in population.model.states}
         unit = "Hz" if probe.record == "rate" else states[probe.record]
         none = np.zeros(0 if is_single(probe) else (0, columns(sim.program, probe)))
         ids = None if is_single(probe) else probe.ids
-        return Trace(population.name, probe.record, unit, np.zeros(0), none, ids=ids, **about)
+        return Trace(population.name, probe.record, unit, np.zeros(0), none, ids=ids, **fields)
     part = sim.program.projections[probe.projection]
     unit = {state.name: state.unit for state in part.synapse.states}.get(probe.record, "")
     none = np.zeros(0 if probe.every == 0 or probe.mean else (0, columns(sim.program, probe)))
-    about["projection"] = part.name
+    fields["projection"] = part.name
     if probe.every == 0:
         ends = (np.zeros(0, np.int64), np.zeros(0, np.int64))
     elif part.grid is not None or probe.mean:
-        return Trace("", probe.record, unit, np.zeros(0), none, **about)
+        return Trace("", probe.record, unit, np.zeros(0), none, **fields)
     else:
         chosen = slice(None) if probe.synapses is None else probe.synapses
         pre, post = sim.program.connections(probe.projection)
         ends = (pre[chosen], post[chosen])
-    return Trace("", probe.record, unit, np.zeros(0), none, pre=ends[0], post=ends[1], **about)
+    return Trace("", probe.record, unit, np.zeros(0), none, pre=ends[0], post=ends[1], **fields)
 
 
 def counts_of(part: PopulationCounts | ProjectionCounts) -> dict[str, int]:
@@ -239,9 +239,9 @@ class ResultsWriter:
         path: the final path. The first free `.part` file beside it is written, so that no recording of an earlier run
             is lost.
         threads: number of threads of the run.
-        record: the populations whose spikes are stored; empty: all that are recorded.
-        all_weights: as for `neuro.run.collect.collect`.
-        live: whether another process writes the file, so that the run waits for no disk.
+        record: names of the populations whose spikes are stored; empty: all recorded populations.
+        all_weights: whether to store the weights of static projections above a million synapses, too.
+        live: whether another process writes the file, so that the run never waits for the disk.
 
     Attributes:
         drained: the step up to which records have been moved out of memory.
@@ -270,8 +270,8 @@ class ResultsWriter:
         self._threads, self._all_weights = threads, all_weights
         self.path = Path(os.path.realpath(file_path(path, "path")))
         self.part = free_part(self.path, is_kept)
-        for each in (self.path, self.part):
-            check_output(each, KIND)
+        for output in (self.path, self.part):
+            check_output(output, KIND)
         files = files_of(net)
         self.live, self.drained, self._finished = live, engine.step, False
         self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
@@ -326,18 +326,18 @@ class ResultsWriter:
             stretch = min(self._stretch, steps - finished)
             begin = time.perf_counter()
             self._recorder.run(stretch)
-            now = time.perf_counter()
+            end = time.perf_counter()
             finished += stretch
-            self._stretch = max(1, int(stretch * min(10.0, STRETCH_S / max(now - begin, 1e-9))))
-            if now - self._committed >= COMMIT_S and not self.live:
+            self._stretch = max(1, int(stretch * min(10.0, STRETCH_S / max(end - begin, 1e-9))))
+            if end - self._committed >= COMMIT_S and not self.live:
                 self.commit()
 
     def drain(self) -> None:
         """Move the records from memory to the file."""
-        clock, now = self._clock, self._engine.step
+        clock, step = self._clock, self._engine.step
         for index in self._recorded:
             recorded_spikes = self._engine.spikes(index, -1)
-            end = int(np.searchsorted(recorded_spikes.steps, now, side="right"))
+            end = int(np.searchsorted(recorded_spikes.steps, step, side="right"))
             spikes: dict[str, NDArray[Any]] = {"steps": recorded_spikes.steps[:end], "ids": recorded_spikes.ids[:end]}
             spikes["multiplicity"] = recorded_spikes.multiplicity[:end]
             if recorded_spikes.payloads is not None:
@@ -345,8 +345,8 @@ class ResultsWriter:
             self._append(f"populations/{self._sim.program.populations[index].name}", spikes)
         if self._sim._signals is not None:
             self._sim._signals.listen()
-        self._engine.forget(now)
-        self.drained = now
+        self._engine.forget(step)
+        self.drained = step
         for name, series in self._recorder.series.items():
             steps, values = series.take()
             self._append(f"traces/{name}", {"times_ms": clock.array_ms(steps), "values": values})
@@ -361,9 +361,9 @@ class ResultsWriter:
                 self._append(f"fed/{name}", dict(zip(("steps", "sizes", "ids"), columns, strict=True)))
                 batches.clear()
 
-    def _append(self, place: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    def _append(self, group: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         if any(len(array) for array in arrays.values()):
-            self._file.append(place, arrays)
+            self._file.append(group, arrays)
 
     def commit(self) -> None:
         """Write all records to disk, where they survive a crash of this process.
@@ -391,14 +391,14 @@ class ResultsWriter:
 
     @property
     def results(self) -> Results:
-        """The results so far."""
+        """Results so far."""
         self.drain()
         if self.live:
             self._write_counts()
         return self._file.results
 
     def note(self, place: str, numbers: Mapping[str, Any]) -> None:
-        """Write other numbers as attributes of a group."""
+        """Write additional numbers as attributes of a group."""
         self._file.update({place: numbers}, {})
 
     def finish(self) -> None:

@@ -118,8 +118,8 @@ def _caution(program: Program) -> None:
     """Warn of parameters that are likely a mistake."""
     for part in program.populations:
         if isinstance(part.model, Neuron) and (caution := part.model.caution(part.parameters, program.resolution)):
-            place = f"{part.origin}: " if part.origin else ""
-            warnings.warn(f"{place}population '{part.name}': {part.model.name}: {caution}", ModelWarning, stacklevel=3)
+            origin = f"{part.origin}: " if part.origin else ""
+            warnings.warn(f"{origin}population '{part.name}': {part.model.name}: {caution}", ModelWarning, stacklevel=3)
 
 
 def _report(backend: str, problems: Iterable[Problem]) -> None:

@@ -44,14 +44,14 @@ class Copies:
 
     @property
     def time(self) -> float:
-        """The end of the last finished step in ms, of all copies."""
+        """End of the last finished step of all copies in ms."""
         return self._sims[0].time
 
     def run(self, ms: float) -> None:
         """Advance all copies by a multiple of the resolution, as `Simulation.run` does.
 
         Raises:
-            ModelError: as for `Simulation.run`, or copies that were run separately are not at the same time.
+            ModelError: see `Simulation.run`; or the copies are at different times, because they were run separately.
         """
         steps = self._joined.run.steps(ms)
         self._joined.check_together()
@@ -93,11 +93,11 @@ class Copies:
         self._joined.engines.clear(index, chosen)
 
     def merge(self, of: Projection | str, before: ArrayLike) -> Floats:
-        """Give all copies of a projection that learns by moves the same weights, with the changes of all added up.
+        """Set the same weights in all copies of a projection that learns by moves, with the sum of all changes.
 
         Args:
             of: the projection.
-            before: weights that all copies had at first, (synapses,), in the order of `weights` and `get`.
+            before: weights of all copies before the changes, (synapses,), in the order of `weights` and `get`.
 
         Returns:
             the new weights of all copies: `before` plus the sum of the changes.
@@ -125,11 +125,11 @@ class Copies:
         """Return a stepper for control steps of `ms`: spikes in, run, counts out, in one call; see `Stepper`.
 
         Args:
-            ms: the length of a control step.
+            ms: length of a control step.
             emit: populations of spike_generator that receive spikes at each control step.
             count: populations whose spikes are counted.
 
         Raises:
-            ModelError: there is no such population, or one of `emit` has another model.
+            ModelError: there is no such population, or a population of `emit` is no spike_generator.
         """
         return Stepper(self._joined, ms, emit, count)

@@ -40,12 +40,12 @@ class Neurons:
 
     @property
     def ids(self) -> Ints | None:
-        """The selected neurons in their order, None for all."""
+        """Selected neurons in their order, None for all."""
         return self.end.ids
 
     @property
     def text(self) -> str:
-        """The population or view as text, for messages."""
+        """Text of the population or view for messages."""
         return f"'{self.part.name}'" if self.view is None else repr(self.view)
 
     def mask(self) -> NDArray[np.bool_]:
@@ -60,7 +60,7 @@ class Handles:
 
     Args:
         net: the network that was compiled.
-        program: its compiled form.
+        program: the compiled network.
     """
 
     def __init__(self, net: Network, program: Program) -> None:
@@ -80,7 +80,7 @@ class Handles:
         """Return the neurons, or the index of the projection.
 
         Raises:
-            ModelError: this network has neither, or the view reaches beyond its population.
+            ModelError: this network has no such part, or the view exceeds its population.
         """
         if isinstance(of, (Population, View)) or (isinstance(of, str) and (of in self._whole_populations or "[" in of)):
             return self.neurons(of)
@@ -91,10 +91,10 @@ class Handles:
         raise _wrong_part("population or projection", of, [*self._populations, *self._projections])
 
     def neurons(self, of: Population | View | str) -> Neurons:
-        """Return the neurons of a population, or of a view of one.
+        """Return the neurons of a population or view.
 
         Raises:
-            ModelError: this network has no such population, or the view reaches beyond it.
+            ModelError: this network has no such population, or the view exceeds its population.
         """
         if isinstance(of, str) and of in self._whole_populations:
             return self._whole_populations[of]
@@ -145,9 +145,9 @@ class Handles:
         index = self._find("signal", Signal, of, self._signals, self._net.signals)
         if self._program.signals[index].values is not None:
             part = self._program.signals[index]
-            message = f"signal '{part.name}' has values of its own"
-            hint = "leave 'values' out to set the signal from outside"
-            raise ModelError(f"{message}: expected a signal without", where=part.origin, hint=hint)
+            message = f"signal '{part.name}' has values in the description"
+            hint = "leave 'values' out to set the signal with sim.signal"
+            raise ModelError(f"{message}: expected a signal without values", where=part.origin, hint=hint)
         return index
 
     def probe(self, of: Probe | str) -> Probe:
@@ -187,7 +187,7 @@ class Handles:
             raise _wrong_part(word, of, indices)
         if parts.get(of.name) is not of:
             message = f"{word} '{of.name}' is a part of another network: expected one of '{self._net.name}'"
-            raise ModelError(message, hint=f"'{of.name}' names the one here" if of.name in indices else "")
+            raise ModelError(message, hint=f"pass the name '{of.name}'" if of.name in indices else "")
         return indices[of.name]
 
 
@@ -229,6 +229,6 @@ def _wrong_part(word: str, value: object, names: Iterable[str]) -> ModelError:
         return ModelError(f"found the {value.word} '{value.name}': expected a {word} or its name")
     if isinstance(value, View):
         return ModelError(f"found the view {value}: expected a {word} or its name")
-    if isinstance(value, (list, tuple)) and any(isinstance(each, (Part, View)) for each in value):
-        return ModelError(f"found several parts: expected a {word} or its name", hint="one call for each")
+    if isinstance(value, (list, tuple)) and any(isinstance(item, (Part, View)) for item in value):
+        return ModelError(f"found several parts: expected a {word} or its name", hint="call it once for each part")
     return unknown(word, value, names)

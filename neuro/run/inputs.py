@@ -36,15 +36,15 @@ class InputFeeder:
         """
         part = neurons.part
         if part.kind != "listed" or part.stream is not None:
-            hint = f"sim.feed('{part.name}', events) gives it events" if part.stream is not None else ""
+            hint = f"sim.feed('{part.name}', events) passes events to it" if part.stream is not None else ""
             raise ModelError(f"inject: '{part.name}' is {a(part.model_name)}: expected a spike_generator", hint=hint)
         if part.model.graded != (payloads is not None):
             expected = "payloads, one for each time" if part.model.graded else "no payloads"
             raise ModelError(f"inject: '{part.name}' is {a(part.model_name)}: expected {expected}")
         steps, emit, carried = settable.new_spikes(self._clock, times, ids, neurons, payloads)
         if steps.size and steps.min() <= self._engine.step:
-            time, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
-            raise ModelError(f"inject: a spike at {time:g} ms: expected times after {now:g} ms, the present")
+            time, present = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
+            raise ModelError(f"inject: a spike at {time:g} ms: expected times after {present:g} ms, the present")
         if carried is None:
             self._engine.inject(neurons.index, steps, emit)
         else:
@@ -54,7 +54,8 @@ class InputFeeder:
         """Add events to an event camera; return the steps and neurons of its spikes.
 
         Raises:
-            ModelError: the population has another model, the events are of another sensor, or an event is too late.
+            ModelError: the population has another model, the events have another sensor size, or an event comes too
+                late.
         """
         part = neurons.part
         if neurons.view is not None:
@@ -66,14 +67,14 @@ class InputFeeder:
         except ModelError as error:
             raise error.at(None, f"feed: '{part.name}'") from None
         if steps.size and (first := int(steps.min())) <= self._engine.step:
-            time, now = (self._clock.ms(step) for step in (first, self._engine.step))
+            time, present = (self._clock.ms(step) for step in (first, self._engine.step))
             message = f"feed: an event of '{part.name}' in the step that ends at {time:g} ms"
-            raise ModelError(f"{message}: expected later than {now:g} ms, the present")
+            raise ModelError(f"{message}: expected later than {present:g} ms, the present")
         self._engine.inject(neurons.index, steps, ids)
         return steps, ids
 
     def signal(self, index: int, values: ArrayLike) -> None:
-        """Set a signal: one value for all neurons, or one for each."""
+        """Set a signal: one value for all neurons, or a value for each neuron."""
         part = self._program.signals[index]
         size = self._program.populations[part.target].size
         self._engine.signal(index, settable.signal_values(part.name, values, size))

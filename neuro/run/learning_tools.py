@@ -23,11 +23,11 @@ def normalise(sim: Simulation, projection: Projection | str, total: ArrayLike) -
     Args:
         sim: the simulation.
         projection: the projection or its name; for a grid the weights of each map are scaled.
-        total: the sum, in the unit of the weights: a number, or one for each target neuron (for a grid: map).
+        total: sum in the unit of the weights: a number, or a number for each target neuron (for a grid: map).
 
     Raises:
         ModelError: there is no such projection, the weights onto a neuron cannot be scaled to the sum, or a weight
-            would exceed the bounds of its rule. No weight is changed then.
+            would exceed the bounds of its rule. No weight is changed in this case.
 
     Source: Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015; von der Malsburg, Kybernetik 14:85, 1973.
     """
@@ -35,42 +35,42 @@ def normalise(sim: Simulation, projection: Projection | str, total: ArrayLike) -
     part = sim.program.projections[sim.handles.projection(projection)]
     shared = not isinstance(rows, tuple)
     weights = rows.reshape(-1) if shared else rows[2]
-    onto = np.repeat(np.arange(len(rows)), rows[0].size) if shared else rows[1]
-    sums = np.bincount(onto, weights)
+    target_of = np.repeat(np.arange(len(rows)), rows[0].size) if shared else rows[1]
+    sums = np.bincount(target_of, weights)
     totals = finite(total, "total")
     size = len(rows) if shared else sim.program.populations[part.target].size
     if totals.shape not in ((), (size,)):
         raise ModelError(f"total has the shape {list(totals.shape)}, expected a number or [{size}]", path=("total",))
     totals = np.broadcast_to(totals, size)[: sums.size]
-    has_synapses = np.bincount(onto, minlength=sums.size) > 0
+    has_synapses = np.bincount(target_of, minlength=sums.size) > 0
     bad = np.flatnonzero(has_synapses & (sums * totals <= 0.0))
     if bad.size:
-        what = "map" if shared else "neuron"
+        target = "map" if shared else "neuron"
         raise ModelError(
-            f"normalise: the weights of '{part.name}' onto {what} {bad[0]} have the sum {sums[bad[0]]:g}: "
+            f"normalise: the weights of '{part.name}' onto {target} {bad[0]} have the sum {sums[bad[0]]:g}: "
             f"expected a sum that can be scaled to {totals[bad[0]]:g}, of its sign and not 0"
         )
     scale = np.divide(totals, sums, out=np.ones(sums.size), where=has_synapses)
-    sim.set_weights(projection, (weights * scale[onto]).reshape(rows.shape if shared else -1))
+    sim.set_weights(projection, (weights * scale[target_of]).reshape(rows.shape if shared else -1))
 
 
 def reward_error(reward: ArrayLike, baseline: ArrayLike, rate: float) -> tuple[Any, Any]:
     """Return the reward minus its baseline, and the updated baseline, a running mean: (R - b, b + rate (R - b)).
 
     Args:
-        reward: R, a number or an array, in any unit.
-        baseline: b so far; 0 before the first reward.
-        rate: share of the error by which the baseline follows, 0 to 1; with 0 the baseline stays.
+        reward: reward R, a number or an array, in any unit.
+        baseline: present baseline b; 0 before the first reward.
+        rate: share of the error that is added to the baseline, 0 to 1.
 
     Raises:
         ModelError: a value is not finite, or the rate is out of bounds.
 
     Source: R - b of the thesis' eq. 116; Williams, Mach. Learn. 8:229, 1992 (REINFORCE).
     """
-    follows = argument("rate", rate, at_least=0, at_most=1)
+    share = argument("rate", rate, at_least=0, at_most=1)
     expected = finite(baseline, "baseline")
     error = finite(reward, "reward") - expected
-    return error[()], (expected + follows * error)[()]
+    return error[()], (expected + share * error)[()]
 
 
 def td_error(reward: ArrayLike, value: ArrayLike, next_value: ArrayLike, discount: float) -> Any:
@@ -95,9 +95,9 @@ def td_error_rate(reward: ArrayLike, value: ArrayLike, slope: ArrayLike, tau_r: 
     """Return the temporal-difference error in continuous time: V' - V / tau_r + r.
 
     Args:
-        reward: r, reward per ms.
-        value: V, the value of the critic.
-        slope: V', the change of V per ms.
+        reward: reward r per ms.
+        value: value V of the critic.
+        slope: change V' of V per ms.
         tau_r: time constant in ms over which rewards are discounted.
 
     Returns:
@@ -115,14 +115,14 @@ def td_error_rate(reward: ArrayLike, value: ArrayLike, slope: ArrayLike, tau_r: 
 def assign_labels(decided: ArrayLike, labels: ArrayLike, size: int) -> Ints:
     """Return the label of each neuron: the label with the largest share of trials that the neuron decided.
 
-    Shares are taken of the trials of a label, so that a frequent label has no advantage. Of equal shares the smaller
-    label counts. Use trials of the training data, presented without learning.
+    A share is relative to the trials of its label, so a frequent label has no advantage. For equal shares the smaller
+    label is taken. Use trials of the training data, presented without learning.
 
     Args:
-        decided: the neuron that decided each trial, -1 where none did: `results.winner`, or `results.label`
-            for the maps of a network without labels; shape (trials,).
+        decided: the neuron that decided each trial, or -1: `results.winner`, or `results.label` for the maps of a
+            network without labels; shape (trials,).
         labels: the correct label of each trial, from 0, shape (trials,).
-        size: number of neurons, or of maps.
+        size: number of neurons or maps.
 
     Returns:
         The label of each neuron, -1 for a neuron that never decided, shape (size,).
@@ -144,14 +144,14 @@ def assign_labels(decided: ArrayLike, labels: ArrayLike, size: int) -> Ints:
 
 
 def read_labels(decided: ArrayLike, assigned: ArrayLike) -> Ints:
-    """Return the labels that the decisions of some trials stand for.
+    """Return the labels for the decisions of some trials.
 
     Args:
-        decided: the neuron that decided each trial, -1 where none did, shape (trials,).
+        decided: the neuron that decided each trial, or -1, shape (trials,).
         assigned: the result of `assign_labels`.
 
     Returns:
-        The label of each trial, -1 where no neuron decided or the neuron has no label, shape (trials,).
+        The label of each trial, -1 if no neuron decided or the neuron has no label, shape (trials,).
 
     Raises:
         ModelError: the arrays are not whole numbers, or a neuron decided that is not in `assigned`.

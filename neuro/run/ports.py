@@ -37,13 +37,13 @@ class Port:
 
     Args:
         ports: the simulations and their engines.
-        text: the name of the part and of its value, for messages.
+        text: name of the part and its value, for messages.
         size: number of values for each simulation.
         low: smallest value that is accepted directly.
         high: largest value that is accepted directly.
 
     Attributes:
-        text: the name in messages: "rate of 'cells'".
+        text: name in messages, e.g. "rate of 'cells'".
     """
 
     _call = ""
@@ -59,44 +59,44 @@ class Port:
         return f"Port({self.text}{'' if self._together is None else f', {len(self._sims)} copies'})"
 
     def set(self, values: ArrayLike) -> None:
-        """Set the values from the next step on: a shared value, or one for each neuron or synapse.
+        """Set the values from the next step on: one value for all, or a value for each neuron or synapse.
 
         Args:
-            values: in the forms of `Simulation.set` and `signal`. For copies an array (copies, n) or (copies, 1), or
-                one value for all. The fastest form is an array of float64, one value for each.
+            values: new values in a form of `Simulation.set` or `signal`. For copies an array (copies, n) or (copies,
+                1), or one value for all. The fastest form is a float64 array with a value for each neuron or synapse.
 
         Raises:
             ModelError: a value is out of bounds, the port can only be read, or a call of the simulation is under way.
         """
-        turn, mine = self._turn, ("a port's set", get_ident())
+        turn, own_turn = self._turn, ("a port's set", get_ident())
         try:
-            if turn.setdefault(NOW, mine) is not mine:
+            if turn.setdefault(NOW, own_turn) is not own_turn:
                 raise refused(f"port: {self.text}", turn)
             self._set(values)
         finally:
-            if turn.get(NOW) is mine:
+            if turn.get(NOW) is own_turn:
                 del turn[NOW]
 
     def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return the present values.
 
         Args:
-            out: an array for the result: float64, or int64 for spikes and counts, one value for each. For spikes its
-                size is the largest number of spikes.
+            out: array for the result: float64, or int64 for spikes and counts, with a value for each neuron or synapse.
+                For spikes its size is the largest number of spikes.
 
         Returns:
-            `out`, for spikes the part of it that is filled, or a new array; for copies (copies, n).
+            `out` or a new array, for copies (copies, n). For spikes the filled part of `out`.
 
         Raises:
             ModelError: `out` does not fit, the port can only be set, or a call of the simulation is under way.
         """
-        turn, mine = self._turn, ("a port's get", get_ident())
+        turn, own_turn = self._turn, ("a port's get", get_ident())
         try:
-            if turn.setdefault(NOW, mine) is not mine:
+            if turn.setdefault(NOW, own_turn) is not own_turn:
                 raise refused(f"port: {self.text}", turn)
             return self._get(out)
         finally:
-            if turn.get(NOW) is mine:
+            if turn.get(NOW) is own_turn:
                 del turn[NOW]
 
     def _set(self, values: Any) -> None:
@@ -129,8 +129,8 @@ class Port:
 
     def _accept_all(self, engines: Engines, values: Floats) -> None:
         """Set values of all engines that are within the bounds, (copies, n)."""
-        for engine, each in zip(self._engines, values, strict=True):
-            self._accept(engine, each)
+        for engine, row in zip(self._engines, values, strict=True):
+            self._accept(engine, row)
 
     def _set_one(self, sim: Any, values: ArrayLike) -> None:
         """Set any values of one simulation, by the method that the port replaces."""
@@ -185,9 +185,9 @@ class _NeuronPort(Port):
 
     def _accept(self, engine: Engine, values: Floats) -> None:
         if self._ids is not None:
-            full = engine.get(self._index, self._word)
-            full[self._ids] = values
-            values = full
+            all_values = engine.get(self._index, self._word)
+            all_values[self._ids] = values
+            values = all_values
         by_name = {self._word: values}
         if self._checks_together:
             settable.check_together(self._run.program, self._index, by_name, engine, self._run.clock)
@@ -255,17 +255,17 @@ class _CountPort(Port):
         self._index, self._ids = neurons.index, neurons.ids
         self.begin()
 
-    def _now(self) -> Ints:
+    def _present(self) -> Ints:
         counts = self._fired(self._index)
         return counts if self._ids is None else counts[..., self._ids]
 
     def begin(self) -> None:
-        self._before = self._now()
+        self._before = self._present()
 
     def _get(self, out: NDArray[Any] | None) -> NDArray[Any]:
-        now = self._now()
-        new = self._filled(now - self._before, out)
-        self._before = now
+        counts = self._present()
+        new = self._filled(counts - self._before, out)
+        self._before = counts
         return new
 
 
@@ -295,8 +295,8 @@ class Ports:
 
     Args:
         sims: the simulations whose methods a port replaces.
-        turn: the turn of the simulation, which has the present call.
-        engines_of_copies: the engines of copies as one; None for a single simulation, without an axis of copies.
+        turn: turn of the simulation, see `neuro.run.turn`.
+        engines_of_copies: joined engines of copies; None for a single simulation, whose arrays have no axis of copies.
     """
 
     def __init__(self, sims: Sequence[Any], turn: Turn, engines_of_copies: Engines | None = None) -> None:
@@ -344,8 +344,8 @@ def _closed(q: Quantity) -> tuple[float, float]:
 @kernel
 def within(values: NDArray[Any], low: float, high: float) -> bool:
     """Return whether all values are in [low, high]. NaN is not."""
-    # A single pass, since several passes of NumPy take longer than a step of a small network.
-    inside = True
+    # A single loop, since several calls of NumPy take longer than a step of a small network.
+    is_within = True
     for k in range(values.size):
-        inside &= (low <= values[k]) & (values[k] <= high)
-    return inside
+        is_within &= (low <= values[k]) & (values[k] <= high)
+    return is_within

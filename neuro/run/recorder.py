@@ -22,7 +22,7 @@ class Series:
 
     Args:
         columns: number of values per record.
-        single: whether the value is a single number for all neurons or synapses, such as a rate or a mean.
+        single: whether the value is one number for all neurons or synapses, such as a rate or a mean.
     """
 
     def __init__(self, columns: int, single: bool = False) -> None:
@@ -46,14 +46,14 @@ class Series:
         return steps, np.array(self._values, dtype=np.float64).reshape(len(steps), self._columns)
 
     def after(self, step: int, most: int) -> tuple[Ints, Floats]:
-        """Return steps and values after a step. Of more than `most` records every n-th is returned.
+        """Return steps and values after a step. If there are more than `most` records, every n-th is returned.
 
         The time that the call needs depends on the number of returned records only.
         """
-        first = bisect_right(self._steps, step)
-        interval = -(-(len(self._steps) - first) // most) or 1
-        steps = np.array(self._steps[first::interval], dtype=np.int64)
-        return steps, np.array(self._values[first::interval], dtype=np.float64).reshape(len(steps), self._columns)
+        begin = bisect_right(self._steps, step)
+        interval = -(-(len(self._steps) - begin) // most) or 1
+        steps = np.array(self._steps[begin::interval], dtype=np.int64)
+        return steps, np.array(self._values[begin::interval], dtype=np.float64).reshape(len(steps), self._columns)
 
     def recorded(self) -> tuple[Ints, Floats]:
         """Return steps and values; a single number per record has the shape (steps,)."""
@@ -72,8 +72,8 @@ class Series:
 
     def forget(self, before: int) -> None:
         """Drop the records up to a step."""
-        first = int(np.searchsorted(self._steps, before, side="right"))
-        del self._steps[:first], self._values[:first]
+        begin = int(np.searchsorted(self._steps, before, side="right"))
+        del self._steps[:begin], self._values[:begin]
 
 
 class Recorder:
@@ -81,7 +81,7 @@ class Recorder:
 
     Args:
         program: the program with the probes.
-        engine: the engine that runs it.
+        engine: the engine that runs the program.
 
     Attributes:
         series: records at intervals, by name.
@@ -111,13 +111,13 @@ class Recorder:
         """Refuse a run whose records do not fit into memory, or onto the disk of a file.
 
         Raises:
-            ModelError: the records do not fit. The message names the probe that needs most.
+            ModelError: the records do not fit. The message names the largest probe.
         """
         needs = []
         for probe in self._probes:
             times, values = steps // probe.every, columns(self._program, probe)
-            what = f"probe '{probe.name}', {times:,} times {values:,} values"
-            needs.append(Need(8.0 * times * (values + 1), what, probe.origin))  # + 1: the time of each record
+            text = f"probe '{probe.name}', {times:,} times {values:,} values"
+            needs.append(Need(8.0 * times * (values + 1), text, probe.origin))  # + 1: the time of each record
         check_room(self._program.name, needs, file)
 
     def clear(self) -> None:
@@ -136,8 +136,8 @@ class Recorder:
         else:
             end = engine.step + steps
             while engine.step < end:
-                now = engine.step
-                engine.run(min(end, *(now - now % p.every + p.every for p in self._to_read.values())) - now)
+                step = engine.step
+                engine.run(min(end, *(step - step % p.every + p.every for p in self._to_read.values())) - step)
                 for name, probe in self._to_read.items():
                     if engine.step % probe.every == 0:
                         self.series[name].add(engine.step, self._values(probe))
@@ -175,8 +175,8 @@ class Recorder:
         arrays: dict[str, NDArray[Any]] = {}
         for name, series in self.series.items():
             arrays[f"{name}/steps"], arrays[f"{name}/values"] = series.read()
-        for name, last in self._last_rate.items():
-            arrays[f"{name}/counted"] = np.array(last)
+        for name, last_rate in self._last_rate.items():
+            arrays[f"{name}/counted"] = np.array(last_rate)
         for name, records in self.pre_spikes.items():
             arrays |= {f"{name}/{word}": array for word, array in records.snapshot().items()}
         return arrays
@@ -194,7 +194,7 @@ class Recorder:
 
 
 def is_single(probe: Probe | SynapseProbe) -> bool:
-    """Return whether a probe records a single number for all, a rate or a mean."""
+    """Return whether a probe records one number for all neurons or synapses, a rate or a mean."""
     return probe.mean or (isinstance(probe, Probe) and probe.record == "rate")
 
 
@@ -256,10 +256,10 @@ class PreSpikes:
         # The synapses of each neuron that fired, one neuron after the other. Connections are sorted by source.
         sources, _ = self._program.connections(self.probe.projection)
         chosen = np.arange(sources.size) if self.probe.synapses is None else np.sort(self.probe.synapses)
-        first, end = (np.searchsorted(sources[chosen], ids[has_acted], side=side) for side in ("left", "right"))
-        fan_out = end - first
-        places = np.arange(fan_out.sum()) + np.repeat(first - np.cumsum(fan_out) + fan_out, fan_out)
-        synapses = chosen[places]
+        begin, end = (np.searchsorted(sources[chosen], ids[has_acted], side=side) for side in ("left", "right"))
+        fan_out = end - begin
+        indices = np.arange(fan_out.sum()) + np.repeat(begin - np.cumsum(fan_out) + fan_out, fan_out)
+        synapses = chosen[indices]
         values = engine.get_synapses(self.probe.projection, self.probe.record)
         return Sent(np.repeat(steps[has_acted], fan_out), synapses, values[synapses])
 

@@ -37,8 +37,8 @@ class Records:
         run: the network in execution.
 
     Attributes:
-        recording: the file that receives all records now, None while records stay in memory.
-        held: the step after which spikes and traces are in memory. Earlier ones were forgotten, or are in a file.
+        recording: the file that receives all records, None while records stay in memory.
+        held: step after which spikes and traces are in memory. Earlier records were forgotten, or are in a file.
     """
 
     def __init__(self, run: Run) -> None:
@@ -51,14 +51,14 @@ class Records:
 
     @cached_property
     def recorder(self) -> Recorder:
-        """The recorder of the probes, made at first use."""
+        """Recorder of the probes, made at first use."""
         from neuro.run.recorder import Recorder
 
         return Recorder(self._program, self._engine)
 
     @property
     def held_ms(self) -> float:
-        """The time after which spikes and traces can be read."""
+        """Time in ms after which spikes and traces can be read."""
         self._update_held()
         return 0.0 if self._in_file else self._clock.ms(self.held)
 
@@ -107,7 +107,7 @@ class Records:
                 self.held = self._engine.step
 
     def refuse_while_recording(self, what: str) -> None:
-        """Refuse a call that would turn back the time of a file that is being written."""
+        """Refuse a call that would set back the time while a file is written."""
         if self.recording is not None:
             path = self.recording.part
             raise ModelError(f"{what}: found a simulation that records to {path}: expected the end of 'record_to'")
@@ -122,7 +122,7 @@ class Records:
 
         Args:
             probes: a snapshot of the recorder.
-            held: the step after which spikes and traces are in memory.
+            held: step after which spikes and traces are in memory.
         """
         self.recorder.restore(probes)
         self._finished_file, self.held = None, held
@@ -143,7 +143,7 @@ class Records:
         times, ids, payloads = self._spikes(of, since, until)
         if payloads is None:
             raise ModelError(
-                f"payloads of '{of.part.name}', {a(of.part.model_name)}: its spikes carry none", hint=UNGRADED
+                f"payloads of '{of.part.name}', {a(of.part.model_name)}: its spikes have no payloads", hint=UNGRADED
             )
         return times, ids, payloads
 
@@ -163,12 +163,12 @@ class Records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{part.name}', {a(part.model_name)}, are not recorded", hint=hint)
         self._update_held()
-        after = -1 if since is None else self._clock.floor(since, "since")
-        to = NEVER if until is None else self._clock.floor(until, "until")
-        check_span(after, to, since, until)
+        since_step = -1 if since is None else self._clock.floor(since, "since")
+        until_step = NEVER if until is None else self._clock.floor(until, "until")
+        check_span(since_step, until_step, since, until)
         self._check_held(part.name, since, until)
-        recorded = self._engine.spikes(of.index, after)
-        end = None if until is None else np.searchsorted(recorded.steps, to, side="right")
+        recorded = self._engine.spikes(of.index, since_step)
+        end = None if until is None else np.searchsorted(recorded.steps, until_step, side="right")
         steps, ids, multiplicity = recorded.steps[:end], recorded.ids[:end], recorded.multiplicity[:end]
         payloads = None if recorded.payloads is None else recorded.payloads[:end].astype(np.int64)
         if of.ids is not None:
@@ -189,14 +189,14 @@ class Records:
         for word, ms in (("since", since), ("until", until)):
             if ms is None or self._clock.floor(ms, word) >= self.held + (word == "until"):
                 continue
-            oldest, what = f"{self._clock.ms(self.held):g} ms", f"spikes of '{name}': {word} = {ms:g} ms"
+            oldest, subject = f"{self._clock.ms(self.held):g} ms", f"spikes of '{name}': {word} = {ms:g} ms"
             expected = f"expected {word} {'>=' if word == 'since' else '>'} {oldest}"
             if self._finished_file is not None and self._finished_file[0] == self.held:
                 path = str(self._finished_file[1])
                 hint = f"neuro.results.read({path!r}).spikes('{name}') reads them"
-                raise ModelError(f"{what}: those up to {oldest} are in {path}: {expected}", hint=hint)
-            hint = f"sim.spikes('{name}') gives all that are held"
-            raise ModelError(f"{what}: those up to {oldest} were forgotten: {expected}", hint=hint)
+                raise ModelError(f"{subject}: spikes up to {oldest} are in {path}: {expected}", hint=hint)
+            hint = f"sim.spikes('{name}') returns all spikes in memory"
+            raise ModelError(f"{subject}: spikes up to {oldest} were forgotten: {expected}", hint=hint)
 
     def trace(self, probe: Probe) -> tuple[Floats, Any]:
         """Return the records of a probe; of several states, a dictionary by state."""
@@ -231,7 +231,7 @@ class Records:
         return self._finished_file is not None and self._finished_file[0] == self._engine.step
 
     def _results_in_file(self) -> Results | None:
-        """Return the results in a file: while the file is written, and afterwards until the network runs on.
+        """Return the results in a file: while the file is written, and afterwards until the network runs again.
 
         A live run does not wait for its file, so only the records in memory can be read.
         """

@@ -1,8 +1,8 @@
-"""The file of results of a present run, written by this process or by another one.
+"""The file of results of a running simulation, written by this process or another one.
 
-With another process, a run in real time never waits for the disk: `python -m neuro.run.results_file SOCKET FILE`
-executes the calls of a `ResultsFile` that it receives. When the sender ends or is killed, the process executes the
-calls received so far and ends.
+If another process writes the file, a run in real time never waits for the disk: `python -m neuro.run.results_file
+SOCKET FILE` executes the calls of a `ResultsFile` that it receives. When the sender ends or is killed, the process
+executes the calls received so far and ends.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ResultsFile:
     """A file of results that grows, and gets its final name at the end.
 
     Args:
-        part: path of the file until then.
+        part: path of the unfinished file.
 
     Raises:
         Unwritable: the file cannot be written, or another run writes it.
@@ -82,8 +82,8 @@ class ResultsFile:
         with self._reporting():
             for place, by_name in attributes.items():
                 self._file.require_group(place).attrs.update(by_name)
-            for place, each in arrays.items():
-                for word, array in each.items():
+            for place, arrays_of_part in arrays.items():
+                for word, array in arrays_of_part.items():
                     self._file[place][word][...] = array
 
     def complete(self, place: str, part: Any) -> None:
@@ -103,7 +103,7 @@ class ResultsFile:
 
     @property
     def results(self) -> Results:
-        """The results so far."""
+        """Results so far."""
         return read_file(self._file, lambda: nullcontext(self._file))
 
     def finish(self, path: Path) -> None:
@@ -119,7 +119,7 @@ class ResultsFile:
             self._part.replace(path)
 
     def close(self) -> None:
-        """Close the file; an unfinished one stays as last committed."""
+        """Close the file. An unfinished file stays as last committed."""
         with suppress(OSError, RuntimeError):
             self._file.close()
         self._disk.close()
@@ -134,8 +134,8 @@ class ResultsFile:
         except BlockingIOError:
             raise Unwritable(self._part, "another run writes it: expected another name") from None
         except OSError as error:
-            what = f"cannot be written: {error.strerror or error}"
-            raise Unwritable(self._part, what, recorded_in(self._part)) from None
+            problem = f"cannot be written: {error.strerror or error}"
+            raise Unwritable(self._part, problem, recorded_in(self._part)) from None
 
 
 def _create_extensible(group: h5py.Group, word: str, empty: NDArray[Any], gzip: bool = False) -> None:
@@ -167,7 +167,7 @@ class RemoteFile:
         self._here, there = socket.socketpair()
         for end in (self._here, there):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
-        env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
+        env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(entry) for entry in sys.path)}
         with there:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "neuro.run.results_file", str(there.fileno()), str(part)],
@@ -214,7 +214,7 @@ class RemoteFile:
 
     @property
     def results(self) -> Results:
-        """The results so far."""
+        """Results so far."""
         self._ask("commit")
         return read(self._part)
 
@@ -233,11 +233,11 @@ class RemoteFile:
         self._here.close()
         self._process.wait()
 
-    def _send(self, call: str, *words: Any, answer: bool = False) -> None:
-        message = pickle.dumps((call, words, answer), protocol=5)
+    def _send(self, call: str, *arguments: Any, answer: bool = False) -> None:
+        message = pickle.dumps((call, arguments, answer), protocol=5)
         self._queue.append(memoryview(_LENGTH.pack(len(message)) + message))
         self.push()
-        if sum(each.nbytes for each in self._queue) > _MOST:
+        if sum(item.nbytes for item in self._queue) > _MOST:
             self._flush()
 
     def push(self) -> None:
@@ -253,9 +253,9 @@ class RemoteFile:
                 return
             except OSError:
                 raise self._failure() from None
-            rest = self._queue.popleft()[n_sent:]
-            if rest:
-                self._queue.appendleft(rest)
+            remainder = self._queue.popleft()[n_sent:]
+            if remainder:
+                self._queue.appendleft(remainder)
 
     def _flush(self) -> None:
         self._here.setblocking(True)
@@ -264,9 +264,9 @@ class RemoteFile:
         finally:
             self._here.setblocking(False)
 
-    def _ask(self, call: str, *words: Any) -> None:
+    def _ask(self, call: str, *arguments: Any) -> None:
         """Send a call, and wait until it is executed."""
-        self._send(call, *words, answer=True)
+        self._send(call, *arguments, answer=True)
         self._flush()
         self._here.setblocking(True)
         answer = self._here.recv(1)
@@ -300,9 +300,9 @@ def main(number: str, part: str) -> None:
                 message = calls.read(*_LENGTH.unpack(head))
                 if len(message) < _LENGTH.unpack(head)[0]:
                     break
-                call, words, answer = pickle.loads(message)
+                call, arguments, answer = pickle.loads(message)
                 if call != "wait":
-                    getattr(file, call)(*words)
+                    getattr(file, call)(*arguments)
                 if answer:
                     pipe.sendall(b"+")
         except Unwritable as error:

@@ -1,4 +1,4 @@
-"""The base class of `Simulation`: advance a network, and read the recorded spikes and traces."""
+"""The base class of `Simulation`. Its methods advance a network and read records."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class RunningNetwork:
 
     @property
     def time(self) -> float:
-        """The end of the last finished step in ms."""
+        """End of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
     @exclusive
@@ -75,14 +75,14 @@ class RunningNetwork:
         """Advance by a multiple of the resolution. Several short runs give the same bits as a long one.
 
         Args:
-            ms: duration.
+            ms: duration of the run.
             progress: whether to report progress on stderr: a bar on a terminal, elsewhere a line every 10 s.
-            out: a file for the records, as for `record_to`.
+            out: path of a file for the records, see `record_to`.
 
         Raises:
             ModelError: a part was added to the network after compilation, the time is not a multiple of the resolution,
-                a recording that is played is damaged (the run stops before the damage), or a state is NaN or infinite
-                at the end: a numerical instability. Models that cannot become unstable by themselves are checked only
+                a recording is damaged (the run stops before the damage), or a state is NaN or infinite at the end,
+                which is a numerical instability. Models that cannot become unstable by themselves are checked only
                 each time that the elapsed time has doubled, and at least every 10,000 steps.
         """
         if self._net.latest is not self._latest:
@@ -108,20 +108,20 @@ class RunningNetwork:
         """Refuse a run whose records do not fit into memory, or onto the disk of the file of `record_to`.
 
         Args:
-            steps: steps of the whole run; `run` may then be called for parts of it.
+            steps: number of steps of the whole run, which may consist of several calls of `run`.
 
         Raises:
-            ModelError: the message has the bytes needed, the bytes free, and the probe that needs most.
+            ModelError: the records do not fit. The message has the needed bytes, the free bytes, and the largest probe.
         """
         self._records.check_room(steps)
 
     def _refuse_changed(self) -> NoReturn:
-        """Raise an error for a part added after compilation: a file would hold a network that did not run."""
+        """Raise an error for a part added after compilation, since a file would contain a network that did not run."""
         added = self._net.latest
-        what = f"{added.word} '{added.name}' was" if isinstance(added, Part) else "trials were"
-        where = getattr(added, "origin", self._net.trials_origin)
-        message = f"network '{self._net.name}': {what} added after it was compiled, and has no effect here"
-        raise ModelError(f"{message}: expected the network as it was", where=where, hint="compile the network again")
+        subject = f"{added.word} '{added.name}' was" if isinstance(added, Part) else "trials were"
+        origin = getattr(added, "origin", self._net.trials_origin)
+        message = f"network '{self._net.name}': {subject} added after it was compiled, and has no effect here"
+        raise ModelError(f"{message}: expected the network as it was", where=origin, hint="compile the network again")
 
     @contextmanager
     def record_to(
@@ -145,18 +145,19 @@ class RunningNetwork:
         Args:
             path: path of the file.
             threads: number of threads of the run, stored in the file.
-            record: names of the populations whose spikes are stored; empty: all that are recorded.
-            all_weights: store the weights of static projections above a million synapses, too. They follow from network
-                and seed.
-            live: let another process write the file, so that the run waits for no disk. Nothing is compressed, and
-                records are written when the caller calls `drain` or `commit` of the writer that the block gets.
+            record: names of the populations whose spikes are stored; empty: all recorded populations.
+            all_weights: whether to store the weights of static projections above a million synapses, too. They follow
+                from network and seed.
+            live: whether another process writes the file, so that the run never waits for the disk. Nothing is
+                compressed, and records are written when the caller calls `drain` or `commit` of the writer, which is
+                the value of the `with` statement.
 
         Raises:
-            ModelError: the file cannot be written, now or later, or the simulation records to a file already.
+            ModelError: the file cannot be written, or the simulation records to a file already.
         """
         inner = self if self._turn is None else self._inner
-        words = (path, threads, record, all_weights, live)
-        with self._records.to_file(inner, *words, self._turn) as recording:
+        arguments = (path, threads, record, all_weights, live)
+        with self._records.to_file(inner, *arguments, self._turn) as recording:
             yield recording
 
     @exclusive
@@ -167,21 +168,21 @@ class RunningNetwork:
 
         Args:
             of: the population, or a view of it.
-            since: only spikes after this time in ms; default: all in memory.
-            until: only spikes up to this time in ms, so that `until` of one call is `since` of the next.
+            since: only spikes after this time in ms; by default all spikes in memory.
+            until: only spikes up to and including this time in ms. It can be `since` of the next call.
 
         Returns:
             times in ms and neurons, sorted by time, then neuron. Several spikes of a neuron in a step are repeated
             entries. Neurons are ids of the population, also for a view.
 
         Raises:
-            ModelError: spikes are not recorded, or those of that time were forgotten, or are in a file only.
+            ModelError: spikes are not recorded, or the spikes of that time were forgotten or are in a file only.
         """
         return self._records.spikes(self.handles.neurons(of), since, until)
 
     @exclusive
     def train(self, of: Population | View | str) -> tuple[Ints, Ints, Ints]:
-        """Return recorded spikes in steps, with several spikes of a neuron in a step as one entry.
+        """Return recorded spikes in steps, with one entry for several spikes of a neuron in a step.
 
         Returns:
             steps, neurons and number of spikes of each entry, sorted by step, then neuron.
@@ -207,17 +208,17 @@ class RunningNetwork:
         """Return the records of a probe.
 
         Returns:
-            times in ms, shape (times,), and values. A single number such as a rate or a mean has the shape (times,); a
-            state of n neurons or synapses (times, n), in the order of the view or of the chosen synapses, also for n =
-            1; spikes have the neurons, (times,). A list of states gives a dictionary by state. A probe at presynaptic
-            spikes gives a dictionary with `pre`, `post` and the state, each (times,), with an entry per synapse and
-            spike, by time, then synapse.
+            times in ms, shape (times,), and values. The values of a rate or a mean have the shape (times,), those of a
+            state of n neurons or synapses (times, n), in the order of the view or of the chosen synapses. For a probe
+            of spikes the values are the neurons, (times,). For a list of states the values are a dictionary by state.
+            For a probe at presynaptic spikes they are a dictionary with `pre`, `post` and the state, each (times,),
+            with an entry per synapse and spike, by time, then synapse.
         """
         return self._records.trace(self.handles.probe(of))
 
     @property
     def held(self) -> float:
-        """The time in ms after which spikes and traces are in memory; earlier ones were forgotten."""
+        """Time in ms after which spikes and traces are in memory. Earlier records were forgotten."""
         return self._records.held_ms
 
     @exclusive

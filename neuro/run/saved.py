@@ -48,8 +48,8 @@ def learnt_network(run: Run) -> Network:
     copy.signals, copy.groups = dict(net.signals), dict(net.groups)
     for name, probe in net.probes.items():
         view, pre, post = (
-            None if each is None else copy.populations[each.population.name][each.index]
-            for each in (probe.view, probe.pre, probe.post)
+            None if selection is None else copy.populations[selection.population.name][selection.index]
+            for selection in (probe.view, probe.pre, probe.post)
         )
         copy.probes[name] = replace(probe, view=view, pre=pre, post=post)
     copy.trials_section, copy.trials_origin = net.trials_section, net.trials_origin
@@ -79,7 +79,7 @@ def _projection(part: parts.Projection, run: Run, index: int) -> parts.Projectio
     if resolved.synapse.delays:  # the delays of the next spikes
         fewest, most = resolved.delay_range(program.resolution)
         learnt_delays = run.engine.get_synapses(index, "delay")
-        steps = np.array([steps_of(each, program.resolution, fewest, most) for each in learnt_delays], dtype=np.int64)
+        steps = np.array([steps_of(ms, program.resolution, fewest, most) for ms in learnt_delays], dtype=np.int64)
     else:
         steps = program.delays(index).astype(np.int64)
     delay = run.clock.array_ms(steps)
@@ -94,14 +94,14 @@ def _projection(part: parts.Projection, run: Run, index: int) -> parts.Projectio
     elif resolved.whole_layout != "one_to_one":
         pre, post = program.connections(index)
         rule = pairs(pre=pre, post=post)
-    whole = replace(part, source_view=None, target_view=None)
-    each = {f.name: shape(value) for f in fields(synapse) if isinstance(value := getattr(synapse, f.name), np.ndarray)}
-    synapse = replace(synapse, **each) if each else synapse
-    return replace(whole, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
+    unrestricted = replace(part, source_view=None, target_view=None)
+    arrays = {f.name: shape(a) for f in fields(synapse) if isinstance(a := getattr(synapse, f.name), np.ndarray)}
+    synapse = replace(synapse, **arrays) if arrays else synapse
+    return replace(unrestricted, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
 
 
 def _one_or_all(values: Floats, shape: tuple[int, ...] | None = None) -> Any:
-    """Return a number where all values are equal, else a read-only array."""
+    """Return a number if all values are equal, else a read-only array."""
     if values.size and (values == values[0]).all():
         return float(values[0])
     array = values.copy() if shape is None else values.reshape(shape).copy()
@@ -115,8 +115,8 @@ class Saved:
     Args:
         run: the network in execution.
         records: the records of the simulation.
-        inflow: the feeder of its streams, if any.
-        signals: the feeder of its signals, if they have values.
+        inflow: feeder of the streams, if any.
+        signals: feeder of the signals, if they have values.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class Saved:
         """Continue from a state in a file.
 
         Raises:
-            ModelError: the file belongs to another network, backend or seed; nothing is changed.
+            ModelError: the file belongs to another network, backend or seed. Nothing is changed in this case.
         """
         arrays = read_state(path, self._identity)
         self._engine.restore(_without_prefix("engine/", arrays))
@@ -188,7 +188,7 @@ def present(run: Run, steered: Collection[str]) -> Program:
     """Return the program with the present weights and parameters; listed inputs repeat the spikes they emitted.
 
     Args:
-        run: the network in execution; its engine is only read.
+        run: the network in execution; its engine is not changed.
         steered: the names of the calls that changed the simulation.
     """
     program, engine = run.program, run.engine
@@ -210,13 +210,13 @@ def _present_population(index: int, part: Population, engine: Engine) -> Populat
             return part
         if emitted.payloads is not None:
             return _with_payloads(part, emitted)
-        listed_keys, several = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
+        listed_keys, listed_counts = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
         keys = np.concatenate([listed_keys, emitted.steps * part.size + emitted.ids])
         spikes, places = np.unique(keys, return_inverse=True)
         # A listed spike is also among the emitted spikes if its time has passed.
-        most = np.zeros(spikes.size, dtype=np.int64)
-        np.maximum.at(most, places, np.concatenate([several, emitted.multiplicity]))
-        spikes = np.repeat(spikes, most)
+        multiplicity = np.zeros(spikes.size, dtype=np.int64)
+        np.maximum.at(multiplicity, places, np.concatenate([listed_counts, emitted.multiplicity]))
+        spikes = np.repeat(spikes, multiplicity)
         return replace(part, spike_steps=spikes // part.size, spike_ids=spikes % part.size, stream=None)
     if part.kind == "current" or part.schedule is not None:
         return part
@@ -226,10 +226,10 @@ def _present_population(index: int, part: Population, engine: Engine) -> Populat
 
 def _with_payloads(part: Population, emitted: Spikes) -> Population:
     """Return a graded population that lists the emitted spikes and the listed spikes still to come."""
-    later = part.spike_steps > emitted.steps[-1]
+    is_later = part.spike_steps > emitted.steps[-1]
     steps, ids = (
-        np.concatenate([past, later_values[later]])
-        for past, later_values in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
+        np.concatenate([emitted_values, listed_values[is_later]])
+        for emitted_values, listed_values in ((emitted.steps, part.spike_steps), (emitted.ids, part.spike_ids))
     )
-    payloads = np.concatenate([emitted.payloads, part.spike_payloads[later]]).astype(np.int64)
+    payloads = np.concatenate([emitted.payloads, part.spike_payloads[is_later]]).astype(np.int64)
     return replace(part, spike_steps=steps, spike_ids=ids, spike_payloads=payloads)

@@ -31,7 +31,7 @@ Chosen = NDArray[np.bool_] | Ints
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _RANGE = ("d_min", "d_max")
-_DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
+_DRAWN = "weights are drawn when connections are made: net.connect(..., weight=...)"
 _PAIRS = (("V_th", "V_reset"), ("V_peak", "V_reset"), ("std", "std_mod"), ("rate", "amplitude"))
 _PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
 """Pairs of parameters that are checked together, in both orders."""
@@ -39,7 +39,7 @@ _PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
 
 @cache
 def _quantities(model: type[Model]) -> dict[str, Quantity]:
-    """Return the parameters of a model, cached since a closed loop asks for them at every step."""
+    """Return the parameters of a model, cached since a closed loop needs them at every step."""
     return model.quantities()
 
 
@@ -55,7 +55,7 @@ def states(part: Population) -> list[str]:
 
 
 def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: int) -> Floats:
-    """Return all values of a state or parameter of a population, shape (1,) or (size,), after a change of some.
+    """Return all values of a state or parameter of a population, shape (1,) or (size,), with some values changed.
 
     Args:
         neurons: the neurons whose values change.
@@ -66,16 +66,16 @@ def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: in
     """
     part, ids = neurons.part, neurons.ids
     quantity = _settable_quantity(part, word)
-    what = f"{part.name}.{word}"
-    key = (seed, "set", f"{what}@{engine.step}")
+    name = f"{part.name}.{word}"
+    key = (seed, "set", f"{name}@{engine.step}")
     if ids is None:
-        return _one_or_each(quantity, value, part.shape, what, key)
+        return _one_or_each(quantity, value, part.shape, name, key)
     values = engine.get(neurons.index, word)
     if isinstance(value, Distribution):
         # Drawn for all neurons, so that the value of a neuron does not depend on the view.
-        values[ids] = _one_or_each(quantity, value, part.shape, what, key)[ids]
+        values[ids] = _one_or_each(quantity, value, part.shape, name, key)[ids]
     else:
-        values[ids] = _one_or_each(quantity, value, neurons.end.shape, what, key)
+        values[ids] = _one_or_each(quantity, value, neurons.end.shape, name, key)
     return values
 
 
@@ -86,7 +86,7 @@ def _settable_quantity(part: Population, word: str) -> Quantity:
         quantity = _quantities(model)[word]
     elif word in states(part):
         if any(state.follows for state in part.model.states if state.name == word):
-            raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
+            raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from other states: set those")
         quantity = _states(model)[word]
     else:
         names = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
@@ -159,7 +159,7 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen:
     Args:
         part: the projection.
         rule: its present synapse model.
-        values: by word, a number, or an array with a value for each synapse where the model accepts one.
+        values: new values by name: a number, or an array with a value for each synapse if the model accepts arrays.
         chosen: the synapses to change, None for all.
     """
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
@@ -194,22 +194,22 @@ def _postsynaptic_taus(rule: Synapse) -> set[str]:
 
 
 def _changed_parameter(part: Projection, rule: Synapse, word: str, value: Any, chosen: Chosen | None) -> Any:
-    """Return a parameter of all synapses, or of each, after a change of some."""
-    what, old = f"{rule.name}.{word} of '{part.name}'", rule.parameters()[word]
-    new = check(replace(rule.quantities()[word], of_value=False), value, f"{rule.name}.{word}")
-    if isinstance(new, (Distribution, FromFile, of_distance)):
-        hint = "it is drawn where connections are made: net.connect(...)"
-        raise ModelError(f"{what} = {shown(new)}: expected a number or an array", hint=hint)
+    """Return a parameter, one number or an array for all synapses, with some values changed."""
+    subject, old_value = f"{rule.name}.{word} of '{part.name}'", rule.parameters()[word]
+    new_value = check(replace(rule.quantities()[word], of_value=False), value, f"{rule.name}.{word}")
+    if isinstance(new_value, (Distribution, FromFile, of_distance)):
+        hint = "parameters are drawn when connections are made: net.connect(...)"
+        raise ModelError(f"{subject} = {shown(new_value)}: expected a number or an array", hint=hint)
     size = part.size if chosen is None else _count(chosen)
-    if np.ndim(new) and new.shape != (size,):
-        raise ModelError(f"{what}: an array of shape {list(new.shape)}: expected [{size}]")
+    if np.ndim(new_value) and new_value.shape != (size,):
+        raise ModelError(f"{subject}: an array of shape {list(new_value.shape)}: expected [{size}]")
     if chosen is None:
-        return new if part.size or not np.ndim(new) else old
+        return new_value if part.size or not np.ndim(new_value) else old_value
     if size == 0:
-        return old
-    each = np.full(part.size, old, dtype=np.float64)
-    each[chosen] = new
-    return each
+        return old_value
+    values = np.full(part.size, old_value, dtype=np.float64)
+    values[chosen] = new_value
+    return values
 
 
 def _count(chosen: Chosen) -> int:
@@ -251,13 +251,13 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
 def new_weights(
     part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, Chosen] | None = None, unit: str = ""
 ) -> Floats:
-    """Return the weights of all synapses (for a grid: of its kernels), shape (size,), after a change of some.
+    """Return the weights of all synapses (for a grid: of its kernels), shape (size,), with some weights changed.
 
     Args:
         part: the projection.
         rule: its present synapse model.
-        weights: the new ones, a number or an array.
-        among: if only some change, the weights of all synapses and the chosen ones.
+        weights: new weights, a number or an array.
+        among: the present weights of all synapses, and the chosen synapses; None to change all.
         unit: unit to which weights with a unit are converted.
     """
     checked = check(replace(_WEIGHT, taken_in=unit), weights, f"weights of '{part.name}'")
@@ -273,17 +273,17 @@ def new_weights(
             f"weights of '{part.name}': an array of shape {list(array.shape)}: "
             f"expected {' or '.join(str(list(s)) for s in reversed(shapes))}"
         )
-    full = np.broadcast_to(array.reshape(-1), size) + 0.0
+    all_weights = np.broadcast_to(array.reshape(-1), size) + 0.0
     if among is not None:
-        all_weights, chosen = among[0].copy(), among[1]
-        all_weights[chosen] = full
-        full = all_weights
-    check_rule(part, rule, full)
+        present, chosen = among[0].copy(), among[1]
+        present[chosen] = all_weights
+        all_weights = present
+    check_rule(part, rule, all_weights)
     try:
-        check_conductance(part.receptor, full)
+        check_conductance(part.receptor, all_weights)
     except ModelError as error:
         raise error.at(None, f"projection '{part.name}'") from None
-    return full
+    return all_weights
 
 
 def new_spikes(
@@ -332,7 +332,7 @@ def neuron_ids(ids: ArrayLike, size: int) -> Ints:
     array = np.atleast_1d(np.asarray(ids))
     if array.size == 0:
         return np.zeros(0, dtype=np.int64)
-    beyond_64_bits = array.dtype.kind == "O" and all(isinstance(each, int) and is_number(each) for each in array.flat)
+    beyond_64_bits = array.dtype.kind == "O" and all(isinstance(item, int) and is_number(item) for item in array.flat)
     if array.dtype.kind not in "iu" and not beyond_64_bits:
         raise ModelError(f"ids: found {array.dtype}: expected whole numbers")
     bad = np.flatnonzero((array < 0) | (array >= size))

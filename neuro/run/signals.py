@@ -24,7 +24,7 @@ _SIGNS: Mapping[str, Callable[..., Any]] = {
     **{"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge},
 }
 _REMEMBERED = {"count": 1, "mean": 1, "trace": 1, "after": 3}
-"""Numbers that an operation stores from one period to the next."""
+"""Number of values that an operation stores from one period to the next."""
 
 
 def signals_of(program: Program, engine: Engine) -> SignalFeeder | None:
@@ -38,7 +38,7 @@ class SignalFeeder:
 
     Args:
         program: the program with the signals.
-        engine: the engine that runs it.
+        engine: the engine that runs the program.
 
     Raises:
         ModelError: several processes run the network together.
@@ -67,13 +67,13 @@ class SignalFeeder:
         """Divide a run into parts. Signals are set before each part and at the end."""
         end = self._engine.step + steps
         while True:
-            now = self._engine.step
+            step = self._engine.step
             for player in self._players:
-                if player.due <= now:
-                    player.set(now)
-            if now >= end:
+                if player.due <= step:
+                    player.set(step)
+            if step >= end:
                 return
-            yield min(end, *(player.due for player in self._players)) - now
+            yield min(end, *(player.due for player in self._players)) - step
 
     def listen(self) -> None:
         """Read the spikes that expressions need, before the records are forgotten."""
@@ -174,7 +174,7 @@ class _Expression(_Player):
                 self._delayed.append((now + self._delay(now), value))
         due_values = [value for step, value in self._delayed if step <= now]
         if due_values:
-            self._delayed = [each for each in self._delayed if each[0] > now]
+            self._delayed = [item for item in self._delayed if item[0] > now]
             if self._plan.tau:
                 elapsed = (now - self._since) * self._clock.resolution
                 self._level = self._level * math.exp(-elapsed / self._plan.tau) + math.fsum(due_values)
@@ -185,7 +185,7 @@ class _Expression(_Player):
         self.due = min(self._next, *(step for step, _ in self._delayed), NEVER)
 
     def _delay(self, now: int) -> int:
-        """Return the steps until the value of a period is set; a delay drawn below 0 is 0."""
+        """Return the steps until the value of a period is set; a drawn delay below 0 counts as 0."""
         delay = self._plan.delay
         if not isinstance(delay, Distribution):
             return delay
@@ -206,7 +206,7 @@ class _Expression(_Player):
                 counted[population] = self._fired(population)
             return float(counted[population].sum() if ids is None else counted[population][ids].sum())
 
-        for operation, function, at in zip(self._plan.operations, self._functions, self._places, strict=True):
+        for operation, function, place in zip(self._plan.operations, self._functions, self._places, strict=True):
             values = [results[k] for k in operation.of]
             if function is not None:
                 results.append(function(*values))
@@ -216,22 +216,23 @@ class _Expression(_Player):
                     results.append(operation.number)
                 case "count":
                     spikes = count(*operation.reads[0])
-                    results.append(spikes - float(self._memory[at]))
-                    self._memory[at] = spikes
+                    results.append(spikes - float(self._memory[place]))
+                    self._memory[place] = spikes
                 case "mean":
                     period = now // self._plan.every
                     share = 1.0 if period == 1 else operation.number or 1.0 / period
-                    self._memory[at] += share * (values[0] - self._memory[at])
-                    results.append(float(self._memory[at]))
+                    self._memory[place] += share * (values[0] - self._memory[place])
+                    results.append(float(self._memory[place]))
                 case "trace":
-                    self._memory[at] = self._memory[at] * operation.number + values[0]
-                    results.append(float(self._memory[at]))
+                    self._memory[place] = self._memory[place] * operation.number + values[0]
+                    results.append(float(self._memory[place]))
                 case _:
                     spikes = count(*operation.reads[1])
-                    if spikes != self._memory[at + 2]:  # reading spikes takes as long as many steps of a small network
+                    # Reading spikes takes as long as many steps of a small network.
+                    if spikes != self._memory[place + 2]:
                         self.listen()
-                    results.append(float(self._memory[at + 1]))
-                    self._memory[at + 1 : at + 3] = 0.0, spikes
+                    results.append(float(self._memory[place + 1]))
+                    self._memory[place + 1 : place + 3] = 0.0, spikes
         if not math.isfinite(results[-1]):
             message = f"signal '{self.name}': its expression is {results[-1]} at {self._clock.ms(now):g} ms"
             hint = "avoid division by 0, e.g. where(b > 0, a / max(b, 1), 0)"
@@ -241,14 +242,14 @@ class _Expression(_Player):
     def listen(self) -> None:
         if not self._afters:
             return
-        now = self._engine.step
-        for operation, at in self._afters:
-            (first, _), (second, several) = (self._new_spikes(*each, now) for each in operation.reads)
-            first = np.concatenate([self._memory[at : at + 1], first])
-            last = first[np.searchsorted(first, second, side="left") - 1]
-            self._memory[at] = first[-1]
-            self._memory[at + 1] += several[second - last <= operation.number].sum()
-        self._read_up_to = now
+        step = self._engine.step
+        for operation, place in self._afters:
+            (earlier, _), (later, counts) = (self._new_spikes(*source, step) for source in operation.reads)
+            earlier = np.concatenate([self._memory[place : place + 1], earlier])
+            previous = earlier[np.searchsorted(earlier, later, side="left") - 1]
+            self._memory[place] = earlier[-1]
+            self._memory[place + 1] += counts[later - previous <= operation.number].sum()
+        self._read_up_to = step
 
     def _new_spikes(self, population: int, ids: Ints | None, now: int) -> tuple[Floats, Ints]:
         """Return the steps of the spikes since the last call, and the number of spikes in each."""
@@ -259,13 +260,13 @@ class _Expression(_Player):
         return train.steps[is_selected].astype(np.float64), train.multiplicity[is_selected]
 
     def state(self) -> dict[str, NDArray[Any]]:
-        coming = np.array(self._delayed, dtype=np.float64).reshape(-1, 2)
+        delayed = np.array(self._delayed, dtype=np.float64).reshape(-1, 2)
         numbers = np.array([self.due, self._next, self._level, self._since, self._read_up_to])
-        return {"numbers": numbers, "memory": self._memory.copy(), "coming": coming}
+        return {"numbers": numbers, "memory": self._memory.copy(), "coming": delayed}
 
     def put(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        next_due, following, self._level, since, last = arrays["numbers"].tolist()
-        self.due, self._next, self._since, self._read_up_to = int(next_due), int(following), int(since), int(last)
+        next_due, period_end, self._level, since, end = arrays["numbers"].tolist()
+        self.due, self._next, self._since, self._read_up_to = int(next_due), int(period_end), int(since), int(end)
         self._memory[:] = arrays["memory"]
         self._delayed = [(int(step), value) for step, value in arrays["coming"].tolist()]
 

@@ -92,7 +92,7 @@ class Simulation(RunningNetwork):
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         message = "a simulation cannot be copied or pickled, because its kernels hold memory addresses"
-        hint = "sim.save(path), and restore(path) of another simulation of the network"
+        hint = "use sim.save(path), and restore(path) of another simulation of the network"
         raise ModelError(message, hint=hint)
 
     def __str__(self) -> str:
@@ -102,7 +102,7 @@ class Simulation(RunningNetwork):
         return as_html(repr(self), self._tables())
 
     def _tables(self) -> list[Table]:
-        """Return a table of the populations and one of the projections."""
+        """Return a table of the populations and a table of the projections."""
         from neuro.files.parts import synapse_text
         from neuro.files.results import projection_table, run_table
 
@@ -158,15 +158,15 @@ class Simulation(RunningNetwork):
     ) -> None:
         """Change parameters or states of neurons, or weights or parameters of the synapse model of a projection.
 
-        The change acts from the next step on. A value is a number for all or an array with a number for each. For
-        neurons a distribution is allowed, too; the draw of a neuron does not depend on the view. Values of synapses
-        are in the order of `weights`. `weight` is set in a call of its own. Parameters with a value per
-        synapse may be set for chosen synapses.
+        The change acts from the next step on. A value is a number for all, or an array with a number for each
+        neuron or synapse. For neurons a distribution is allowed, too; the draw of a neuron does not depend on the view.
+        Values of synapses are in the order of `weights`. `weight` cannot be set together with other names. Parameters
+        with a value per synapse may be set for chosen synapses.
 
         Args:
             part: the population, a view, or the projection.
             values: values by name, in addition to or instead of `keywords`.
-            of: of a projection only the synapses of these pairs (source, target) of neurons, shape (n, 2).
+            of: only the synapses of these pairs (source, target) of neurons, shape (n, 2).
             pre: only the synapses from these neurons: a population, a view of it, or ids.
             post: only the synapses onto these neurons, in the same forms.
             keywords: values by name, e.g. `V_m=-60.0`.
@@ -189,17 +189,17 @@ class Simulation(RunningNetwork):
         pre: Side = None,
         post: Side = None,
     ) -> Any:
-        """Return a state or parameter of neurons, or a state of synapses, in physical units, one value each.
+        """Return a state or parameter of neurons, or a state of synapses, in physical units.
 
-        A list of names gives a dictionary of arrays by name.
+        The result has one value for each neuron or synapse. A list of names returns a dictionary of arrays by name.
 
         Args:
             part: the population, a view, or the projection.
-            what: a state or parameter of a population's model; of a projection "weight", "delay" in ms, a parameter or
-                a state of its synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of
-                its target.
-            raw: read a chip's registers instead.
-            of: of a projection only the synapses of these pairs (source, target), in their order, as for `set`.
+            what: name of a state or parameter, or a list of names. A projection has "weight", "delay" in ms, and the
+                parameters and states of its synapses, where "K_plus" is the trace of a synapse's source and "n" the
+                dopamine of its target.
+            raw: whether to read a chip's registers instead.
+            of: only the synapses of these pairs (source, target), in the order of the pairs; see `set`.
             pre: only the synapses from these neurons; `weights` returns their sources and targets.
             post: only the synapses onto these neurons.
         """
@@ -224,16 +224,15 @@ class Simulation(RunningNetwork):
 
         Args:
             part: the projection.
-            of: only the synapses of these pairs (source, target), in their order, as for `set`.
+            of: only the synapses of these pairs (source, target), in the order of the pairs; see `set`.
             pre: only the synapses from these neurons.
             post: only the synapses onto these neurons.
             delays: whether to return the delays in ms, too.
 
         Returns:
-            (pre, post, weight), one entry per synapse, sorted by pre, then post, and with `delays` a fourth array. For
-            a grid the kernels, shape (maps, channels, height, width), with `delays` (kernels, delay). Weights are the
-            stored values,
-            as in NEST: a weight of `stdp` changes when a presynaptic spike is sent.
+            (pre, post, weight), or with `delays` (pre, post, weight, delay), one entry per synapse, sorted by pre, then
+            post. For a grid the kernels, shape (maps, channels, height, width), or with `delays` (kernels, delay).
+            Weights are the stored values, as in NEST: a weight of `stdp` changes when a presynaptic spike is sent.
 
         Raises:
             ModelError: there is no such projection, or a weight is NaN or infinite: its rule is unstable.
@@ -260,10 +259,10 @@ class Simulation(RunningNetwork):
 
         Args:
             of: the population, or a view of it.
-            times: in ms, on the grid of steps and later than `time`.
+            times: times of the spikes in ms, on the grid of steps and later than `time`.
             ids: the neuron of each spike, as an id of the population. For a view, the ids must be in the view. Default:
                 each neuron emits at all times.
-            payloads: for a graded_spike_train, a whole number for each time.
+            payloads: payload of each spike, a whole number; only for a graded_spike_train.
         """
         self._inputs.inject(self.handles.neurons(of), times, ids, payloads)
         self.steered["inject"] = None
@@ -280,8 +279,8 @@ class Simulation(RunningNetwork):
                 Times have the origin of the recording; without a recording, `origin` or 0.
 
         Raises:
-            ModelError: the events are of another sensor, or an event is too late: its step is not after the present
-                one.
+            ModelError: the events have another sensor size, or an event is too late: its step is not after the
+                present step.
         """
         neurons = self.handles.neurons(of)
         steps, ids = self._inputs.feed(neurons, events)
@@ -292,7 +291,7 @@ class Simulation(RunningNetwork):
 
     @exclusive
     def replay(self, run: Results) -> None:
-        """Feed event cameras the events of an earlier run, at the same steps, while this network runs.
+        """Feed the events of an earlier run to the event cameras, at the same steps, while this network runs.
 
         Args:
             run: results of the same network that were recorded to a file.
@@ -331,22 +330,22 @@ class Simulation(RunningNetwork):
         """Drive neurons by independent Poisson spikes, from the next step on.
 
         The spikes come from the `poisson_generator` that is connected one to one to the neurons, as by
-        `net.wiring(drive=...)`, with the weight of that projection. Of several generators, the one with
+        `net.wiring(drive=...)`, with the weight of that projection. Among several generators, the one with
         a described rate of 0 is used.
 
         Args:
             of: the population, or a view of it.
-            rate: in Hz, one for all or one for each; 0 stops the spikes.
+            rate: rate of the spikes in Hz, a number for all neurons or a number for each; 0 stops the spikes.
 
         Raises:
-            ModelError: no such generator drives them, or several do, or a rate is below 0.
+            ModelError: no such generator drives the neurons, or several do, or a rate is below 0.
         """
         self._values.activate(self.handles.neurons(of), rate)
         self.steered["activate"] = None
 
     @exclusive
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
-        """Set a signal from the next step on: one value for all neurons of its population or one for each."""
+        """Set a signal from the next step on: a value for all neurons of its population, or a value for each."""
         self._inputs.signal(self.handles.signal(of), values)
         self.steered["signal"] = None
 
@@ -354,17 +353,16 @@ class Simulation(RunningNetwork):
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
         """Return a port, which sets or reads one value at every step of a closed loop faster than `set` and `get`.
 
-        The values, and the errors, are those of `set`, `signal`, `get` and `spikes`.
+        Values and errors are those of `set`, `signal`, `get` and `spikes`.
 
         Args:
             of: the population, a view, the projection, or the signal.
-            what: a parameter or state of the neurons; the weight or another state of the synapses; for neurons also
-                "spikes", the ids of the neurons that fired since the port was made or last read, and "counts", the
-                number of spikes of each neuron since then. None for a signal. `reset` and `restore` reset spikes and
-                counts.
+            what: name of a parameter or state of neurons, or of a state of synapses such as "weight"; None for a
+                signal. Neurons also have "spikes", the ids of the neurons that fired since the port was made or last
+                read, and "counts", the number of spikes of each neuron since then. `reset` and `restore` reset both.
 
         Raises:
-            ModelError: there is no such part, the part has nothing of that name, or its spikes are not recorded.
+            ModelError: there is no such part, the part has no such value, or its spikes are not recorded.
         """
         from neuro.run.ports import Ports
 
@@ -373,15 +371,16 @@ class Simulation(RunningNetwork):
     def stepper(
         self, ms: float, emit: Sequence[Population | str] = (), count: Sequence[Population | str] = ()
     ) -> Stepper:
-        """Return a stepper, which makes one call of a control step: spikes in, run, counts out; see `neuro.Stepper`.
+        """Return a stepper for control steps of `ms`: spikes in, run, counts out, in one call; see `neuro.Stepper`.
 
         Args:
-            ms: the length of a control step.
+            ms: length of a control step.
             emit: populations of spike_generator that receive spikes at each control step.
             count: populations whose spikes are counted.
 
         Raises:
-            ModelError: there is no such population, one of `emit` has another model, or the network has probes.
+            ModelError: there is no such population, a population of `emit` is no spike_generator, or the network has
+                probes.
         """
         from neuro.run.stepper import Joined, Stepper
 
@@ -389,7 +388,7 @@ class Simulation(RunningNetwork):
 
     @property
     def traces(self) -> dict[str, Trace]:
-        """The traces that probes of states have recorded so far, by name, with units, as in results."""
+        """Return the traces that probes of states have recorded so far, by name, with units, as in results."""
         from neuro.run.collect import traces
 
         return traces(self)
@@ -402,7 +401,7 @@ class Simulation(RunningNetwork):
             window: begin and end in ms; default: the whole run.
 
         Raises:
-            ModelError: nothing of this was recorded.
+            ModelError: no spikes of these populations were recorded.
         """
         from neuro.plots import overview
 
@@ -444,16 +443,17 @@ class Simulation(RunningNetwork):
         Args:
             times: times of the input spikes in ms from the start of their trial, 0 <= t < duration, on the grid of
                 steps.
-            ids: the neuron of the trials' input for each time.
-            offsets: the index in `times` at which each trial begins, and the end: one more than there are trials.
+            ids: neuron of the trials' input for each time.
+            offsets: index in `times` of the first spike of each trial, and the number of times at the end;
+                shape (trials + 1,).
             labels: the correct label of each trial; optional for rules that are not supervised.
-            learn: whether the trials teach.
-            samples: the sample that each trial belongs to, for dropout; default: a sample of its own.
+            learn: whether the network learns from the trials.
+            samples: sample of each trial, for dropout; by default each trial has its own sample.
             epoch: number of earlier passes through the data, for the decay of dropout.
 
         Raises:
-            ModelError: the network has no trials, the batch does not fit them, or a state is NaN or infinite at the
-                end, as in `run`.
+            ModelError: the network has no trials, the batch does not fit the trials, or a state is NaN or infinite at
+                the end, as in `run`.
         """
         if self.program.trials is None:
             raise ModelError("the network has no section 'trials'", hint="net.trials(input=..., duration=...) adds one")
@@ -490,18 +490,18 @@ class Simulation(RunningNetwork):
         """Return the energy bill of the run on a chip: counts of any backend x published figures, plus static power.
 
         Args:
-            target: "loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu", or the file of a table of your own.
-            of: a batch of trials, or the sum of several batches, to price instead of all since the start.
+            target: "loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu", or the path of a table file.
+            of: a batch of trials, or the sum of several batches; by default the whole run since the start.
             step_s: duration of a step on the chip in s, e.g. 1e-3 for a step of 1 ms in real time; default: the chip's
                 own time.
             chips: number of chips that are on, e.g. all of a board; default: the number that the network needs.
             duration_s: duration of the run in real time in s; default: the duration of its steps. Use the duration of
-                the recordings where their frames are shown over more steps.
+                the recordings if their frames are shown over more steps.
             host: operations outside of the network, in addition to those of its world.
 
         Returns:
-            the bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules each and
-            source, `missing`, `refused`, `extrapolated`; `per(n, what)` divides it; `str` prints it.
+            the bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules per event
+            and source, `missing`, `refused`, `extrapolated`; `per(n, what)` divides it; `str` prints it.
 
         Raises:
             ModelError: there is no such target, the network does not fit on it, it has no published costs, or
@@ -511,9 +511,9 @@ class Simulation(RunningNetwork):
 
         counts = self._engine.counts() if of is None else of.raw_counts
         self.program.refuse_share("energy")
-        words: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": self.backend}
-        words["host"] = (*self.host_work, *host)
-        return bill(self.program, counts, target, **words)
+        options: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": self.backend}
+        options["host"] = (*self.host_work, *host)
+        return bill(self.program, counts, target, **options)
 
     @exclusive
     def memory(self) -> dict[str, int]:
@@ -525,7 +525,7 @@ class Simulation(RunningNetwork):
         """Return the network with the learnt weights, to be saved or compiled for another backend.
 
         Args:
-            frozen: whether learning is removed: synapses become static, and signals are dropped.
+            frozen: whether to remove learning: synapses become static, and signals are dropped.
         """
         self._synapses.check()
         from neuro.run.saved import learnt_network
@@ -550,10 +550,10 @@ class Simulation(RunningNetwork):
 
         Args:
             ms: length of the run, rounded up to whole steps.
-            chip: check the network on this chip, too.
-            train: check the gradients of training with surrogates, too.
+            chip: name of a chip on which the network is checked, too.
+            train: whether to check the gradients of training with surrogates, too.
             drive: rate in Hz of Poisson spikes for inputs that have not emitted any; 0: these inputs stay silent.
-            reward_after: delay of a reward after the spikes that earned it, in ms.
+            reward_after: delay of a reward after the spikes that caused it, in ms.
 
         Raises:
             ModelError: an argument is not as described.

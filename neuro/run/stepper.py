@@ -19,11 +19,11 @@ from neuro.run.watch import Watch
 Listed = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 
 LOOK = 1000
-"""Steps of the network between checks for NaN, while control steps run."""
+"""Number of steps between checks for NaN while control steps run."""
 
 
 class Joined:
-    """Engines of one network at the same step, as one.
+    """Engines of one network at the same step, controlled together.
 
     Args:
         run: the network in execution.
@@ -31,7 +31,7 @@ class Joined:
         watches: the watch on the states of each copy.
 
     Attributes:
-        engines: all engines as one.
+        engines: the joined engines.
         plain: whether there are no probes, streams or signals with values, so that all engines can advance at once.
     """
 
@@ -47,16 +47,16 @@ class Joined:
         return len(self._engine_of_copy)
 
     def advance(self, steps: int, forget: bool) -> None:
-        """Advance all engines; with `forget` spikes are not recorded, and states are checked at intervals only.
+        """Advance all engines. With `forget` spikes are not recorded, and states are checked at intervals only.
 
         Raises:
             ModelError: a state is NaN or infinite.
         """
         self.engines.run(steps, forget)
-        now = self._engine_of_copy[0].step
+        step = self._engine_of_copy[0].step
         # A check of all states takes as long as a control step of a small network.
-        if not forget or now >= self._due or now < steps:
-            self._due = now + LOOK
+        if not forget or step >= self._due or step < steps:
+            self._due = step + LOOK
             for watch in self._watches:
                 watch.look()
 
@@ -69,7 +69,7 @@ class Joined:
         steps = [engine.step for engine in self._engine_of_copy]
         if len(set(steps)) > 1:
             times = ", ".join(f"{self.run.clock.ms(step):g}" for step in steps[:4])
-            raise ModelError(f"copies are at {times} ... ms: expected the same time", hint="run all, or reset all")
+            raise ModelError(f"copies are at {times} ... ms: expected the same time", hint="run or reset all copies")
 
 
 class Stepper:
@@ -80,14 +80,14 @@ class Stepper:
 
     Args:
         joined: the copies.
-        ms: the length of a control step.
+        ms: length of a control step.
         emit: populations that receive spikes.
         count: populations whose spikes are counted.
         run: function that advances all copies by a number of steps instead of the stepper, and may record.
 
     Attributes:
-        ms: the length of a control step.
-        ticks: the length in steps of the network.
+        ms: length of a control step.
+        ticks: length of a control step in steps of the network.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Stepper:
                 raise ModelError(f"stepper: '{part.name}' is {a(part.model_name)}: expected a spike_generator")
         if run is None and not joined.plain:
             raise ModelError(
-                "stepper: the network has probes, streams or signals with values: expected one without",
+                "stepper: the network has probes, streams or signals with values: expected a network without them",
                 hint="use run and ports",
             )
         self._run = run
@@ -134,27 +134,27 @@ class Stepper:
             raise ModelError(f"step: spikes of {len(spikes)} populations: expected {len(self._emit)}")
         if spikes:
             joined.engines.list_spikes(
-                [self._list(index, each) for index, each in zip(self._emit, spikes, strict=True)]
+                [self._list(index, train) for index, train in zip(self._emit, spikes, strict=True)]
             )
         if self._run is None:
             joined.advance(self.ticks, forget=True)
         else:
             self._run(self.ticks)
-        now = [joined.engines.fired(index) for index in self._count]
-        counts = [after - before for after, before in zip(now, self._before, strict=True)]
-        self._before = now
+        fired = [joined.engines.fired(index) for index in self._count]
+        counts = [after - before for after, before in zip(fired, self._before, strict=True)]
+        self._before = fired
         return counts
 
     def _list(self, index: int, spikes: Listed) -> tuple[int, Ints, Ints, Ints]:
         part, n = self._joined.run.program.populations[index], len(self._joined)
-        *first, ticks, ids = (np.ascontiguousarray(each, dtype=np.int64) for each in spikes)
-        offsets = first[0] if first else np.array([0, len(ticks)], dtype=np.int64)
+        *optional, ticks, ids = (np.ascontiguousarray(array, dtype=np.int64) for array in spikes)
+        offsets = optional[0] if optional else np.array([0, len(ticks)], dtype=np.int64)
         if offsets.shape != (n + 1,) or offsets[0] != 0 or offsets[-1] != len(ticks) or len(ids) != len(ticks):
             message = f"step: spikes of '{part.name}': expected (offsets, ticks, ids) with {n + 1} offsets"
             raise ModelError(message if n > 1 else f"step: spikes of '{part.name}': expected as many ticks as ids")
-        for what, values, low, high in (("ticks", ticks, 1, self.ticks), ("ids", ids, 0, part.size - 1)):
+        for name, values, low, high in (("ticks", ticks, 1, self.ticks), ("ids", ids, 0, part.size - 1)):
             # Four calls of NumPy would take as long as some ticks of a small network.
             if not within(values, low, high):
-                actual = f"{what} {values.min()} to {values.max()}"
+                actual = f"{name} {values.min()} to {values.max()}"
                 raise ModelError(f"step: spikes of '{part.name}': {actual}: expected {low} to {high}")
         return index, offsets, ticks, ids

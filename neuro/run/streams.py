@@ -19,7 +19,7 @@ _NONE = np.zeros(0, dtype=np.int64)
 class StreamFeeder:
     """Feeds an engine from streams.
 
-    The only state is, for each stream, the step up to which the engine has its spikes. Later spikes are requested from
+    The only state is the step up to which the engine has the spikes of each stream. Later spikes are read from
     the stream again, so the result does not depend on how a run is divided.
 
     Args:
@@ -41,7 +41,7 @@ class StreamFeeder:
         return bool(self._streams)
 
     def play(self, index: int, stream: Stream) -> None:
-        """Play a stream to a population from the present step on, instead of its earlier stream."""
+        """Play a stream to a population from the present step on, instead of its previous stream."""
         self._streams[index], self._complete_up_to[index] = stream, self._engine.step
         self._iterators.pop(index, None)
 
@@ -56,7 +56,7 @@ class StreamFeeder:
             yield min(complete_up_to, end) - self._engine.step
 
     def _fill(self, index: int) -> int:
-        """Inject spikes until the next step is complete; return the last complete step."""
+        """Inject spikes until the next step has all of its spikes; return the last such step."""
         while self._complete_up_to[index] <= self._engine.step:
             if index not in self._iterators:
                 self._iterators[index] = self._streams[index].after(self._complete_up_to[index])
@@ -71,18 +71,18 @@ class StreamFeeder:
         return self._complete_up_to[index]
 
     def check_again(self, what: str) -> None:
-        """Refuse to go back in time if a stream cannot be read again.
+        """Refuse a call that sets back the time if a stream cannot be read again.
 
         Args:
-            what: the call, for the message.
+            what: name of the call, for the message.
 
         Raises:
-            ModelError: a stream was begun that can be read only once.
+            ModelError: a stream that can be read only once has been read.
         """
         for index in self._iterators:
             if not self._streams[index].repeatable:
                 message = f"{what}: '{self._names[index]}' has played events that can be read only once"
-                hint = "give it Events, a list of them, or a function that makes an iterator"
+                hint = "use Events, a list of Events, or a function that returns an iterator of them"
                 raise ModelError(f"{message}: expected events that can be read again", hint=hint)
 
     def rewind(self) -> None:

@@ -27,11 +27,11 @@ _NOBODY: Ints = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True, eq=False)
 class AllWins:
-    """All neurons that won in the trials of a batch, trial after trial, each trial in the order of the wins.
+    """All neurons that won in the trials of a batch, by trial, then in the order of the wins.
 
     Attributes:
         neurons: the winners, shape (wins,).
-        steps: the tick of each win, from 0.
+        steps: tick of each win, from 0.
         offsets: trial i has the wins `offsets[i] : offsets[i + 1]`, shape (trials + 1,).
     """
 
@@ -71,10 +71,10 @@ class TrialResults:
 
     Attributes:
         winner: the neuron that decided, the first one of several, or -1.
-        label: the label of its map (the map itself where the network has no labels), or -1.
-        step: the tick of the decision, from 0, or -1.
-        potential: the largest V_m of each map at the decision, shape (trials, maps). With `local_winners` it is the
-            value at the map's own first win. Without a decision it is the value at the end.
+        label: label of the winner's map (the map itself if the network has no labels), or -1.
+        step: tick of the decision, from 0, or -1.
+        potential: largest V_m of each map at the decision, shape (trials, maps). With `local_winners` it is the value
+            at the first win of the map. Without a decision it is the value at the end.
         ticks: number of ticks that ran.
     """
 
@@ -90,14 +90,14 @@ class TrialResults:
 
     @cached_property
     def wins(self) -> AllWins:
-        """All winners, where there may be several; otherwise the neurons that decided."""
+        """All winners if a trial may have several; otherwise the neurons that decided."""
         if self._wins is None:
             decided = self.winner >= 0
             return AllWins(self.winner[decided], self.step[decided], np.append(0, np.cumsum(decided)))
-        neurons, ticks = ([getattr(each, name) for each in self._wins] for name in ("neurons", "ticks"))
-        none = [_NOBODY]
+        neurons, ticks = ([getattr(trial_wins, name) for trial_wins in self._wins] for name in ("neurons", "ticks"))
+        no_wins = [_NOBODY]
         return AllWins(
-            np.concatenate(neurons or none), np.concatenate(ticks or none), np.cumsum([0, *map(len, neurons)])
+            np.concatenate(neurons or no_wins), np.concatenate(ticks or no_wins), np.cumsum([0, *map(len, neurons)])
         )
 
     @cached_property
@@ -112,7 +112,7 @@ class TrialResults:
 
     @property
     def taken(self) -> TrialCounts:
-        """Counts of the batch without the outcomes: small, and counts of batches can be added."""
+        """Counts of the batch without the outcomes. Counts of several batches can be added."""
         return TrialCounts(len(self), self.raw_counts, self._tally)
 
     def __len__(self) -> int:
@@ -157,7 +157,7 @@ class TrialLoop:
         self.samples_drawn, self.last_sample = 0, (-1, -1)
 
     def state(self) -> Ints:
-        """Return the state of dropout: the number of samples drawn for, and epoch and number of the last sample."""
+        """Return the state of dropout: number of samples so far, and epoch and number of the last sample."""
         return np.array([self.samples_drawn, *self.last_sample], dtype=np.int64)
 
     def put(self, state: Ints) -> None:
@@ -177,8 +177,8 @@ class TrialLoop:
         """Present a batch; `Simulation.trials` describes the arguments."""
         ends = self._offsets(offsets, np.size(times))
         n = len(ends) - 1
-        once = learn and self.section.spikes == "once" and bool(self.learners or not self.section.anew)
-        ticks, neurons = self._input(times, ids, ends, once)
+        is_once = learn and self.section.spikes == "once" and bool(self.learners or not self.section.anew)
+        ticks, neurons = self._input(times, ids, ends, is_once)
         correct = self._labels(labels, n, learn)
         silenced = self._dropout(samples, n, int(epoch)) if learn else np.zeros((1, self.section.maps), dtype=bool)
         peaks = learn and self.peaks
@@ -199,30 +199,30 @@ class TrialLoop:
                 wins.append(outcome.wins)
             if learn:
                 # Each of several winners teaches like a single winner, in the order of the wins.
-                each_alone = [outcome]
+                outcomes = [outcome]
                 if outcome.wins is not None and len(outcome.wins.neurons) > 1:
-                    won = zip(outcome.wins.neurons.tolist(), outcome.wins.ticks.tolist(), strict=True)
-                    each_alone = [replace(outcome, winner=neuron, tick=at) for neuron, at in won]
-                for each in each_alone:
-                    self._teach(each, -1 if correct is None else int(correct[i]), mute)  # type: ignore[arg-type]
+                    neurons_and_ticks = zip(outcome.wins.neurons.tolist(), outcome.wins.ticks.tolist(), strict=True)
+                    outcomes = [replace(outcome, winner=neuron, tick=tick) for neuron, tick in neurons_and_ticks]
+                for single in outcomes:
+                    self._teach(single, -1 if correct is None else int(correct[i]), mute)  # type: ignore[arg-type]
                 if self.by_dopamine:
                     reward = self._reward(outcome, -1 if correct is None else int(correct[i]))
                     for signal, size in self.signals.items():
                         self.engine.signal(signal, np.full(size, reward))
                     self.engine.run(self.section.after)
         self._restore_weights(weights)
-        several = tuple(wins) if self.several else None
+        all_wins = tuple(wins) if self.several else None
         label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
-        return TrialResults(winner, label, step, potential, ran, several, self.tally, before, self.engine.counts())
+        return TrialResults(winner, label, step, potential, ran, all_wins, self.tally, before, self.engine.counts())
 
     def _teach(self, outcome: Outcome, correct: int, silenced: Bools) -> None:
         """Let each rule teach the neurons that it chooses from the outcome of a trial."""
         decided = outcome.winner >= 0
-        hit = decided and outcome.winner // self.per_label_neurons == correct
+        is_correct = decided and outcome.winner // self.per_label_neurons == correct
         reward = self._reward(outcome, correct)
         maps = self.maps_of[correct] if correct >= 0 else _NOBODY
         end = TrialEnd(
-            outcome.winner, outcome.tick, outcome.ticks, correct, hit, reward, maps, silenced,
+            outcome.winner, outcome.tick, outcome.ticks, correct, is_correct, reward, maps, silenced,
             outcome.potential, outcome.best, outcome.peak, outcome.peak_tick,
         )  # fmt: skip
 
@@ -230,7 +230,7 @@ class TrialLoop:
             rule = self.rules[projection]
             for taught in rule.lessons(end):
                 if isinstance(taught, Lesson):
-                    # Engines do not check it, and a third-party rule may name a neuron that does not exist.
+                    # Engines do not check neurons, and a third-party rule may name a neuron that does not exist.
                     if not 0 <= (neuron := taught.neuron) < self.outputs:
                         expected = f"expected one of the output, 0 to {self.outputs - 1}"
                         message = f"{rule.name}: a lesson for neuron {neuron}: {expected}"
@@ -257,15 +257,15 @@ class TrialLoop:
         Args:
             weights: weights to restore in any case, by projection.
         """
-        if off := -self.engine.step % self.grid:
+        if n_steps := -self.engine.step % self.grid:
             weights = weights or self._dopamine_weights()
-            self.engine.run(off)
+            self.engine.run(n_steps)
         self._restore_weights(weights)
 
     def _restore_weights(self, weights: Mapping[int, Floats]) -> None:
-        """Restore weights that dopamine has changed where it should not teach."""
-        for projection, each in weights.items():
-            self.engine.set_weights(projection, each)
+        """Restore weights that dopamine changed outside of trials that teach."""
+        for projection, values in weights.items():
+            self.engine.set_weights(projection, values)
 
     def _reward(self, outcome: Outcome, correct: int) -> float:
         """Return the reward of a trial; 0 without a decision or a label."""
@@ -276,7 +276,7 @@ class TrialLoop:
     def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
         array = np.asarray(offsets)
         if array.ndim != 1 or array.size < 1 or array.dtype.kind not in "iu":
-            raise ModelError("trials: offsets: expected whole numbers, one more than there are trials")
+            raise ModelError("trials: offsets: expected whole numbers, one for each trial and the end")
         if array[0] != 0 or array[-1] != total or np.any(np.diff(array.astype(np.int64)) < 0):
             raise ModelError(
                 f"trials: offsets from {array[0]} to {array[-1]}: expected ascending numbers from 0 to {total}, "
@@ -312,17 +312,17 @@ class TrialLoop:
         """Refuse a second spike of an input in a trial, which `spikes: once` excludes."""
         n = int(trial[-1]) + 1 if trial.size else 0
         chunk = min(n, max(1, _CHUNK // self.inputs))
-        for first in range(0, n, max(chunk, 1)):
-            a, b = np.searchsorted(trial, (first, first + chunk))
-            rows = (trial[a:b] - first) * self.inputs + neurons[a:b]
+        for first_trial in range(0, n, max(chunk, 1)):
+            a, b = np.searchsorted(trial, (first_trial, first_trial + chunk))
+            rows = (trial[a:b] - first_trial) * self.inputs + neurons[a:b]
             has_spiked = np.zeros(chunk * self.inputs, dtype=np.uint8)
             has_spiked[rows] = 1
             if np.count_nonzero(has_spiked) < len(rows):
                 number, neuron = divmod(int(np.argmax(np.bincount(rows) > 1)), self.inputs)
                 raise ModelError(
-                    f"trials: input {neuron} spikes twice in trial {number + first}: "
+                    f"trials: input {neuron} spikes twice in trial {number + first_trial}: "
                     "expected at most once while learning",
-                    hint="with trials.spikes: first, the first spike of each input teaches; with each, all do",
+                    hint="trials.spikes: first uses the first spike of each input, trials.spikes: each uses all",
                 )
 
     def _labels(self, labels: ArrayLike | None, n: int, learn: bool) -> Ints | None:
@@ -349,8 +349,8 @@ class TrialLoop:
             is_new = np.ones(n, dtype=bool)
         else:
             array = _one_per_trial(samples, n, "samples")
-            before = self.last_sample[1] if self.last_sample[0] == epoch else -1
-            is_new = np.diff(array, prepend=before) != 0
+            previous = self.last_sample[1] if self.last_sample[0] == epoch else -1
+            is_new = np.diff(array, prepend=previous) != 0
             if n:
                 self.last_sample = (epoch, int(array[-1]))
         indices = self.samples_drawn + np.cumsum(is_new) - 1

@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 from neuro.core.errors import ModelError
 
 Turn = dict[str, tuple[str, int]]
-"""The key `NOW` holds the name of the present call and its thread, as a new tuple."""
+"""Dictionary whose key `NOW` has the name and the thread of the present call, as a new tuple."""
 
 NOW = "now"
 F = TypeVar("F", bound=Callable[..., Any])
@@ -28,8 +28,8 @@ _POLL_S = 1e-3
 
 def refused(name: str, turn: Turn) -> ModelError:
     """Return the error for a call during another call."""
-    other, thread = turn.get(NOW, ("another call", 0))
-    from_ = f"found a call from within '{other}'" if thread == get_ident() else f"found another thread within '{other}'"
+    call, thread = turn.get(NOW, ("another call", 0))
+    from_ = f"found a call from within '{call}'" if thread == get_ident() else f"found another thread within '{call}'"
     message = f"{name}: {from_} of the same simulation: expected one call at a time"
     return ModelError(message, hint="compile a simulation for each thread, or share one with a threading.Lock")
 
@@ -43,13 +43,13 @@ def exclusive(method: F) -> F:
         turn: Turn | None = self._turn
         if turn is None:
             return method(self, *args, **keywords)
-        mine = (name, get_ident())
+        own_call = (name, get_ident())
         try:
-            if turn.setdefault(NOW, mine) is not mine:
+            if turn.setdefault(NOW, own_call) is not own_call:
                 raise refused(name, turn)
             return method(self._inner, *args, **keywords)
         finally:
-            if turn.get(NOW) is mine:
+            if turn.get(NOW) is own_call:
                 del turn[NOW]
 
     return cast(F, call)
@@ -57,7 +57,7 @@ def exclusive(method: F) -> F:
 
 @contextmanager
 def hold(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
-    """Hold the turn during a block; do nothing on the inner object.
+    """Hold the turn during a block. On the inner object, which has no turn, this does nothing.
 
     Args:
         turn: the turn of the simulation; None on the inner object.
@@ -67,13 +67,13 @@ def hold(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
     Raises:
         ModelError: a call is under way.
     """
-    mine = (name, get_ident())
+    own_call = (name, get_ident())
     try:
-        while turn is not None and (now := turn.setdefault(NOW, mine)) is not mine:
-            if not wait or now[1] == mine[1]:
+        while turn is not None and (present_call := turn.setdefault(NOW, own_call)) is not own_call:
+            if not wait or present_call[1] == own_call[1]:
                 raise refused(name, turn)
             time.sleep(_POLL_S)
         yield
     finally:
-        if turn is not None and turn.get(NOW) is mine:
+        if turn is not None and turn.get(NOW) is own_call:
             del turn[NOW]

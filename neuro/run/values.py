@@ -36,7 +36,7 @@ class NeuronValues:
         self._program, self._engine, self._clock = run.program, run.engine, run.clock
 
     def set(self, neurons: Neurons, values: Mapping[str, Any]) -> None:
-        """Change parameters or states by name, of all neurons or of each.
+        """Change parameters or states by name: a number for all neurons, or a number for each.
 
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or several values conflict.
@@ -54,7 +54,7 @@ class NeuronValues:
         """Return a state or parameter, one value per neuron.
 
         Raises:
-            ModelError: the population has none of that name.
+            ModelError: the population has no such state or parameter.
         """
         part, word = neurons.part, word_of(what) if isinstance(what, str) else ""
         if word not in part.parameters and word not in settable.states(part):
@@ -118,14 +118,14 @@ class SynapseValues:
         mask: NDArray[np.bool_] | None = None
         selections = []
         sides = (("pre", "from", pre, part.source), ("post", "to", post, part.target))
-        for (word, way, side, population), ids in zip(sides, self.ends(index), strict=True):
+        for (word, preposition, side, population), ids in zip(sides, self.ends(index), strict=True):
             if side is None:
                 continue
             neurons = self._handles.neurons_or_ids(side, population, word)
             if neurons.index != population:
                 expected = self._program.populations[population].name
                 raise ModelError(f"{word} = {neurons.text}: expected neurons of '{expected}', an end of '{part.name}'")
-            selections.append(f"{way} {neurons.text}")
+            selections.append(f"{preposition} {neurons.text}")
             if neurons.ids is not None:
                 is_selected = neurons.mask()[ids]
                 mask = is_selected if mask is None else mask & is_selected
@@ -209,7 +209,7 @@ class SynapseValues:
         for word, value in new.items():
             if np.ndim(value) and np.shape(value) != (size,):
                 actual = f"shape {list(np.shape(value))}"
-                raise ModelError(f"{word} of '{part.name}': {actual}: expected {size} values, or one")
+                raise ModelError(f"{word} of '{part.name}': {actual}: expected {size} values, or one value")
         for word, value in new.items():
             all_values = np.broadcast_to(value, part.size) if chosen is None else engine.get_synapses(index, word)
             if chosen is not None:
@@ -217,7 +217,7 @@ class SynapseValues:
             engine.set_synapses(index, word, np.ascontiguousarray(all_values, dtype=np.float64))
 
     def set_weights(self, index: int, weights: Any, chosen: Chosen | None) -> None:
-        """Replace the weights of all synapses, or of the chosen ones: a number, or one for each.
+        """Replace the weights of all synapses, or of the chosen ones, by a number or a number for each.
 
         Raises:
             ModelError: the rule or the receptor does not accept the weights.
@@ -263,7 +263,7 @@ _FLAG = Quantity(kind="boolean")
 
 
 class Values:
-    """Reads and sets what a caller names: neurons of a population or a view, or synapses of a projection.
+    """Reads and sets values of the part that a caller names: a population, a view or a projection.
 
     Args:
         run: the network in execution.
@@ -293,7 +293,7 @@ class Values:
         new = {word_of(word): value for word, value in {**by_name, **keywords}.items()}
         neurons = self._run.handles.neurons_or_projection(part)
         if not new:
-            raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
+            raise ModelError("set: found no value: expected values by name", hint="sim.set(cells, V_m=-60.0)")
         if isinstance(neurons, int):
             self.synapses.set(neurons, new, self.synapses.chosen(neurons, of, pre, post, some=True))
         else:
@@ -305,7 +305,7 @@ class Values:
     ) -> Any:
         """Return a state or parameter, or several by name; see `Simulation.get`."""
         if isinstance(raw, str) and raw.isidentifier():
-            hint = f"sim.get(part, [{what!r}, {raw!r}]) gives both"
+            hint = f"sim.get(part, [{what!r}, {raw!r}]) returns both"
             raise ModelError(f"get: found {shown(what)} and {shown(raw)}: expected one name, or a list", hint=hint)
         if isinstance(what, list):
             return {word: self.get(part, word, raw, of, pre, post) for word in what}

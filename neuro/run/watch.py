@@ -20,9 +20,9 @@ class Watch:
     """Checks states at the end of runs, on every backend.
 
     States that can become unstable by themselves are checked each time: states of nonlinear models, and of targets of
-    third-party rules that learn. Other states become NaN only through unbounded input, and NaN stays. A check each time
-    that the number of steps has doubled, and at least every 10,000 steps, finds such a state, and runs of one step cost
-    nothing.
+    third-party rules that learn. Other states become NaN only through unbounded input, and stay NaN. A check each time
+    that the number of steps has doubled, and at least every 10,000 steps, finds such a state, and costs
+    nothing in runs of one step.
 
     Args:
         run: the network in execution.
@@ -31,8 +31,8 @@ class Watch:
     def __init__(self, run: Run) -> None:
         self.program, self.engine, self.clock = run.program, run.engine, run.clock
         unreadable_states, parts = unreadable(run.engine), run.program.projections
-        foreign = [p for p in parts if not type(p.synapse).__module__.startswith("neuro.model.synapses.")]
-        learning_targets = {part.target for part in foreign if part.synapse.learns}
+        third_party = [p for p in parts if not type(p.synapse).__module__.startswith("neuro.model.synapses.")]
+        learning_targets = {part.target for part in third_party if part.synapse.learns}
         self.rarely_checked: list[tuple[int, list[str]]] = []
         self.always_checked: list[tuple[int, list[str]]] = []
         for index, part in enumerate(self.program.populations):
@@ -84,7 +84,7 @@ class Watch:
 
 
 def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
-    """Return the weights of a projection, all of which are finite.
+    """Return the weights of a projection after a check that all are finite.
 
     Raises:
         ModelError: a weight is NaN or infinite.
