@@ -18,8 +18,8 @@ def test_spikes_that_were_forgotten_are_not_left_out_in_silence(tmp_path, messag
     sim = simulated()
     sim.run(10.0)
     sim.forget(5.0)
-    hint = "\n  hint: sim.spikes('a') gives all that are held"
-    begin = "spikes of 'a': since = 2 ms: those up to 5 ms were forgotten: expected since >= 5 ms" + hint
+    hint = "\n  hint: sim.spikes('a') returns all spikes in memory"
+    begin = "spikes of 'a': since = 2 ms: spikes up to 5 ms were forgotten: expected since >= 5 ms" + hint
     assert without_place(sim.spikes, "a", since=2.0) == begin
     messages({"told": without_place(sim.spikes, "a", until=5.0).replace(f"{tmp_path}/", "")})
     for words in ({}, {"since": 5.0}, {"until": 9.0}):
