@@ -115,7 +115,7 @@ def test_eq_125_first_to_fire(backend):
 
 
 def test_eq_129_action():
-    """(12 - 5) / 25 = 0.28: 50 ms and a refractory period of 2 ms leave at most 25 spikes. The drone doubles that."""
+    """(12 - 5) / 25 = 0.28, 25 being 50 ms over a refractory period of 2 ms. The drone doubles that."""
     box = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float64)
     act = decoders.difference(of="motors").made(box, [4], [50.0 / 2.0])
     assert act({"motors": np.array([[12, 5, 0, 25]])}).tolist() == [[0.28, -1.0]]

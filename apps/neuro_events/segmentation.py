@@ -11,7 +11,7 @@ The functions return the bounds of a complete recording: segment i is ``events[b
 implement the same methods with state, so that `segmented` can cut a recording that comes in parts. Both yield the same
 segments.
 
-Source: thesis sections 3.3 (lines 875-890) and 6.1.1 (lines 2165-2176).
+Source: thesis sections 3.3 (lines 870-880) and 6.1.1 (lines 2165-2176).
 """
 
 from __future__ import annotations

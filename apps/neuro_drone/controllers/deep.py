@@ -29,7 +29,7 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
 MOST = np.float32(15.0)
-"""Events in a field at which the input saturates at 1; the cells of the spiking network saturate there, too."""
+"""Events in a field at which the input saturates at 1."""
 
 
 def observed(counts: npt.NDArray[Any], kind: str) -> Singles:

@@ -274,8 +274,8 @@ class Framewise(Method):
     encoder: Encoder = part(Encoder, LogLatency())
     layer: Layer = part(Layer, RemusLayer())
     epochs: int = setting(8, "", "passes over all recordings", "learning has settled by then", at_least=1)
-    order: str = setting("recordings", "", "what is shuffled in each epoch", "thesis section 6.2.5", words=ORDERS)
-    vote: str = setting("potentials", "", "how frames decide", "docs/how-to/recognise.md; majority: 2431", words=VOTES)
+    order: str = setting("recordings", "", "what is shuffled in each epoch", "ours; open in the thesis", words=ORDERS)
+    vote: str = setting("potentials", "", "how frames decide", "docs/how-to/recognise.md; majority: 2317", words=VOTES)
 
     def __post_init__(self) -> None:
         super().__post_init__()

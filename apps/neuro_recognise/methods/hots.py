@@ -7,7 +7,7 @@ last event there: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 without such 
 the paper's distances between histograms.
 
 Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
-2017; thesis lines 2211-2280 with algorithm 13.
+2017; thesis lines 2211-2259 with algorithm 13.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Hierarchy(Part):
 
     known_as = "time_surfaces"
     kind = "hierarchy"
-    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; N 4, 8, 16, R 2, 4, 8, tau 10, 100, 1000 ms; thesis 2280"
+    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; N 4, 8, 16, R 2, 4, 8, tau 10, 100, 1000 ms; thesis 2259"
 
     layers: int = setting(3, "", "number of layers", CODE, at_least=1)
     radius: int = setting(2, "px", "radius of the first layer's time surfaces", CODE, at_least=1)
@@ -289,7 +289,7 @@ class Hots(Method):
     """Histograms of prototypes: each event is assigned to the prototype that is closest to its time surface."""
 
     title = "hierarchy of time surfaces"
-    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; thesis lines 2211-2280"
+    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; thesis lines 2211-2259"
     needs = "recognise"
     unobserved = ("hierarchy", "learn_from", "cell", "readout")
     presets = {

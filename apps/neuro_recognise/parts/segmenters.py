@@ -122,7 +122,7 @@ class Msd(Segmenter):
 class Hes(Segmenter):
     """Segments of equal duration: hard event segmentation."""
 
-    source = "thesis section 3.3, lines 875-890"
+    source = "thesis section 3.3, lines 870-874"
 
     window: float = setting(20.0, "ms", "length of a segment", "a fifth of a saccade of N-MNIST", above=0)
 
@@ -143,7 +143,7 @@ class Hes(Segmenter):
 class Counts(Segmenter):
     """Segments with equal numbers of events: hard event segmentation."""
 
-    source = "thesis section 3.3, lines 875-890"
+    source = "thesis section 3.3, lines 870-874"
 
     count: int = setting(200, "events", "events per segment", "about that of MSD's on N-MNIST", at_least=1)
 
