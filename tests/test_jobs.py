@@ -89,7 +89,7 @@ def test_a_job_whose_process_is_killed_twice_is_an_error_once_the_others_are_don
     heard = []
     assert refused(side_by_side, die, [(n, "") for n in range(5)], 2, heard.append) == (
         "a process was ended by SIGKILL, 2 times: it was killed or ran out of memory\n"
-        "  hint: the same command goes on where it was"
+        "  hint: run the same command again to resume"
     )
     assert sorted(heard) == [0, 1, 2, 2, 3, 4]
 

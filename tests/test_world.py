@@ -288,6 +288,8 @@ def test_an_own_environment_is_trained_frozen_compared_priced_watched_and_swept(
     )
     assert answer("run", "frozen.yaml", *own, "--episodes", 2, "--out", "b.h5").status == 0
     assert answer("run", "follower.yaml", *own, "--frozen", "--episodes", 2, "--out", "c.h5").status == 0
+    copies = ("--frozen", "--copies", 2, "--for", 1000, "--out", "d.h5")
+    assert "d.h5: 1000 ms" in answer("run", "follower.yaml", *own, *copies).out
     after, before = (neuro.results.read(tmp_path / f"{name}.h5").world["returns"].mean() for name in "bc")
     assert after > before + 20.0
     assert "decisions alike" in answer("compare", "frozen.yaml", *own, "--backends", "event,loihi", "--for", 2000).out

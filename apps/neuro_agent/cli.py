@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from neuro.apps import Backend, Chips, Seed, Set, Sources, assignments, at_least, seeds
+from neuro.apps import Backend, Chips, Seed, Sources, assignments, at_least, seeds
 
 app = typer.Typer(
     name="agent", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
@@ -25,6 +25,14 @@ MaybeEnvironment = Annotated[
 AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="Agent file from 'neuro agent train'.")]
 Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Episodes per test.")]
 Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps per training.")]
+Set = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Setting of the agent, e.g. fields=8 or decay=0.8; repeatable.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 
 
@@ -48,7 +56,10 @@ def train(
     envs: Annotated[
         int,
         typer.Option(
-            "--envs", metavar="N", parser=at_least(1), help="Environments side by side, each with its network."
+            "--envs",
+            metavar="N",
+            parser=at_least(1),
+            help="Environments side by side, each with a copy of the network; the copies add up what they learn.",
         ),
     ] = 1,
     save: Annotated[
@@ -57,10 +68,7 @@ def train(
     ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train an agent and write it to a file. The same command resumes from the last checkpoint after a kill.
-
-    --set changes a setting: --set fields=8 --set decay=0.8.
-    """
+    """Train an agent and write it to a file. The same command resumes from the last checkpoint after a kill."""
     from neuro_agent import ActorCritic, environments
     from neuro_agent.training import BLOCK
 
@@ -117,7 +125,7 @@ def controls(
     seed: Seed = 0,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train the agent and control agents that cannot learn, which should fail; print a table."""
+    """Train an agent, and agents that cannot learn, which should fail; print a table of their returns."""
     from neuro_agent import ActorCritic, environments, report
 
     env = environments.make(environment)
@@ -161,7 +169,7 @@ def compare(
 ) -> None:
     """Compare the agent, its linear twin, PPO and DQN, trained for the same number of steps and tested frozen.
 
-    --set changes the agent's settings. PPO and DQN have the defaults of stable-baselines3.
+    --set is for the agent; PPO and DQN have the defaults of stable-baselines3.
     """
     from neuro.apps import Bar
     from neuro_agent import compare as comparing, report

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from neuro.apps import Bar, Set, assignments, at_least, check_output, resumable, seeds
+from neuro.apps import Bar, assignments, at_least, check_output, resumable, seeds
 
 app = typer.Typer(
     name="bench", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
@@ -61,12 +61,12 @@ def run_method(
     ] = None,
     split_seed: Annotated[int, Option("--split-seed", metavar="N", min=0, help="Seed of random folds.")] = 0,
     threads: Annotated[int, Option("--threads", metavar="N", min=1, help="Number of threads.")] = 1,
-    set: Set = [],  # noqa: B006
+    set: Annotated[
+        list[str],
+        Option("--set", metavar="NAME=VALUE", help="Setting of the method in all tries, e.g. hidden=256; repeatable."),
+    ] = [],  # noqa: B006
 ) -> None:
-    """Train and test a method on the folds of a task; print a table row and write all figures as JSON.
-
-    --set changes a setting of the method in all tries: --set hidden=256.
-    """
+    """Train and test a method on the folds of a task; print a table row and write all figures as JSON."""
     from importlib.util import find_spec
 
     from neuro_bench import report

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, at_least
+from neuro.apps import PRICED, Backend, Chips, Seed, Sources, at_least
 
 if TYPE_CHECKING:
     from neuro_drone.model import Model
@@ -50,6 +50,14 @@ Untrained = Annotated[
         "--controller", metavar="NAME", help="Controller that does not learn, instead of a model, e.g. oracle."
     ),
 ]
+Set = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Setting of the scenario, e.g. camera.tilt=30, or of an untrained controller, e.g. eta=1e-3; repeatable.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=at_least(1), help="N x N starts on a grid.")]
 PathKind = Annotated[
@@ -74,16 +82,16 @@ def train(
     repeats: Annotated[
         int,
         typer.Option(
-            "--repeats", metavar="N", parser=at_least(1), help="Trainings on all cores, with seeds from --seed."
+            "--repeats",
+            metavar="N",
+            parser=at_least(1),
+            help="Number of trainings, on all cores; seeds count from --seed, and files are model-0.h5, ..., by seed.",
         ),
     ] = 1,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Model file to write.")] = Path("model.h5"),
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train a controller from random starts. After an interruption, the same command resumes.
-
-    --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). --repeats writes model-0.h5, ...
-    """
+    """Train a controller from random starts and write its model. The same command resumes after an interruption."""
     from neuro_drone.report import Bars, describe_training
     from neuro_drone.train import TrainingJob, apply_changes, side_by_side
 
@@ -97,7 +105,7 @@ def train(
         with Bars() as bars:
             models = side_by_side(jobs, report=bars.training)
     except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
+        typer.echo("interrupted: run the same command again to resume", err=True)
         raise typer.Exit(130) from None
     for file, model in zip(files, models, strict=True):
         typer.echo(f"{file}: {describe_training(model)}")
@@ -122,7 +130,7 @@ def try_model(
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Print errors and laps from a grid of starts, with frozen weights and without dopamine."""
+    """Fly laps from a grid of starts, with frozen weights and without dopamine; print errors and complete laps."""
     from neuro_drone.evaluate import grid, try_out
     from neuro_drone.paths import FlightCourse
     from neuro_drone.report import Bars, figures, show, write_pictures
@@ -200,7 +208,9 @@ def compare(
     steps: Steps = 60_000,
     repeats: Annotated[
         int,
-        typer.Option("--repeats", metavar="N", parser=at_least(1), help="Trainings per row, with seeds from --seed."),
+        typer.Option(
+            "--repeats", metavar="N", parser=at_least(1), help="Number of trainings per row; seeds count from --seed."
+        ),
     ] = 5,
     seed: Seed = 0,
     starts: Grid = 5,
@@ -233,7 +243,7 @@ def compare(
         with Bars(lines=1) as bars:
             table = run(rows, starts, course, folder, lambda job: bars.at(job.what, job.done, job.total, job.text))
     except KeyboardInterrupt:
-        typer.echo("interrupted: the same command goes on where it was", err=True)
+        typer.echo("interrupted: run the same command again to resume", err=True)
         raise typer.Exit(130) from None
     write_comparison(table, folder / "table.md")
     if json:

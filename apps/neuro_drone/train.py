@@ -111,10 +111,10 @@ def train(
     check_whole("steps", steps, 1)
     words = model.training_arguments() | {"steps": steps}
     if out is not None:
+        check_output(out, hdf5.kind(FORMAT))
         if out.is_file() and (stored := Model.load(out)).training_arguments() | {"steps": stored.steps} == words:
             Checkpoint(out, "", {}).remove()
             return stored
-        check_output(out, hdf5.kind(FORMAT))
     if kind_of(controller).learns:
         model = _learn(model, steps, out, words, report)
     if out is not None:

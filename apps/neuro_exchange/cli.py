@@ -85,13 +85,13 @@ class Options:
     )
     reset: str | None = option(
         "--reset RULE",
-        "Reset after a spike, if not that of --from: to_value, to_value_next, subtract or subtract_next. "
-        "For lava-dl: number of steps between two resets of the network.",
+        "Reset after a spike, instead of that of the tool of --from: to_value, to_value_next, subtract or "
+        "subtract_next. For lava-dl: number of steps between two resets of the network.",
         **_READ_NIR_OR_NETX,
     )
     run_script: bool = option(
         "--run-script",
-        "Run IN, which reading a script needs: without simulating, in a process without access to other files.",
+        "Allow IN to run, without simulation or access to other files. Without this option no script is read.",
         False,
         **_PYNN,
     )
@@ -102,17 +102,18 @@ class Options:
     seed: int | None = option("--seed N", "Seed of random parameters and connections; default: 0.", **_SCRIPTS)
     duration: float | None = option(
         "--for MS",
-        "Duration of the run in OUT in ms. Spikes of random generators are then written as lists.",
+        "Duration of the run in OUT in ms; PyNN then gets the spikes of random generators as lists. Default: in PyNN "
+        "1000, with random generators; in C a few steps after the last spike.",
         parser=milliseconds,
         **_SCRIPTS,
     )
     chip: str | None = option("--chip NAME", "Chip to emulate: loihi (default), loihi2 or spinnaker.", **_C)
     name: str | None = option("--name WORD", "Prefix of the C names; default: net.", **_C)
     ram: int | None = option(
-        "--ram SIZE", "Largest RAM of the program, such as 64K; an error above.", parser=memory_size, **_C
+        "--ram SIZE", "Error if the program needs more RAM than this, e.g. 64K.", parser=memory_size, **_C
     )
     flash: int | None = option(
-        "--flash SIZE", "Largest flash of the program, such as 1M; an error above.", parser=memory_size, **_C
+        "--flash SIZE", "Error if the program needs more flash than this, e.g. 1M.", parser=memory_size, **_C
     )
     frozen: bool = option("--frozen", "Leave out learning rules; weights stay as in IN.", False, **_C)
     recording: Path | None = option("--recording REC", "Event recording that the C test uses as input.", **_C)
@@ -241,7 +242,7 @@ def convert(
     """Convert a network from or to another tool, and print how exactly each part is converted.
 
     The endings of IN and OUT choose the formats. With --to c, OUT is a folder with C99 code for a microcontroller,
-    which has the spikes and states of the emulated chip.
+    which computes the same spikes and states as the emulated chip.
     """
     form = _output_format(destination, options.for_)
     if options.for_ == form:  # --to is the format, not a tool

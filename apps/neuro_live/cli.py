@@ -71,14 +71,19 @@ def times_real_time(text: str) -> float:
     return number
 
 
-Tick = Annotated[float, typer.Option("--tick", metavar="MS", parser=milliseconds, help="Length of a tick, in ms.")]
+Tick = Annotated[
+    float,
+    typer.Option(
+        "--tick", metavar="MS", parser=milliseconds, help="Interval in ms at which events are read and actions are due."
+    ),
+]
 Long = Annotated[
     float | None,
     typer.Option(
         "--for",
         metavar="MS",
         parser=long_time,
-        help="Duration in ms, or e.g. 10 s, 5 min, 1 h; by default 10 s, or with --page alone until Ctrl-C.",
+        help="Duration in ms, or e.g. 10 s, 5 min, 1 h; by default 10 s, or no end if the page controls the speed.",
     ),
 ]
 Input = Annotated[
@@ -86,21 +91,29 @@ Input = Annotated[
     typer.Option(
         "--input",
         metavar="NAME=FROM",
-        help="Source of an event camera NAME: udp://HOST:PORT (receive), tcp://HOST:PORT (connect), or a recording, "
-        "which is played in real time; repeatable.",
+        help="Events for the event camera NAME: received at udp://HOST:PORT, from the server tcp://HOST:PORT, or from "
+        "a recording, which is played in real time; repeatable.",
     ),
 ]
 From = Annotated[
     str | None, typer.Option("--from", metavar="FORMAT", help="Format of UDP events: spif, faery8, faery13, raw-evt3.")
 ]
 WhenLate = Annotated[
-    Late, typer.Option("--late", metavar="catch_up|skip|stop", help="Reaction to an action after its deadline.")
+    Late,
+    typer.Option(
+        "--late",
+        metavar="catch_up|skip|stop",
+        help="After a late action: catch up, skip the ticks that are past, or stop.",
+    ),
 ]
 LiveOut = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="HDF5 file of the results and the input; by default none.")
 ]
 ShowPage = Annotated[
-    bool, typer.Option("--page", help="Show the run in the browser; alone, the page also controls the speed.")
+    bool,
+    typer.Option(
+        "--page", help="Show the run in the browser. Without --input, --out and streams, the page controls the speed."
+    ),
 ]
 Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Name or address at which the page listens.")]
 Port = Annotated[

@@ -1,4 +1,4 @@
-"""Recognise objects in event-camera recordings: train, test, compare and use methods by one interface.
+"""Recognise objects in event-camera recordings: train recognisers by many methods, test, compare and use them.
 
 Recordings are a folder or zip of class folders in any readable format, or an HDF5 data set. If there are folders Train
 and Test, training uses Train and testing uses Test.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.apps import PRICED, Backend, Chips, Seed, Set, Sources, assignments, at_least, resumable
+from neuro.apps import PRICED, Backend, Chips, Seed, Sources, assignments, at_least, resumable
 
 if TYPE_CHECKING:
     from neuro_events import Recordings
@@ -29,7 +29,7 @@ app = typer.Typer(
 Option, Argument = typer.Option, typer.Argument
 
 
-MethodName = Annotated[str, Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
+MethodName = Annotated[str, Argument(metavar="METHOD", help="Name of a method, of 'neuro recognise list'.")]
 Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Labelled recordings: a folder, zip or HDF5 data set.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the data set, e.g. Train or Test.")]
 ModelFile = Annotated[Path, Argument(metavar="MODEL", help="Recogniser file written by 'train'.")]
@@ -42,6 +42,14 @@ Allow = Annotated[
 Assurance = Annotated[
     float,
     Option("--assurance", metavar="P", help="Probability that the share of wrong decisions stays within --allow."),
+]
+Set = Annotated[
+    list[str],
+    Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Setting of the method, or of scenes or detection, instead of its default; repeatable.",
+    ),
 ]
 Json = Annotated[bool, Option("--json", help="Print the figures as JSON.")]
 SceneFolder = Annotated[Path, Argument(metavar="SCENES", help="Folder written by 'scenes'.")]
@@ -107,13 +115,15 @@ def train(
     data: Data,
     out: Annotated[Path, Option(metavar="FILE", help="Recogniser file to write.")] = Path("model.h5"),
     part: Part = "Train",
-    preset: Annotated[str, Option(metavar="NAME", help="Preset of the method's settings.")] = "",
+    preset: Annotated[
+        str, Option(metavar="NAME", help="Preset of 'neuro recognise list METHOD'; default: the method's defaults.")
+    ] = "",
     seed: Seed = 0,
     backend: Backend = "event",
-    force: Annotated[bool, Option("--force", help="Replace the file of a different training.")] = False,
+    force: Annotated[bool, Option("--force", help="Replace --out, if it comes from a different training.")] = False,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train a recogniser on labelled recordings. After an interruption, run the same command again to resume."""
+    """Train a recogniser on labelled recordings and write its file. The same command resumes after an interruption."""
     from neuro_recognise.methods import method_of
     from neuro_recognise.recogniser import fit
     from neuro_recognise.telling.report import training_summary
@@ -290,7 +300,7 @@ def relearn(
     ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Permute the labels during training; print and plot the accuracy on held-out recordings after each epoch.
+    """Show how methods relearn after the labels are permuted: accuracy on held-out recordings after each epoch.
 
     Results that are already in the folder are reused.
     """

@@ -257,7 +257,7 @@ class Method(Settings):
             ModelError: the method has no preset of that name.
         """
         if name not in self.presets:
-            raise unknown(f"settings of {self.place()}", name, self.presets)
+            raise unknown(f"preset of {self.place()}", name, self.presets)
         return self.changed(self.presets[name])
 
     def fitting(self, size: tuple[int, int]) -> Self:

@@ -443,7 +443,7 @@ def _check_record(path: Path, record: Any) -> dict[str, Any]:
         ModelError: the record is missing or damaged.
     """
     if not isinstance(record, dict) or not record:
-        hint = "expected a file that a recent neuro wrote, or the folder of a run of a sweep"
+        hint = "expected a file that neuro wrote, with the record of its run, or the folder of a run of a sweep"
         raise ModelError(f"{path}: found no provenance", hint=hint)
     complete: dict[str, Any] = {"inputs": {}, "command": "", "folder": "", **record}
     names, texts = complete["inputs"], (complete["command"], complete["folder"])

@@ -195,7 +195,11 @@ Chips = Annotated[
 ]
 Per = Annotated[
     tuple[int, str],
-    typer.Option("--per", metavar="N WHAT", help="Number and name of the run's equal parts, e.g. 100 recording."),
+    typer.Option(
+        "--per",
+        metavar="N WHAT",
+        help="Divide by the number of equal parts of the run, e.g. 100 recording: figures per recording.",
+    ),
 ]
 StepTime = Annotated[
     float | None,
@@ -203,7 +207,7 @@ StepTime = Annotated[
         "--step-time",
         metavar="MS",
         parser=milliseconds,
-        help="Time of a step on the chip in ms; by default both clocks.",
+        help="Time of a step on the chip in ms; by default both the fastest possible and real time.",
     ),
 ]
 ChipsOn = Annotated[

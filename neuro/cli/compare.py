@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 BACKENDS = "event,loihi,spinnaker"
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="JSON file of all figures.")]
-Rules = Annotated[bool, typer.Option("--rules", help="Print only where the integers of Loihi 1 and Loihi 2 differ.")]
+Rules = Annotated[
+    bool, typer.Option("--rules", help="Run on Loihi 1 and Loihi 2 only; print the integers that differ.")
+]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="HTML page with figures and pictures.")]
 
 

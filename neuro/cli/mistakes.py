@@ -17,6 +17,13 @@ from neuro.core.system import speaks
 
 _MORE = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*)\)")
 _CHOICE = re.compile(r"Invalid value for ('[^']*'): Value error, (.*) is not one of (.*)")
+_EXPECTED = {
+    "int_parsing": "a whole number",
+    "float_parsing": "a number",
+    "greater_than_equal": "a number >= {ge}",
+    "less_than_equal": "a number <= {le}",
+}
+"""What an option expects, by typer's word for a wrong value."""
 _ITEM = "\n    - "
 _LIST = re.compile(rf"({_ITEM}[^\n]*)+")
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
@@ -158,6 +165,13 @@ def _unknown_option(name: str, context: Any) -> str:
     return f"unknown option '{name}'\n  hint: {hint}"
 
 
+def _expected(error: Exception) -> str:
+    """Return the value that typer refused and the values that it expects; "" for errors of another kind."""
+    first = cause.errors()[0] if hasattr(cause := error.__cause__, "errors") else {"type": ""}
+    expected = _EXPECTED.get(first["type"])
+    return f"'{first['input']}': expected {expected.format(**first.get('ctx', {}))}" if expected else ""
+
+
 def usage(error: Exception) -> str:
     """Return the message for a wrong option or argument, with a hint; "" if the help of a group was printed instead."""
     text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
@@ -168,6 +182,8 @@ def usage(error: Exception) -> str:
         text = f"found '{more[1]}', too: expected {_usage(context)}" if context else text
     elif choice := _CHOICE.fullmatch(text):
         text = f"{choice[1]}: found {choice[2]}: expected one of {choice[3]}"
+    elif expected := _expected(error):
+        text = text.replace(getattr(error, "message"), expected)  # noqa: B009
     if text.startswith("No such option") and context is not None:
         return _unknown_option(getattr(error, "option_name"), context)  # noqa: B009
     if getattr(error, "option_name", "") == "--with":

@@ -45,7 +45,7 @@ def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
     for each in context.command.params:
         source = context.get_parameter_source(each.name or "")
         if each.name in names and source is not None and source.name == "COMMANDLINE":
-            raise ModelError(f"{each.opts[0]}: expected {needs} as well")
+            raise ModelError(f"{each.opts[0]}: has no effect without {needs}")
 
 
 def group(name: str, about: str) -> typer.Typer:
@@ -137,7 +137,8 @@ def milliseconds(text: str) -> float:
     try:
         ms = converted(text, "ms") if is_measure(text) else float(text)
     except ModelError as error:
-        reason = error.message + (f"; {error.hint}" if error.hint else "")
+        hint = "expected a time, such as 20 ms or 0.5 s" if error.hint.startswith("known") else error.hint
+        reason = error.message + (f"; {hint}" if hint else "")
         raise typer.BadParameter(f"'{text}': {reason}") from None
     except ValueError:
         ms = math.nan
@@ -259,9 +260,11 @@ Backends = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of all random numbers.")]
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="Simulated time in ms.")]
-Steps = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Most control steps in the world.")]
+Steps = Annotated[
+    int | None, typer.Option(metavar="N", parser=at_least(1), help="Largest number of control steps in the world.")
+]
 Until = Annotated[
-    float | None, typer.Option(metavar="R", help="Mean return of the last 100 episodes at which learning ends.")
+    float | None, typer.Option(metavar="R", help="Mean return of the last 100 episodes at which the run ends.")
 ]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page without opening it.")]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Number of threads.")]

@@ -44,16 +44,28 @@ if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
 
 Record = Annotated[
-    list[str], typer.Option(metavar="NAME", help="Population whose spikes are written, instead of all; repeatable.")
+    list[str],
+    typer.Option(
+        metavar="NAME",
+        help="Population or generator whose spikes are written, instead of those of all neurons; repeatable.",
+    ),
 ]
 ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file of the results.")]
 AllWeights = Annotated[
     bool, typer.Option("--all-weights", help="Write static weights also of projections above a million synapses.")
 ]
-Episodes = Annotated[int | None, typer.Option(metavar="N", parser=at_least(1), help="Most episodes in the world.")]
+Episodes = Annotated[
+    int | None, typer.Option(metavar="N", parser=at_least(1), help="Largest number of episodes in the world.")
+]
 Frozen = Annotated[bool, typer.Option("--frozen", help="Act in the world without learning.")]
 CopiesOf = Annotated[
-    int, typer.Option("--copies", metavar="N", parser=at_least(1), help="Number of worlds that run side by side.")
+    int,
+    typer.Option(
+        "--copies",
+        metavar="N",
+        parser=at_least(1),
+        help="Number of worlds side by side, each with a copy of the network; the copies add up what they learn.",
+    ),
 ]
 Pace = Annotated[
     float | None, typer.Option("--pace", metavar="X", help="Multiple of real time in the world; by default no limit.")
@@ -91,7 +103,8 @@ def run(
 ) -> None:
     """Run a network and write spikes, traces, weights and the network itself to one HDF5 file.
 
-    A network with a world acts and learns there until --for, --steps, --episodes or --until, whichever is first.
+    A network with a world acts and learns there until --for, --steps, --episodes or --until, whichever is first. The
+    default of --for counts only if none of the others is set.
     """
     from neuro.core.clock import Clock
     from neuro.core.outputs import check_output
@@ -113,7 +126,7 @@ def run(
 
         source = context.get_parameter_source("duration")
         if (source is not None and source.name == "COMMANDLINE") or (steps, episodes, until) == (None, None, None):
-            steps_of_duration = max(1, math.ceil(duration / net.world_section.step - 1e-9))
+            steps_of_duration = copies * max(1, math.ceil(duration / net.world_section.step - 1e-9))
             steps = steps_of_duration if steps is None else min(steps, steps_of_duration)
         ends: dict[str, Any] = {"steps": steps, "episodes": episodes, "until": until}
         outputs: dict[str, Any] = {"record": record, "all_weights": all_weights, "save_frozen": save_frozen}

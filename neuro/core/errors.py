@@ -105,10 +105,13 @@ class ModelError(ValueError):
 def unknown(
     what: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
 ) -> ModelError:
-    """Return the error for an unknown name; the error's `kind` is "unknown " and `what` up to and including " of"."""
-    names, (head, of, _) = tuple(sorted(known)), what.partition(" of ")
+    """Return the error for an unknown name; the error's `kind` is "unknown " and `what` up to and including " of".
+
+    The message begins with a part that `what` quotes, as in "filter 'tar': unknown parameter 'tua'".
+    """
+    names, (head, of, part) = tuple(sorted(known)), what.partition(" of ")
     return ModelError(
-        f"unknown {what} '{name}'",
+        f"{part}: unknown {head} '{name}'" if part.endswith("'") else f"unknown {what} '{name}'",
         where=where,
         hint=nearest(str(name), names),
         path=path,

@@ -174,6 +174,8 @@ def check(path: Path, format: str = "", what: str = "", hint: str = "") -> str:
         if front is None or (format and front.format != format):
             if front is not None and front.format.rpartition(" ")[0] == format.rpartition(" ")[0]:
                 raise ModelError(f"{path}: a {front.format}, of another version: expected {what or f'a {format}'}")
+            if format and front is not None:
+                raise ModelError(f"{path}: found '{front.format}': expected {what or f'a {format}'}")
             if format:
                 raise not_ours(path, what or f"a {format}")
             return ""
@@ -202,7 +204,7 @@ def damaged(path: Path, front: Front, hint: str = "") -> ModelError:
     """Return the error for a file whose content and digest differ."""
     message = f"{path}: damaged {front.format}: the content does not match the digest"
     return ModelError(
-        message, hint=hint or "make it again, or take a copy; if you edited it: neuro.apps.hdf5.seal(path)"
+        message, hint=hint or "write it again, or use a backup; after an edit of your own: neuro.apps.hdf5.seal(path)"
     )
 
 

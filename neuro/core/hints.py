@@ -192,7 +192,9 @@ def near(name: str, known: Iterable[str]) -> str:
 def close_names(name: str, names: Sequence[str]) -> list[str]:
     """Return the nearest of some names in alphabetical order; an empty list if none is near."""
     lower = name.lower()
-    close = [word for word in ELSEWHERE.get(lower, ()) if word in names] or [w for w in names if w.lower() == lower]
+    close = [word for word in ELSEWHERE.get(lower, ()) if word in names] or [
+        w for w in names if w.lower() in (lower, f"{lower}s")
+    ]
     return close if close or lower in INSTEAD else _similar(name, list(names))
 
 

@@ -307,7 +307,9 @@ def _telling(path: Path, part: Path | None = None) -> Iterator[None]:
     except OSError as error:
         if part and error.filename is not None and not str(error.filename).startswith(str(part)):
             raise
-        raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
+        missing = isinstance(error, FileNotFoundError) and not path.parent.is_dir()
+        reason = f"there is no folder {path.parent}" if missing else f"cannot be written: {error.strerror or error}"
+        raise Unwritable(path, reason) from None
 
 
 def _part(path: Path) -> Path:

@@ -50,7 +50,7 @@ class Lost(ModelError):
     def __init__(self, how: str, attempts: int, seconds: float, timed_out: bool = False) -> None:
         self.how, self.attempts, self.seconds, self.timed_out = how, attempts, seconds, timed_out
         message = f"a process {how}, {attempts} times: it was killed or ran out of memory"
-        super().__init__(message, hint="the same command goes on where it was")
+        super().__init__(message, hint="run the same command again to resume")
 
 
 def _ignore(message: Any) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from neuro.core.errors import ModelError
-from neuro.core.hints import axes, near, nearest, notation
+from neuro.core.hints import axes, near, notation
 from neuro.core.quantities import LARGEST, Quantity
 from neuro.core.values import is_number, shown
 
@@ -47,7 +47,7 @@ def _hint(q: Quantity, value: Any) -> str:
     if not isinstance(value, str):
         return ""
     if q.kind == "word" or (q.kind == "integer" and q.words):
-        return nearest(value, q.words)
+        return near(value, q.words)
     if q.kind == "boolean":
         return f"write {_BOOLEANS[value.lower()]}" if value.lower() in _BOOLEANS else ""
     if q.kind == "shape":

@@ -157,4 +157,4 @@ def test_a_training_costs_what_its_blocks_do(alone, tmp_path, monkeypatch):
 
 def test_until_needs_a_world(run, network):
     status, _, err = run(*RUN, "--until", "5")
-    assert (status, err) == (2, "error: --until: expected a network with a world as well\n")
+    assert (status, err) == (2, "error: --until: has no effect without a network with a world\n")

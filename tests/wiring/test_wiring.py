@@ -328,7 +328,7 @@ def test_neuro_check_tells_each_mistake_once(tmp_path: Path) -> None:
     assert [error.message.split(": ", 1)[1] for error in found] == [
         "no file 'neuron.csv' beside the description",
         f"{tmp_path}/sub/edges.csv: unknown column 'n'",
-        f"to: {tmp_path}/neurons.csv: unknown value of column 'side' 'up'",
+        f"to: {tmp_path}/neurons.csv: column 'side': unknown value 'up'",
     ]
 
 

@@ -40,10 +40,13 @@ def microseconds(ms: float, option: str) -> int:
     return round(us)
 
 
-In = Annotated[str, typer.Argument(metavar="IN", help="A recording, - for standard input.")]
-Out = Annotated[str, typer.Argument(metavar="OUT", help="The file to write, - for standard output.")]
-From = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help="Format of the input. Default: detected.")]
-To = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help="Format of the output. Default: by its ending.")]
+In = Annotated[str, typer.Argument(metavar="IN", help="Recording to read; - for standard input.")]
+Out = Annotated[str, typer.Argument(metavar="OUT", help="File to write; - for standard output.")]
+From = Annotated[
+    str | None,
+    typer.Option("--from", metavar="FORMAT", help="Format of IN, of 'neuro events formats'. Default: detected."),
+]
+To = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help="Format of OUT. Default: by its ending.")]
 Lenient = Annotated[bool, typer.Option("--lenient", help="Read a damaged file up to the damage.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing OUT.")]
 Sensor = Annotated[

@@ -561,7 +561,10 @@ def frames_to_learn_from(features: Features) -> Frames:
     """
     frames = Frames.of(features)
     if not len(frames):
-        raise ModelError("no recording is long enough for a frame: expected some to learn from")
+        raise ModelError(
+            "no recording is long enough for a frame: expected some to learn from",
+            hint="the settings of the segmenter, as neuro recognise list METHOD shows them, decide where frames end",
+        )
     return frames
 
 

@@ -28,7 +28,7 @@ def rerun(
     moved_to: MovedTo = [],  # noqa: B006
     against: Against = None,
 ) -> None:
-    """Repeat the computation of a file, and report whether the results have the same bits, or the first difference.
+    """Repeat the run that wrote a file, and report whether the results have the same bits, or the first difference.
 
     Changes of versions and inputs since then are listed as well.
     """

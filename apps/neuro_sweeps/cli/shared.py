@@ -13,7 +13,7 @@ On = Annotated[
     str,
     typer.Option(
         metavar="WHERE",
-        help="Place of the runs: cores, here (this process), or a Dask scheduler: tcp://HOST:PORT, a file.",
+        help="Place of the runs: cores, here (this process), or a Dask scheduler, by tcp://HOST:PORT or its file.",
     ),
 ]
 Workers = Annotated[

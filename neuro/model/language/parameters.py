@@ -49,7 +49,7 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
         source = f"${name} is set at {node.label}"
         if name in overrides:
             node = _as_node(overrides[name], node)
-            source = f"${name} is set by params"
+            source = f"${name} is set by params or --set"
         names.values[name] = names.put(node), source
     out = {section: names.put(node) for section, node in sections.items() if section != "parameters"}
     for name in overrides:

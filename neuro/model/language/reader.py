@@ -106,9 +106,11 @@ def _text(path: Path) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         place = _place(data[: error.start].decode("utf-8", "replace"), str(path))
-        results_hint = "an HDF5 file such as results: neuro report FILE shows their content and bill"
-        message = f"found the byte 0x{data[error.start]:02x}: expected UTF-8 text"
-        raise ModelError(message, where=place, hint=results_hint if is_hdf5(data) else "") from None
+        if is_hdf5(data):
+            hint = f"if it has results, neuro report {path} shows them"
+            raise ModelError("found HDF5: expected a YAML file", where=Where(str(path)), hint=hint) from None
+        message = f"found the byte 0x{data[error.start]:02x}: expected a YAML file in UTF-8"
+        raise ModelError(message, where=place) from None
     if odd := _UNPRINTABLE.search(text):
         place = _place(text[: odd.start()], str(path))
         raise ModelError(f"found the character U+{ord(odd[0]):04X}: expected text", where=place)
