@@ -167,7 +167,7 @@ def _unknown_option(name: str, context: Any) -> str:
 
 def _expected(error: Exception) -> str:
     """Return the value that typer refused and the values that it expects; "" for errors of another kind."""
-    first = cause.errors()[0] if hasattr(cause := error.__cause__, "errors") else {"type": ""}
+    first: Any = getattr(error.__cause__, "errors", lambda: [{"type": ""}])()[0]
     expected = _EXPECTED.get(first["type"])
     return f"'{first['input']}': expected {expected.format(**first.get('ctx', {}))}" if expected else ""
 
