@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -61,82 +62,55 @@ def write_page(table: SweepTable | TuneTable, path: Path | None = None) -> Path:
 def page(table: SweepTable | TuneTable) -> str:
     """Return the page as HTML."""
     folder = Folder(table.path)
-    content, kind = folder.read(), folder.kind
+    content, kind, counts, path = folder.read(), folder.kind, table.counts(), shlex.quote(str(table.path))
+    what, units, commands = content["what"], content.get("units", {}), ["table", "plot", "status"]
+    pruned, without_value = "", list[TrialRow]()
     if isinstance(table, SweepTable):
-        outcomes = table.outcomes()
-        parts = [*_sweep_parts(table, content, outcomes)]
+        outcomes, under_way, size = table.outcomes(), counts["under way"], some(len(table), "run")
+        on = f" on {what['backend']}" if what["kind"] == "network" else ""
+        lead = f"{on} over {', '.join(table.parameters) or 'seeds'}: {size}."
+        times = [each.seconds for each in outcomes.values()]
+        results, keys, repeated = _metrics(table, units), list(table.keys[:1]), "any run"
     else:
-        trials = table.trials()
+        plan, trials, times = table.plan, table.trials(), []
         outcomes = folder.outcomes({item.key: None for each in trials for item in each.items})
-        parts = [*_search_parts(table, content, trials, outcomes)]
-    footer = html.tag("footer", f"Written by neuro {neuro.__version__} (neuro {kind.command}).")
-    return html.page(f"neuro {kind.command}", f"{table.name}: a {kind.what}", [*parts, footer])
-
-
-def _sweep_parts(
-    table: SweepTable, content: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]
-) -> Iterator[html.Html]:
-    what, over = content["what"], ", ".join(table.parameters) or "seeds"
-    on = f" on {what['backend']}" if what["kind"] == "network" else ""
-    yield _head(table, what, f"{on} over {over}: {some(len(table), 'run')}.")
-    yield html.tag("div", *_sweep_cards(table.counts(), outcomes), class_="cards")
-    yield from _metrics(table, content.get("units", {}))
-    yield from _failures(table, outcomes, ())
-    yield from _rows(table, content.get("units", {}))
-    yield from _origin(content, outcomes)
-    yield from _next(table, ("table", "plot", "status"))
-    if first := next(iter(table.keys), None):
-        yield html.tag("p", "Repeat any run with the same bits:")
-        yield html.tag("pre", f"neuro rerun {shlex.quote(str(table.path))}/runs/{first}")
-
-
-def _search_parts(
-    table: TuneTable, content: Mapping[str, Any], trials: Sequence[TrialRow], outcomes: Mapping[str, RunOutcome]
-) -> Iterator[html.Html]:
-    plan = table.plan
-    objectives = ", ".join(f"{name} {direction}d" for name, direction in plan.objectives.items())
-    runs = "" if plan.runs == 1 else f", each the mean of {plan.runs} runs"
-    trials_by = f"{some(plan.most, 'trial')} by {plan.sampler}{runs}"
-    yield _head(table, content["what"], f": {objectives}, over {', '.join(plan.names)}; {trials_by}.")
-    yield html.tag("div", *_search_cards(table, trials), class_="cards")
-    units = content.get("units", {})
-    yield from _best(table, units)
-    yield from _objectives(table, trials)
-    yield from _failures(table, outcomes, [trial for trial in trials if trial.has_no_value and trial.error])
-    yield from _rows(table, units)
-    yield from _origin(content, outcomes)
-    yield from _next(table, ("table", "plot", "status", *(("test",) if plan.folds else ())))
-    if best := table.best():
-        yield html.tag("p", "Repeat a run of the best trial with the same bits:")
-        yield html.tag("pre", f"neuro rerun {shlex.quote(str(table.path))}/runs/{best[0].items[0].key}")
-
-
-def _head(table: SweepTable | TuneTable, what: Mapping[str, Any], rest: str) -> html.Html:
+        without_value = [trial for trial in trials if trial.has_no_value and trial.error]
+        under_way, size = sum(each.outcome == "under way" for each in trials), some(plan.most, "trial")
+        objectives = ", ".join(f"{name} {direction}d" for name, direction in plan.objectives.items())
+        runs = "" if plan.runs == 1 else f", each the mean of {plan.runs} runs"
+        lead = f": {objectives}, over {', '.join(plan.names)}; {size} by {plan.sampler}{runs}."
+        pruned = f"by {plan.prune['by']}" if plan.prune else ""
+        commands += ["test"] if plan.folds else []
+        results = chain(_best(table, units), _objectives(table, trials))
+        keys, repeated = [each.items[0].key for each in table.best()[:1]], "a run of the best trial"
     name = Path(what["file"]).name if what["kind"] == "network" else what["name"]
-    return html.tag("header", html.tag("h1", table.name), html.tag("p", f"{name}{rest}", class_="lead"))
-
-
-def _sweep_cards(counts: Mapping[str, int], outcomes: Mapping[str, RunOutcome]) -> Iterator[html.Html]:
-    seconds = [each.seconds for each in outcomes.values()]
-    total = counts["done"] + counts["failed"] + counts["left"]
-    yield from _cards(counts, some(total, "run"), counts["under way"])
-    if seconds:
-        median = quantity(float(np.median(seconds)), "s", 3)
-        yield html.card("time per run", median, f"median; total {sum(seconds):,.3g} s")
-
-
-def _search_cards(table: TuneTable, trials: Sequence[TrialRow]) -> Iterator[html.Html]:
-    under_way = sum(each.outcome == "under way" for each in trials)
-    pruned = f"by {table.plan.prune['by']}" if table.plan.prune else ""
-    yield from _cards(table.counts(), some(table.plan.most, "trial"), under_way, pruned)
-
-
-def _cards(counts: Mapping[str, int], total: str, under_way: int, pruned: str = "") -> Iterator[html.Html]:
-    yield html.card("done", f"{counts['done']:,}", f"of {total}")
-    yield html.card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none")
-    if pruned:
-        yield html.card("pruned", f"{counts['pruned']:,}", pruned)
-    yield html.card("left", f"{counts['left']:,}", f"{under_way:,} of them under way")
+    cards = [
+        html.card("done", f"{counts['done']:,}", f"of {size}"),
+        html.card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none"),
+        *([html.card("pruned", f"{counts['pruned']:,}", pruned)] if pruned else ()),
+        html.card("left", f"{counts['left']:,}", f"{under_way:,} of them under way"),
+    ]
+    if times:
+        median = quantity(float(np.median(times)), "s", 3)
+        cards.append(html.card("time per run", median, f"median; total {sum(times):,.3g} s"))
+    words = {"table": " --out table.csv"}
+    parts = [
+        html.tag("header", html.tag("h1", table.name), html.tag("p", f"{name}{lead}", class_="lead")),
+        html.tag("div", *cards, class_="cards"),
+        *results,
+        *_failures(table, outcomes, without_value),
+        *_rows(table, units),
+        *_origin(content, outcomes),
+        html.tag("h2", "Next steps"),
+        html.tag("pre", "\n".join(f"neuro {kind.command} {each} {path}{words.get(each, '')}" for each in commands)),
+    ]
+    for key in keys:
+        parts += [
+            html.tag("p", f"Repeat {repeated} with the same bits:"),
+            html.tag("pre", f"neuro rerun {path}/runs/{key}"),
+        ]
+    parts.append(html.tag("footer", f"Written by neuro {neuro.__version__} (neuro {kind.command})."))
+    return html.page(f"neuro {kind.command}", f"{table.name}: a {kind.what}", parts)
 
 
 def _metrics(table: SweepTable, units: Units) -> Iterator[html.Html]:
@@ -226,13 +200,6 @@ def _origin(content: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> I
     if others:
         yield html.tag("p", "Some runs have other versions or another machine:")
         yield html.tag("ul", *(html.tag("li", line) for line in sorted(others)[:MOST_REASONS]), class_="remarks")
-
-
-def _next(table: SweepTable | TuneTable, commands: Iterable[str]) -> Iterator[html.Html]:
-    name, words = shlex.quote(str(table.path)), {"table": " --out table.csv"}
-    command = "sweep" if isinstance(table, SweepTable) else "tune"
-    yield html.tag("h2", "Next steps")
-    yield html.tag("pre", "\n".join(f"neuro {command} {each} {name}{words.get(each, '')}" for each in commands))
 
 
 def _headings(names: Iterable[str], units: Units) -> list[str]:
