@@ -162,6 +162,7 @@ def _do(
         if counts["left"]:
             with closing(pool_of(runs, folder, executor)) as pool:
                 _do_all(pool, folder, source, on_run, bar)
+            folder.tidy()
         return source.counts()
 
 

@@ -358,11 +358,7 @@ class Folder:
         with writing(self.path):
             for each in (self.path, self.runs, self.claims):
                 make_folder(each)
-            # Remove temporary folders of killed processes of this machine.
-            for name in os.listdir(self.runs):
-                match = _TEMPORARY.fullmatch(name)
-                if match and match[1] == _tag() and began(int(match[2])) != match[3]:
-                    shutil.rmtree(self.runs / name, ignore_errors=True)
+            self.tidy()
             (self.claims / f".try-{os.getpid()}").touch()
             (self.claims / f".try-{os.getpid()}").unlink()
         if not file.exists():
@@ -373,6 +369,13 @@ class Folder:
         if _code_of(present) != _code_of(content):
             unchanged = {word: value for word, value in present.items() if word not in ("format", "digest")}
             self.write(unchanged | {word: content[word] for word in ("what", "with")})
+
+    def tidy(self) -> None:
+        """Remove temporary folders of killed processes of this machine."""
+        for name in os.listdir(self.runs):
+            match = _TEMPORARY.fullmatch(name)
+            if match and match[1] == _tag() and began(int(match[2])) != match[3]:
+                shutil.rmtree(self.runs / name, ignore_errors=True)
 
     def write(self, content: Mapping[str, Any]) -> None:
         """Write the folder's file. A file of another program is not replaced."""

@@ -15,7 +15,7 @@ import yaml
 
 import neuro
 from neuro_sweeps.definition import Limits
-from neuro_sweeps.folder import Claims, Folder, alive, began, holder_of
+from neuro_sweeps.folder import Claims, Folder, _tag, alive, began, holder_of
 from neuro_sweeps.page import _metric
 from neuro_sweeps.pictures import pictures, plot_data
 from neuro_sweeps.space import RunItem
@@ -199,6 +199,13 @@ def test_when_a_sweep_is_killed_its_runs_and_what_they_forked_end(runs, tmp_path
     while (began(holder.process) or began(int(child.read_text()))) and time.monotonic() < until:
         time.sleep(0.02)
     assert (began(holder.process), began(int(child.read_text()))) == ("", "")
+
+
+def test_what_a_killed_process_leaves_late_is_removed_at_the_end(runs, tmp_path):
+    """Its parent is killed first, so it may begin a folder when the next sweep has looked for such folders."""
+    late = tmp_path / "out" / "runs" / f".a.{_tag()}.99999999-1.0"
+    table = sweep(runs.add, {"a": [1, 2]}, tmp_path / "out", each=lambda table: late.mkdir(exist_ok=True))
+    assert sorted(os.listdir(late.parent)) == sorted(table.keys)
 
 
 UNLOCKED = """
