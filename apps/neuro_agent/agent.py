@@ -102,7 +102,7 @@ class ActorCritic(Learner):
             most: control steps after which an episode is cut off.
 
         Raises:
-            ModelError: as `train`; or the backend refuses the network.
+            ModelError: see `train`; or the backend refuses the network.
         """
         return training.test(self, env, lambda: self.frozen(seed, backend), episodes, seed, patience, most)
 
@@ -115,7 +115,7 @@ class ActorCritic(Learner):
         are drawn at random; scrambled, whose input neurons (places) are permuted at random at each step.
 
         Raises:
-            ModelError: a name is unknown; or as `train` and `test`.
+            ModelError: a name is unknown; or see `train` and `test`.
         """
         tests = {}
         for name in names:
@@ -135,7 +135,7 @@ class ActorCritic(Learner):
         """Return the energy of control steps of the frozen agent on a chip, with observations from its last training.
 
         Args:
-            target: as for `Simulation.energy`.
+            target: chip or processor, see `Simulation.energy`.
             steps: number of observations to decide on; `per(steps, "decision")` of the bill is joules per decision.
 
         Raises:

@@ -221,15 +221,15 @@ def energy(
     if method not in deep.NAMES:
         raise unknown("deep agent", method, deep.NAMES)
     compare.Plan(environment, steps, (seed,), only=(method,))  # refuses untrainable environments before the training
-    for each in chips:
-        dense({}, each)  # refuses chips without prices before the training
+    for target in chips:
+        dense({}, target)  # refuses chips without prices before the training
     env, bar = environments.make(environment), environments.bar_of(environment) if until is None else until
     model, log, macs = deep.trained(method, deep.from_zero(env), steps=steps, seed=seed, until=bar)
     n_steps = model.num_timesteps
-    bills = [dense(macs, each, steps=n_steps, of="training", notes=deep.NOTES) for each in chips]
+    bills = [dense(macs, target, steps=n_steps, of="training", notes=deep.NOTES) for target in chips]
     if json:
-        about = {"method": method, "seed": seed, "episodes": len(log), "steps": n_steps, "solved": log.solved}
-        typer.echo(dumps({**about, "bills": [bill.as_dict() for bill in bills]}, indent=1))
+        facts = {"method": method, "seed": seed, "episodes": len(log), "steps": n_steps, "solved": log.solved}
+        typer.echo(dumps({**facts, "bills": [bill.as_dict() for bill in bills]}, indent=1))
     else:
         if bar is not None and not log.solved:
             typer.echo(f"Goal not reached: energy of {n_steps:,} steps")

@@ -53,7 +53,7 @@ class Trial:
     def run(self, report: Callable[[str], None]) -> dict[str, Any]:
         """Train and test; return the results as plain data."""
         env = environments.make(self.environment)
-        began = time.perf_counter()
+        start_time = time.perf_counter()
         try:
             steps, test = _TRAINERS[self.name](self, env)
         except BaselineError as error:  # results of the other trials are kept
@@ -63,7 +63,7 @@ class Trial:
             "name": self.name,
             "seed": self.seed,
             "steps": steps,
-            "seconds": round(time.perf_counter() - began, 2),
+            "seconds": round(time.perf_counter() - start_time, 2),
             "returns": test.returns.tolist(),
         }
         report(f"{self.name}, seed {self.seed}: mean return {test.mean:g}")
@@ -120,8 +120,8 @@ class Plan:
         """All trainings and tests."""
         excluded = self.left_out
         names = [name for name in NAMES if name in self.only or not (self.only or name in excluded)]
-        each = (self.episodes, self.settings)
-        return [Trial(name, self.environment, self.steps, seed, *each) for name in names for seed in self.seeds]
+        common = (self.episodes, self.settings)
+        return [Trial(name, self.environment, self.steps, seed, *common) for name in names for seed in self.seeds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,12 +146,12 @@ class Comparison:
     @property
     def names(self) -> list[str]:
         """Methods with results, the best first."""
-        methods = dict.fromkeys(one["name"] for one in self.each)
+        methods = dict.fromkeys(result["name"] for result in self.each)
         return sorted(methods, key=lambda name: -self.mean(name))
 
     def means(self, name: str) -> list[float]:
         """Return the mean return of each seed."""
-        return [float(np.mean(one["returns"])) for one in self.each if one["name"] == name]
+        return [float(np.mean(result["returns"])) for result in self.each if result["name"] == name]
 
     def mean(self, name: str) -> float:
         """Return the mean over the seeds."""
@@ -160,10 +160,10 @@ class Comparison:
     @property
     def winner(self) -> str:
         """One line with the winner and the margin."""
-        first, *rest = self.names
-        if not rest:
+        first, *others = self.names
+        if not others:
             return f"{first}: mean return {self.mean(first):.5g}; no other method took part"
-        second = rest[0]
+        second = others[0]
         first_means, second_means = self.means(first), self.means(second)
         if self.mean(first) == self.mean(second):
             tied = [name for name in self.names if self.mean(name) == self.mean(first)]
@@ -206,10 +206,10 @@ def run(plan: Plan, report: Callable[[str], None] | None = None) -> Comparison:
             method failed.
     """
     each = side_by_side(Trial.run, plan.trials, report=report)
-    failed = {one["name"]: one["failed"] for one in each if "failed" in one}
-    if failed and len(failed) == len({one["name"] for one in each}):
+    failed = {result["name"]: result["failed"] for result in each if "failed" in result}
+    if failed and len(failed) == len({result["name"] for result in each}):
         raise ModelError(next(iter(failed.values())))
-    return Comparison(plan, tuple(one for one in each if one["name"] not in failed), failed)
+    return Comparison(plan, tuple(result for result in each if result["name"] not in failed), failed)
 
 
 def _agent(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:

@@ -47,8 +47,8 @@ def draws_of(agent: Learner, seed: int) -> np.random.Generator | None:
 
 def ramp_size() -> tuple[int, float]:
     """Return the number of the ramp's neurons and each one's share of its rise per tick; the rise is linear."""
-    lost = 1.0 - math.exp(-1.0 / TAU)
-    return math.ceil(1.0 / lost) + RAMP, lost
+    loss = 1.0 - math.exp(-1.0 / TAU)
+    return math.ceil(1.0 / loss) + RAMP, loss
 
 
 def ramp_spikes() -> tuple[Ints, Ints]:
@@ -79,8 +79,8 @@ def deployed(agent: Learner) -> neuro.Network:
         net.connect(places, actor, neuro.all_to_all(), weight=weight.ravel(), delay=1.0, name=f"policy{k}")
         net.connect(ramp, actor, neuro.all_to_all(), weight=share * top / RAMP, delay=1.0, name=f"rise{k}")
         if n > 1:
-            others = neuro.all_to_all(autapses=False)
-            net.connect(actor, actor, others, weight=-INHIBITION * top, delay=1.0, name=f"inhibition{k}")
+            other_actors = neuro.all_to_all(autapses=False)
+            net.connect(actor, actor, other_actors, weight=-INHIBITION * top, delay=1.0, name=f"inhibition{k}")
     return net
 
 
@@ -119,7 +119,7 @@ class Frozen:
         """Return the neuron of each circuit that spiked, (1, circuits), for one observation, (1, dimensions)."""
         _, ticks, ids = self._places.spikes(observations, self.ticks, self._draws)
         chosen = self._stepper.step((ticks, ids), self.trigger[1])
-        return np.stack([each.argmax(axis=1) for each in chosen], axis=1)
+        return np.stack([winner.argmax(axis=1) for winner in chosen], axis=1)
 
 
 class Deployed(Frozen):

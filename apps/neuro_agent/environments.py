@@ -40,7 +40,7 @@ def make_many(name: str, n: int) -> gymnasium.Env[Any, Any] | VectorEnv[Any, Any
     """Make an environment, or a vector of n environments.
 
     Raises:
-        ModelError: as `make`.
+        ModelError: see `make`.
     """
     return make(name) if n == 1 else SyncVectorEnv([lambda: make(name)] * n)
 

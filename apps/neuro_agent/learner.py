@@ -63,8 +63,8 @@ class Learner:
 
     def __repr__(self) -> str:
         sizes = " + ".join(map(str, self.actions.sizes))
-        about = f"{self.places.size} places, {self.settings.critics} critics, {sizes} actors, seed={self.seed}"
-        return f"{type(self).__name__}({about})"
+        text = f"{self.places.size} places, {self.settings.critics} critics, {sizes} actors, seed={self.seed}"
+        return f"{type(self).__name__}({text})"
 
     @property
     def projections(self) -> tuple[str, ...]:
@@ -74,7 +74,7 @@ class Learner:
     @property
     def weights(self) -> dict[str, Floats]:
         """Learnt weights by projection, mV, (places, neurons)."""
-        return {name: each.copy() for name, each in self._memory["learnt"].items()}
+        return {name: weights.copy() for name, weights in self._memory["learnt"].items()}
 
     @property
     def last_vectors(self) -> Floats:

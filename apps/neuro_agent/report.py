@@ -66,18 +66,18 @@ def write_table(comparison: Comparison, path: Path) -> None:
         "left_out": comparison.left_out,
         "means": {name: comparison.means(name) for name in comparison.names},
         "provenance": provenance(),
-        "each": [dict(one) for one in comparison.each],
+        "each": [dict(result) for result in comparison.each],
     }
     write_text(path, json.dumps(contents, indent=1), TABLE)
 
 
 def show_comparison(comparison: Comparison) -> None:
     """Print the winner and the table."""
-    plan, out, rows = comparison.plan, console(), []
+    plan, screen, rows = comparison.plan, console(), []
     for name in comparison.names:
-        means, trials = comparison.means(name), [one for one in comparison.each if one["name"] == name]
+        means, trials = comparison.means(name), [result for result in comparison.each if result["name"] == name]
         spread = f" ± {np.std(means, ddof=1):.3g}" if len(means) > 1 else ""
-        steps, seconds = (float(np.mean([one[key] for one in trials])) for key in ("steps", "seconds"))
+        steps, seconds = (float(np.mean([result[key] for result in trials])) for key in ("steps", "seconds"))
         rows.append(
             (
                 name,
@@ -90,8 +90,8 @@ def show_comparison(comparison: Comparison) -> None:
         )
     seeds = ", ".join(map(str, plan.seeds))
     title = f"{plan.environment}, seeds {seeds}; weights frozen, {plan.episodes} new episodes each"
-    out.print(comparison.winner, soft_wrap=True, markup=False)
-    out.print(table(("who", "is", ">steps", ">mean return", ">worst seed", ">s"), rows, title=title))
+    screen.print(comparison.winner, soft_wrap=True, markup=False)
+    screen.print(table(("who", "is", ">steps", ">mean return", ">worst seed", ">s"), rows, title=title))
     for name, reason in comparison.left_out.items():
         if not plan.only or name in comparison.failed:
-            out.print(f"not compared: {name}: {reason}", soft_wrap=True, markup=False)
+            screen.print(f"not compared: {name}: {reason}", soft_wrap=True, markup=False)

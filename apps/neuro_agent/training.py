@@ -151,12 +151,12 @@ def loop_of(agent: Learner, worlds: Environments, control: str = "") -> ClosedLo
 def fitting(agent: Learner, env: Any, patience: float) -> Environments:
     """Return the environments; refuse spaces other than the agent's."""
     worlds = Environments(env, patience)
-    for what, expected, actual in (
+    for name, expected, actual in (
         ("observations", agent.observations, worlds.observations),
         ("actions", agent.actions.space, worlds.actions),
     ):
         if expected != actual:
-            raise ModelError(f"env: its {what} are {actual}: expected {expected}, for which the agent was made")
+            raise ModelError(f"env: its {name} are {actual}: expected {expected}, for which the agent was made")
     return worlds
 
 
@@ -170,8 +170,8 @@ def test(
     most: int,
 ) -> Test:
     """Test without learning, see `ActorCritic.test`; `made` returns the frozen agent."""
-    whole = Quantity(kind="integer", at_least=1)
-    episodes, most = check(whole, episodes, "test: episodes"), check(whole, most, "test: most")
+    count = Quantity(kind="integer", at_least=1)
+    episodes, most = check(count, episodes, "test: episodes"), check(count, most, "test: most")
     check(SEED, seed, "test: seed")
     worlds = fitting(agent, env, patience)
     if worlds.n != 1:

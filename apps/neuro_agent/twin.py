@@ -113,8 +113,8 @@ class _Pilot:
         """Learn from the errors of the step before the last; then add the last step to the eligibility."""
         s, errors = self._twin.settings, self.taught["error"].values(moment)
         scaled = self.taught["error0"].of(errors)
-        for error, own, z, (cells, increment) in zip(errors[:, 0], scaled[:, 0], self._z, self._e, strict=True):
-            self._w += (self._critic * error + self._actor * own) * z
+        for error, actor_error, z, (cells, increment) in zip(errors[:, 0], scaled[:, 0], self._z, self._e, strict=True):
+            self._w += (self._critic * error + self._actor * actor_error) * z
             z *= s.discount * s.decay
             z[cells] += increment
         for k in np.flatnonzero(moment.last):

@@ -151,8 +151,8 @@ def _play(
     error: Any = pilot.taught["error"]
     scale, circuits = error.scale, [circuit(k) for k in range(len(agent.actions.sizes))]
     observations = worlds.reset([episode_seed(seed, TESTS)])
-    reward, before, ended, cut = 0.0, 0.0, False, False
-    first = np.ones(1, dtype=np.bool_)
+    reward, last_value, ended, cut = 0.0, 0.0, False, False
+    is_first = np.ones(1, dtype=np.bool_)
     for k in range(STEPS + 1):
         camera.take(k)
         pilot.act(observations, worlds.infos)
@@ -166,8 +166,8 @@ def _play(
         episode.winners.append(winners)
         episode.chances.append(np.concatenate([sim.get(name, "p") for name in circuits]))
         episode.values.append(value)
-        after = 0.0 if ended else agent.settings.discount * value
-        episode.errors.append(reward + after - before if k else math.nan)
+        next_value = 0.0 if ended else agent.settings.discount * value
+        episode.errors.append(reward + next_value - last_value if k else math.nan)
         episode.rewards.append(reward)
         if episode.learning or k == 0:
             policies = [pilot.weights[name].reshape(agent.places.size, -1) for name in agent.projections[1:]]
@@ -176,11 +176,11 @@ def _play(
             break
         last = worlds.over
         observations, rewards, ends, cuts = worlds.step(agent.actions.of(winners[None]), [0])
-        reward, before, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
+        reward, last_value, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
         if episode.learning:
-            moment = Moment(counts, first, last, rewards, ends, worlds.infos, observations, 0.0, k + 1, ())
+            moment = Moment(counts, is_first, last, rewards, ends, worlds.infos, observations, 0.0, k + 1, ())
             pilot.teach(moment)
-        first = last
+        is_first = last
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 
 
@@ -192,11 +192,11 @@ def _interval(items: dict[int, Any]) -> int:
 
 def _store_evenly(items: dict[int, Any], k: int, item: Any, most: int) -> None:
     """Store an item of a control step; at most `most` items stay, at equal intervals."""
-    every = _interval(items)
-    if k % every == 0:
+    interval = _interval(items)
+    if k % interval == 0:
         items[k] = item
     if len(items) > most:
-        for old in [step for step in items if step % (2 * every)]:
+        for old in [step for step in items if step % (2 * interval)]:
             del items[old]
 
 
@@ -252,16 +252,16 @@ def _picture(image: Image) -> str:
 
 
 def _encoded(image: Image, kind: str, **options: Any) -> str:
-    into = io.BytesIO()
-    image.save(into, format=kind, **options)
-    return f"data:image/{kind};base64,{base64.b64encode(into.getvalue()).decode('ascii')}"
+    buffer = io.BytesIO()
+    image.save(buffer, format=kind, **options)
+    return f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
 
 
 def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
     """Return the HTML page."""
     steps = int(agent.log.steps[-1]) if len(agent.log) else 0
     sizes = " + ".join(map(str, agent.actions.sizes))
-    about = [
+    notes = [
         f"an agent of {agent.places.size} places, {agent.settings.critics} critics and {sizes} actors",
         f"after {steps:,} steps of training (seed {agent.seed})" if steps else "not trained yet",
         "learning continues" if episode.learning else "weights frozen",
@@ -293,7 +293,7 @@ def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
         for colour, (name, each) in zip(names, series.items(), strict=True)
     ]  # fmt: skip
     curves = {"lanes": lanes, "edge": EDGE, "cursor": "off", "click": True}
-    below = [
+    lower = [
         player.Panel(
             "Spikes",
             [_raster(agent, episode)],
@@ -308,12 +308,12 @@ def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
         _weights(agent, episode),
     ]
     columns = "minmax(0, 1.25fr) minmax(0, 1fr)"
-    return player.page("neuro agent watch", episode.name, about, timeline, _top(agent, episode), below, columns=columns)
+    return player.page("neuro agent watch", episode.name, notes, timeline, _top(agent, episode), lower, columns=columns)
 
 
 def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Panel]]:
     """Return the panels of the environment, or of the observation if there are no frames, and of the policy."""
-    lit = np.concatenate([np.eye(size, dtype=bool)[[one[k] for one in episode.winners]]
+    lit = np.concatenate([np.eye(size, dtype=bool)[[winners[k] for winners in episode.winners]]
                           for k, size in enumerate(agent.actions.sizes)], axis=1)  # fmt: skip
     names, colours = _actors(agent)
     row = max(9.0, min(28.0, 150 / len(names)))
@@ -338,17 +338,17 @@ def _top(agent: Learner, episode: Episode) -> list[player.Panel | list[player.Pa
 
 
 def _bounds(agent: Learner, most: int) -> str:
-    many = len(agent.places.dimensions)
-    return "within its bounds" if many <= most else f"within its bounds, the first {most} of {many} numbers"
+    n = len(agent.places.dimensions)
+    return "within its bounds" if n <= most else f"within its bounds, the first {most} of {n} numbers"
 
 
 def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
     most, row = (24, 24) if name == "large" else (12, 19)
     dimensions, observations = agent.places.dimensions[:most], np.array(episode.observations)[:, :most]
-    low = np.array([one.first if one.states else one.low for one in dimensions], dtype=np.float64)
-    high = np.array([one.first + one.states - 1 if one.states else one.high for one in dimensions], dtype=np.float64)
+    low = np.array([d.first if d.states else d.low for d in dimensions], dtype=np.float64)
+    high = np.array([d.first + d.states - 1 if d.states else d.high for d in dimensions], dtype=np.float64)
     data = {
-        "labels": [one.name.removeprefix("observation") or "state" for one in dimensions],
+        "labels": [d.name.removeprefix("observation") or "state" for d in dimensions],
         "values": observations.ravel(),
         "low": np.where(np.isfinite(low), low, observations.min(axis=0)),
         "high": np.where(np.isfinite(high), high, observations.max(axis=0)), "mark": True, "unit": "", "row": row,
@@ -359,8 +359,8 @@ def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
 def _actors(agent: Learner) -> tuple[list[str], list[str]]:
     """Return names and colours of the actors of all circuits."""
     labels = _labels(agent)
-    names = [f"{k}: {each}" if len(labels) > 1 else each for k, one in enumerate(labels) for each in one]
-    return names, [COLOURS[k % len(COLOURS)] for one in labels for k in range(len(one))]
+    names = [f"{k}: {each}" if len(labels) > 1 else each for k, circuit in enumerate(labels) for each in circuit]
+    return names, [COLOURS[k % len(COLOURS)] for circuit in labels for k in range(len(circuit))]
 
 
 def _raster(agent: Learner, episode: Episode) -> player.Track:
@@ -380,14 +380,14 @@ def _raster(agent: Learner, episode: Episode) -> player.Track:
          "colours": colours},
     ]  # fmt: skip
     window = max(24, min(160, episode.moves + 1))
-    data = {"strips": [one | {"each": 1} for one in strips], "window": window, "lead": 0.25, "edge": EDGE}
+    data = {"strips": [strip | {"each": 1} for strip in strips], "window": window, "lead": 0.25, "edge": EDGE}
     return player.Track("raster", "raster", "spikes by control step", data)
 
 
 def _weights(agent: Learner, episode: Episode) -> player.Panel:
     """Return the panel of the policy's weights by time, with marks at the active places."""
     names, colours = _actors(agent)
-    weights = np.stack([_columns(each) for each in episode.weights.values()])
+    weights = np.stack([_columns(maps) for maps in episode.weights.values()])
     largest = max(float(np.abs(weights).max()), 1e-9)
     data = {
         "rows": weights.shape[1], "columns": weights.shape[2], "at": list(episode.weights), "edge": EDGE,
@@ -419,9 +419,9 @@ def _labels(agent: Learner) -> list[list[str]]:
 
 def _columns(weights: Floats) -> Floats:
     """Return weights as a picture, (actions, columns); places that share a column show the largest weight."""
-    each = -(-len(weights) // COLUMNS)
-    padded = np.zeros((-(-len(weights) // each) * each, weights.shape[1]))
+    per_column = -(-len(weights) // COLUMNS)
+    padded = np.zeros((-(-len(weights) // per_column) * per_column, weights.shape[1]))
     padded[: len(weights)] = weights
-    groups = padded.reshape(-1, each, weights.shape[1])
+    groups = padded.reshape(-1, per_column, weights.shape[1])
     largest = np.abs(groups).argmax(axis=1)
     return np.take_along_axis(groups, largest[:, None], axis=1)[:, 0].T

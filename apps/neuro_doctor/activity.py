@@ -56,10 +56,10 @@ def findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
         yield from map(_downgrade, results) if k in driven else results
 
 
-def _downgrade(one: Finding) -> Finding:
-    if one.name == "dead-outputs":  # an output need not answer to noise
-        return replace(one, severity="note")
-    return replace(one, severity="warning") if one.severity == "fault" else one
+def _downgrade(problem: Finding) -> Finding:
+    if problem.name == "dead-outputs":  # an output need not answer to noise
+        return replace(problem, severity="note")
+    return replace(problem, severity="warning") if problem.severity == "fault" else problem
 
 
 def _firing(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
@@ -77,9 +77,9 @@ def _inputs(wiring: Wiring, run: Observation) -> Iterator[Finding]:
             continue
         connected = bool(wiring.out_of(k))
         if k in run.idle - run.driven and connected:
-            lacks, word = ("lists no spikes", "spike_times") if part.kind == "listed" else ("has rate 0", "rate")
+            problem, word = ("lists no spikes", "spike_times") if part.kind == "listed" else ("has rate 0", "rate")
             remedy = f"feed it from a program, or set its {word}; `neuro doctor --drive 20Hz` tries Poisson spikes"
-            yield note("no-input", part, f"no input was given: it {lacks}", remedy)
+            yield note("no-input", part, f"no input was given: it {problem}", remedy)
         elif connected and run.is_brief(k):
             evidence = (
                 f"it is on from {part.start * h:g} to {part.stop * h:g} ms only, {(part.stop - part.start) * h:g} of "
@@ -110,17 +110,17 @@ def _fast(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
         return  # graded neurons may send a message in each step on purpose
     if float(np.max(part.parameters.get("max_spikes", 1.0))) > 1.0:
         return  # these neurons emit several spikes per step on purpose
-    rate, most = run.rate(k), min(ceiling_hz(part, run.program.resolution), FAST_HZ)
+    rate, limit = run.rate(k), min(ceiling_hz(part, run.program.resolution), FAST_HZ)
     feedback = wiring.excites_itself(k)
-    if rate < max((RUNAWAY if feedback else CEILING) * most, SLOW_HZ):
+    if rate < max((RUNAWAY if feedback else CEILING) * limit, SLOW_HZ):
         return
     fires = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
     h = run.program.resolution
-    allows = "t_ref allows" if most < min(999.0 / h, FAST_HZ) else f"one spike in each step of {h:g} ms allows"
-    allows = "no neuron exceeds" if most == FAST_HZ < 999.0 / h else allows
-    evidence = f"{fires}, {rate / most:.0%} of the {most:,.0f} Hz that {allows}"
-    if alone := _alone(wiring, k, rate):
-        yield fault("ceiling", part, f"{evidence}; {alone[0]}", alone[1], part.name)
+    allows = "t_ref allows" if limit < min(999.0 / h, FAST_HZ) else f"one spike in each step of {h:g} ms allows"
+    allows = "no neuron exceeds" if limit == FAST_HZ < 999.0 / h else allows
+    evidence = f"{fires}, {rate / limit:.0%} of the {limit:,.0f} Hz that {allows}"
+    if by_current := _alone(wiring, k, rate):
+        yield fault("ceiling", part, f"{evidence}; {by_current[0]}", by_current[1], part.name)
     elif feedback:
         names = wiring.names(wiring.loops(k))
         remedy = f"lower `weight` of {names}, or strengthen the inhibition onto it"
@@ -154,7 +154,7 @@ def _strongest(wiring: Wiring, run: Observation, k: int) -> str:
     """Return the names of the projections with at least a fifth of a population's excitation."""
     per_step = run.per_step()
     up = {q: per_step[wiring.program.projections[q].source] * wiring.pushes(q)[0] for q in wiring.onto(k)}
-    return wiring.names(q for q, each in up.items() if each >= 0.2 * sum(up.values())) or "its inputs"
+    return wiring.names(q for q, current in up.items() if current >= 0.2 * sum(up.values())) or "its inputs"
 
 
 def _reduction(wiring: Wiring, run: Observation, k: int) -> str:
@@ -192,16 +192,16 @@ def _dead(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
     inputs = wiring.inputs_of_each(k)  # neurons without inputs have the finding "unreached"
     dead = np.flatnonzero((spikes == 0) & (True if inputs is None else inputs > 0))
     silent = dead.size
-    others = float(spikes[spikes > 0].mean())
-    if others < 10.0 or silent < DEAD * part.size:  # of 10 spikes expected, none is a chance of 1 in 20,000
+    mean_spikes = float(spikes[spikes > 0].mean())
+    if mean_spikes < 10.0 or silent < DEAD * part.size:  # of 10 spikes expected, none is a chance of 1 in 20,000
         return
-    evidence = f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {others:.3g} times each"
+    evidence = f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {mean_spikes:.3g} times each"
     ids, fire = ", ".join(map(str, dead[:5])), spikes > 0
     remedy = f"look at the inputs of neurons {ids}: raise their weights, or draw them with less spread"
     for word, v in part.parameters.items():
         if v.size > 1 and (v[dead].max() < v[fire].min() or v[dead].min() > v[fire].max()):
-            evidence += f"; their {word} is {v[dead].mean():.4g} on average, that of the others {v[fire].mean():.4g}"
-            remedy = f"set {word} of neurons {ids} as that of the others"
+            evidence += f"; their mean {word} is {v[dead].mean():.4g}, the mean of the others {v[fire].mean():.4g}"
+            remedy = f"set {word} of neurons {ids} to the value of the others"
     # With inhibition, some neurons may lose the competition before they learn.
     excited = not any(wiring.pushes(q)[1] for q in wiring.onto(k))
     severity = "fault" if excited and 2 * silent >= part.size else "warning"
@@ -249,7 +249,7 @@ class Silence:
         inputs = [self._thirds(j) for j in {self.program.projections[q].source for q in onto} - after]
         if self.run.ms < SHORT_MS or n_first < EARLY or self.wiring.onto(k, "current"):
             return
-        if not inputs or any(then < KEPT * before or not then for before, then in inputs):
+        if not inputs or any(late < KEPT * early or not late for early, late in inputs):
             return
         learning = {q: self.run.learning[q] for q in onto if q in self.run.learning}
         shrunk = [q for q, w in learning.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]
@@ -260,21 +260,21 @@ class Silence:
             f"{some(n_first, 'spike')} in the first third of the run, {n_last} in the last, though its inputs continued"
         )
         inhibit, severity = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]], "fault"
-        more, remedy = self._long_refractory(part) or self._depleted(onto)
+        cause, remedy = self._long_refractory(part) or self._depleted(onto)
         if shrunk:
             first, last = learning[shrunk[0]].first.mean(), learning[shrunk[0]].last.mean()
-            more = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {first:.3g} to {last:.3g}"
+            cause = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {first:.3g} to {last:.3g}"
             remedy = f"{balanced(self.program.projections[shrunk[0]], grows=False)}, or lower the learning rate"
-        elif inhibit and not more:
+        elif inhibit and not cause:
             if not n_last and not after & {
                 self.program.projections[q].source for q in inhibit
             }:  # not a loop that settles
                 yield self._inhibited(k, "falls-silent", evidence, inhibit)
             return
-        elif not more:
+        elif not cause:
             remedy = f"raise `weight` of {self.wiring.names(onto)}: initial states made it fire at first, or it adapts"
             severity = "fault" if is_end(self.wiring, k) else "warning"
-        yield finding("falls-silent", severity, part, evidence + more, remedy, part.name)
+        yield finding("falls-silent", severity, part, evidence + cause, remedy, part.name)
 
     def _thirds(self, k: int) -> tuple[int, int]:
         """Return the spikes of a population in the first and in the last third of the run."""
@@ -292,19 +292,19 @@ class Silence:
             part, rate = self.program.projections[q], self.run.per_step()
             rested, remaining = (self.wiring.efficacy(q, per_step) for per_step in (1e-9, rate[part.source]))
             if remaining < DEPLETED * rested:
-                words = [word for word in ("U", "tau_rec") if word in part.synapse.parameters()]
+                names = [word for word in ("U", "tau_rec") if word in part.synapse.parameters()]
                 evidence = (
                     f"; short-term depression leaves {remaining:.2g} of the weights of '{part.name}' at the "
                     f"{self.run.rate(part.source):.3g} Hz of its source, where a rested synapse sends {rested:.2g}"
                 )
-                return evidence, f"lower {' or '.join(words) or 'the depression'} of '{part.name}'"
+                return evidence, f"lower {' or '.join(names) or 'the depression'} of '{part.name}'"
         return "", ""
 
     def _inhibited(self, k: int, name: str, evidence: str, inhibit: list[int]) -> Finding:
         sources = {self.program.projections[q].source for q in inhibit}
-        back = {self.program.projections[q].target for q in self.wiring.out_of(k) if self.wiring.pushes(q)[1]}
+        inhibited = {self.program.projections[q].target for q in self.wiring.out_of(k) if self.wiring.pushes(q)[1]}
         # Of populations that inhibit each other, one may lose the competition.
-        severity, part = "note" if sources & back else "warning", self.program.populations[k]
+        severity, part = "note" if sources & inhibited else "warning", self.program.populations[k]
         remedy = f"lower the inhibition of {self.wiring.names(inhibit)}, or raise its excitation"
         return finding(name, severity, part, evidence, remedy, part.name)
 
@@ -312,8 +312,8 @@ class Silence:
         """Yield a finding about a silent population, unless its inputs are silent or missing."""
         part, cell = self.program.populations[k], self.wiring.cell(k)
         # A population without a `Cell` cannot be simulated alone, so only its inputs are checked.
-        alone = can_fire_alone(self.wiring, k) if cell is not None else not self.wiring.onto(k)
-        if k in self.waiting or not (k in self.receiving or alone):
+        fires_alone = can_fire_alone(self.wiring, k) if cell is not None else not self.wiring.onto(k)
+        if k in self.waiting or not (k in self.receiving or fires_alone):
             return
         v = self.run.populations[k].potentials
         evidence = f"0 of {some(part.size, 'neuron')} fired in {self.run.ms:g} ms{self._silenced(k)}"
@@ -347,8 +347,8 @@ class Silence:
         active = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         onto = [q for q in active if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
         slow = {j for j in (self.program.projections[q].source for q in onto) if self.run.rate(j) < WITHERED_HZ}
-        before = [q for j in sorted(slow) for q in self.wiring.onto(j) if self.wiring.may_excite(q)]
-        depleted, rested = self._depleted(onto + before)
+        upstream = [q for j in sorted(slow) for q in self.wiring.onto(j) if self.wiring.may_excite(q)]
+        depleted, rested = self._depleted(onto + upstream)
         rates = "" if depleted else ", or the rate of its inputs"  # higher rates deplete synapses more
         names = f"`weight` of {self.wiring.names(onto)}{times}{rates}" if onto else "its I_e"
         sources = {self.program.projections[q].source for q in onto}
@@ -362,8 +362,8 @@ class Silence:
 
     def _silenced(self, k: int) -> str:
         """Return the part of a message about populations that get no spikes because a population is silent."""
-        after = (self.wiring.reached([k]) - {k} - self.receiving) & self.silent
-        names = ", ".join(f"'{self.program.populations[j].name}'" for j in sorted(after)[:5])
+        unreached = (self.wiring.reached([k]) - {k} - self.receiving) & self.silent
+        names = ", ".join(f"'{self.program.populations[j].name}'" for j in sorted(unreached)[:5])
         return f", so nothing reaches {names}" if names else ""
 
 
@@ -405,10 +405,10 @@ def synchrony_findings(wiring: Wiring, run: Observation, k: int) -> Iterator[Fin
     active = int((s.spikes > 0).sum())
     if active < CROWD or not s.bins.size or not s.bins.any():
         return
-    back = _comes_back(wiring, k)
+    returns = _comes_back(wiring, k)
     volleys = next(filter(None, (_volleys(s.bins, active, round(ms / (run.bin * h))) for ms in WIDTHS_MS)), None)
-    if volleys is None or not back:
-        yield from _alternates(run, k, back)
+    if volleys is None or not returns:
+        yield from _alternates(run, k, returns)
         return
     if is_copied(run, k) or not wiring.excites_itself(k):
         return  # equal inputs make equal spikes, and inhibition may make a normal rhythm
@@ -444,9 +444,9 @@ def _volleys(bins: Ints, active: int, width: int) -> tuple[Ints, float, int] | N
         return None
     window = np.ones(width, dtype=np.int64)
     crowded = np.convolve(bins, window, "valid") >= VOLLEY * active
-    inside = np.convolve(crowded, window) > 0
-    begins, share = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0) == 1), bins[inside].sum() / bins.sum()
-    synchronous = begins.size >= 5 and share >= IN_VOLLEYS and share - inside.mean() >= MORE
+    volley = np.convolve(crowded, window) > 0
+    begins, share = np.flatnonzero(np.diff(volley.astype(np.int8), prepend=0) == 1), bins[volley].sum() / bins.sum()
+    synchronous = begins.size >= 5 and share >= IN_VOLLEYS and share - volley.mean() >= MORE
     return (begins, float(share), width) if synchronous else None
 
 
@@ -485,7 +485,7 @@ def shared_noise_findings(wiring: Wiring, run: Observation, k: int) -> Iterator[
         single = source.kind == "poisson" and source.size == 1 and wiring.weights[q].synapses >= target.size >= CROWD
         if single and source.largest("rate") >= NOISE_HZ and excitation > MAIN * sum(up.values()):
             evidence = (
-                f"all its {some(target.size, 'neuron')} hear the same spikes of the one neuron of '{source.name}', "
+                f"all its {some(target.size, 'neuron')} receive the spikes of the only neuron of '{source.name}', "
                 f"{excitation / sum(up.values()):.0%} of their excitation"
             )
             remedy = (

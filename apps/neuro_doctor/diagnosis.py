@@ -97,9 +97,9 @@ def _raster(run: Observation, indices: list[int]) -> Iterator[html.Html]:
         if not part.records:
             continue
         window = raster.Window(s.ids, run.steps + 1, part.size)
-        about = f"{run.rate(k):.3g} Hz, {window.described(run.ms, run.program.resolution)}"
+        subtitle = f"{run.rate(k):.3g} Hz, {window.described(run.ms, run.program.resolution)}"
         keys = window.keys(s.steps, s.ids[s.rows]) if s.steps.size else np.zeros(0, dtype=np.int64)
-        strips.append(raster.Strip(part.name, about, window, {"spike": keys}))
+        strips.append(raster.Strip(part.name, subtitle, window, {"spike": keys}))
     if strips:
         names = ", ".join(strip.name for strip in strips)
         drawing = raster.raster(strips, run.ms, run.program.resolution, label=f"raster of {names}", tallest=100)
@@ -154,9 +154,9 @@ class Diagnosis:
             by_name.setdefault((each.severity, each.name), []).append(each)
         for group in by_name.values():
             yield from map(str, group[:MOST_ALIKE])
-            if more := group[MOST_ALIKE:]:
-                names = ", ".join(each.what for each in more[:MOST_ALIKE])
-                yield f"  the same for {names}{', ...' * (len(more) > MOST_ALIKE)} ({len(more)} more)"
+            if others := group[MOST_ALIKE:]:
+                names = ", ".join(each.what for each in others[:MOST_ALIKE])
+                yield f"  the same for {names}{', ...' * (len(others) > MOST_ALIKE)} ({len(others)} more)"
 
     def _repr_html_(self) -> str:
         rows = tuple((e.severity, e.name, e.what, str(e.where or ""), e.evidence, e.remedy) for e in self)

@@ -95,13 +95,13 @@ def add_world_findings(diagnosis: Diagnosis, net: Network, options: Options, see
     return replace(diagnosis, findings=sort_findings([*remaining, *world.findings(net, options.backend, seed)]))
 
 
-def options_of(**words: Any) -> Options:
+def options_of(**settings: Any) -> Options:
     """Check the options and return them.
 
     Raises:
         ModelError: an option is invalid.
     """
-    options = Options(**words)
+    options = Options(**settings)
     check(_MS, options.ms, "ms")
     check(_RATE, options.drive, "drive")
     if options.reward_after is not None:
@@ -125,12 +125,12 @@ def backend_of_copy(name: str) -> str:
 
 def diagnose_errors(name: str, errors: list[ModelError]) -> Diagnosis:
     """Return the diagnosis of a network that cannot be compiled: each error is a fault."""
-    every = [each for error in errors for each in (error.but(others=()), *error.others)]
-    return Diagnosis(name, tuple(map(_mistake, every)), "Nothing ran: the description is refused.")
+    errors_of_file = [each for error in errors for each in (error.but(others=()), *error.others)]
+    return Diagnosis(name, tuple(map(_mistake, errors_of_file)), "Nothing ran: the description is refused.")
 
 
 def _mistake(error: ModelError) -> Finding:
-    remedy = error.hint or "write what is expected; neuro check lists all mistakes of a file"
+    remedy = error.hint or "correct the description; neuro check lists all errors of a file"
     return Finding("mistake", "fault", "description", error.where, error.message, remedy)
 
 
@@ -147,8 +147,8 @@ def examine(program: Program, options: Options) -> Diagnosis:
     problems = backend.problems(program)
     for each in problems:
         kind = ("refused", "fault") if each.refused else ("approximated", "warning")
-        way = each.way_out or "run it on a backend that takes it: neuro backends"
-        findings.append(Finding(*kind, each.what, each.origin, f"backend '{options.backend}': {each.why}", way))
+        remedy = each.way_out or "run it on a backend that takes it: neuro backends"
+        findings.append(Finding(*kind, each.what, each.origin, f"backend '{options.backend}': {each.why}", remedy))
     if any(each.refused for each in problems):
         return Diagnosis(program.name, sort_findings(findings), f"Nothing ran: {options.backend} refuses the network.")
     steps = math.ceil(options.ms / program.resolution - 1e-6)

@@ -79,9 +79,9 @@ class Drift:
         With w = u / v the equation is linear: u' = (push u) / 2 + lift v, v' = push u - (push v) / 2.
         """
         w, n = np.asarray(weight, dtype=np.float64), np.asarray(trials, dtype=np.float64)
-        half = self.push / 2.0
+        half_push = self.push / 2.0
         square = self.push * (self.push / 4.0 + self.lift)
-        s, rise, fall = np.sqrt(np.abs(square)), half * w + self.lift, half - self.push * w
+        s, rise, fall = np.sqrt(np.abs(square)), half_push * w + self.lift, half_push - self.push * w
         q = np.exp(-2.0 * s * n)  # u and v are scaled by exp(-s n) to stay finite for large n
         hyperbolic = (s * w + rise) + q * (s * w - rise), (s - fall) + q * (s + fall)
         circular = s * w * np.cos(s * n) + rise * np.sin(s * n), s * np.cos(s * n) - fall * np.sin(s * n)
@@ -91,7 +91,7 @@ class Drift:
         u = np.select(cases, [hyperbolic[0], circular[0]], straight[0])
         v = np.select(cases, [hyperbolic[1], circular[1]], straight[1])
         # Without a fixed point u / v passes infinity and returns from below; the bound ends the growth before.
-        n_at_bound = np.arctan2(s * (1.0 - w), self.lift + half * (1.0 - w))  # times s
+        n_at_bound = np.arctan2(s * (1.0 - w), self.lift + half_push * (1.0 - w))  # times s
         at_bound = (v <= 0.0) | ((square < 0.0) & (s * n >= n_at_bound))
         with np.errstate(divide="ignore", invalid="ignore"):
             result: Floats = np.where(at_bound, 1.0, np.clip(u / v, 0.0, 1.0))
@@ -157,7 +157,7 @@ def shares_of(
         raise ModelError(f"shares_of: '{projection}': expected a grid that learns by r_stdp in trials, without rescue")
     if grid.top or grid.left or grid.depthwise or part.source != trials.input:
         raise ModelError(f"shares_of: '{projection}': expected a grid from the input of the trials, without padding")
-    steps, ends = np.round(np.asarray(times) / program.resolution).astype(np.int64), np.asarray(offsets)
+    steps, starts = np.round(np.asarray(times) / program.resolution).astype(np.int64), np.asarray(offsets)
     maps, _, height, width = grid.kernels
     counts = np.zeros((2, 3, *grid.kernels))
     grown = np.zeros(maps)
@@ -169,7 +169,7 @@ def shares_of(
         if winner < 0 or trials.reward[0 if hit else 1] == 0.0:
             continue
         sheet.fill(np.inf)
-        span = slice(ends[k], ends[k + 1])
+        span = slice(starts[k], starts[k + 1])
         np.minimum.at(sheet, np.asarray(ids)[span], steps[span] + int(part.delay[0]))
         winning_map, position = divmod(winner, grid.rows * grid.columns)
         y, x = (grid.stride * each for each in divmod(position, grid.columns))
@@ -195,8 +195,8 @@ def required_share(rule: neuro.r_stdp, weight: Floats, before: float, per_label:
     """
     drifts = _outcome_drifts(rule, before)
     right, wrong = (float(np.mean(each.push * weight * (1.0 - weight))) / per_label for each in drifts)
-    up = wrong + rule.epsilon
-    return 0.0 if up <= 0.0 else up / (up - right) if right < 0.0 else 1.0
+    gain = wrong + rule.epsilon
+    return 0.0 if gain <= 0.0 else gain / (gain - right) if right < 0.0 else 1.0
 
 
 def sufficient_epsilon(rule: neuro.r_stdp, weight: Floats, before: float, per_label: int, share: float) -> float:
@@ -208,8 +208,8 @@ def sufficient_epsilon(rule: neuro.r_stdp, weight: Floats, before: float, per_la
 
 def _outcome_drifts(rule: neuro.r_stdp, before: float) -> list[Drift]:
     """Return the drift in a rewarded trial, and in a punished trial."""
-    shares, none = np.array([before, 0.0, 1.0 - before]), np.zeros(3)
-    return [drift_of(rule, Shares(*each)) for each in ((shares, none, none[0]), (none, shares, none[0]))]
+    shares, zeros = np.array([before, 0.0, 1.0 - before]), np.zeros(3)
+    return [drift_of(rule, Shares(*each)) for each in ((shares, zeros, zeros[0]), (zeros, shares, zeros[0]))]
 
 
 def findings(wiring: Wiring) -> Iterator[Finding]:
@@ -236,21 +236,21 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
         drive = cell.slope(0) * wiring.pushes(q)[0] / program.populations[part.target].size
         if drive <= 0.0 or not weight.size:
             continue
-        before = min(1.0, cell.distance / drive)
-        share = required_share(rule, weight, before, trials.maps_per_label)
+        p_pre = min(1.0, cell.distance / drive)
+        share = required_share(rule, weight, p_pre, trials.maps_per_label)
         if share <= limit:
             continue
-        reach = chance + EARLY_AT_MOST * (1.0 - chance)
+        early = chance + EARLY_AT_MOST * (1.0 - chance)
         soon = (1.0 - float(weight.mean())) / (rule.epsilon * chance * (1.0 - chance))
         by_chance = (
             f"by chance epsilon brings a mean weight to Wmax in {figure(soon)} trials, and then all maps decide alike"
         )
-        saturation = f"at this chance ReMuS on N-MNIST has {limit:.0%} to {reach:.0%} right early: weights may saturate"
+        saturation = f"at this chance ReMuS on N-MNIST has {limit:.0%} to {early:.0%} right early: weights may saturate"
         evidence = (
             f"epsilon = {rule.epsilon:g} outweighs rewards and punishments until {share:.0%} of the trials are right, "
-            f"of which chance is {chance:.0%}; {by_chance if share > reach else saturation}"
+            f"of which chance is {chance:.0%}; {by_chance if share > early else saturation}"
         )
-        least, most = (sufficient_epsilon(rule, weight, before, trials.maps_per_label, end) for end in (limit, reach))
+        least, upper = (sufficient_epsilon(rule, weight, p_pre, trials.maps_per_label, end) for end in (limit, early))
         lower = f"lower epsilon to about {figure(least)}" if least > 0.0 else "set epsilon to 0"
-        lower += f", or at most {figure(most)} if decisions are right early" if most > 0.0 else ""
+        lower += f", or at most {figure(upper)} if decisions are right early" if upper > 0.0 else ""
         yield warning("weights-saturate", part, evidence, f"{lower}, or set rescue: true")

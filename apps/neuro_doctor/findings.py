@@ -37,8 +37,8 @@ class Finding:
     shows: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        place = f"{self.where}: " if self.where else ""
-        return f"{self.severity} {self.name}: {place}{self.what}\n  found: {self.evidence}\n  remedy: {self.remedy}"
+        position = f"{self.where}: " if self.where else ""
+        return f"{self.severity} {self.name}: {position}{self.what}\n  found: {self.evidence}\n  remedy: {self.remedy}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding as plain data for JSON; an unknown `where` is None."""

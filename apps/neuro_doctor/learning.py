@@ -52,8 +52,8 @@ def findings(wiring: Wiring, run: Observation, ran: float, steered: bool) -> Ite
         changed = record.last != record.first
         modulated = part.synapse.modulated or part.synapse.learns == "moves"
         if not changed.any() and not modulated:
-            each = "delay" if part.synapse.delays else "weight"
-            evidence = f"none of {some(part.size, each)} changed in {run.ms:g} ms, though both sides fired"
+            value = "delay" if part.synapse.delays else "weight"
+            evidence = f"none of {some(part.size, value)} changed in {run.ms:g} ms, though both sides fired"
             remedy = "raise its learning rate, check that its time constants (ms) span the times between spikes"
             yield fault("learns-nothing", part, evidence, remedy)
         elif changed.any() and not part.synapse.delays:
@@ -104,26 +104,26 @@ def _bounds(part: Projection, record: LearningRecord, run: Observation) -> Itera
     top, bottom = w >= high - slack, w <= low + slack
     divided = list(_divided(part, record, top, bottom, run.ms))
     strengthens = float(np.abs(high).mean()) >= float(np.abs(low).mean())  # False for inhibitory weights, below 0
-    for way, at, end, name in ((1.0, top, high, "largest"), (-1.0, bottom, low, "smallest")):
-        share, before = float(at.mean()), float((np.abs(record.first - end) <= slack).mean())
-        covered = float((way * change).mean()) / max(float(np.abs(end - record.first).mean()), 1e-300)
-        towards = float((way * change[change != 0.0] > 0.0).mean())
-        remedy = f"{balanced(part, (way > 0.0) == strengthens)}, or lower the learning rate"
-        most = share >= AT_BOUND > before and w.size >= 4
-        many = share >= AT_ONE > 3.0 * before and run.ms <= QUICK_MS and not divided
-        if most or (many and covered > SPENT and w.size >= 20):
-            near = "at" if bool((w[at] == end[at]).all()) else f"within {NEAR:.0%} of"
+    for sign, at_bound, end, name in ((1.0, top, high, "largest"), (-1.0, bottom, low, "smallest")):
+        share, initial_share = float(at_bound.mean()), float((np.abs(record.first - end) <= slack).mean())
+        covered = float((sign * change).mean()) / max(float(np.abs(end - record.first).mean()), 1e-300)
+        towards = float((sign * change[change != 0.0] > 0.0).mean())
+        remedy = f"{balanced(part, (sign > 0.0) == strengthens)}, or lower the learning rate"
+        is_fault = share >= AT_BOUND > initial_share and w.size >= 4
+        is_warning = share >= AT_ONE > 3.0 * initial_share and run.ms <= QUICK_MS and not divided
+        if is_fault or (is_warning and covered > SPENT and w.size >= 20):
+            near = "at" if bool((w[at_bound] == end[at_bound]).all()) else f"within {NEAR:.0%} of"
             evidence = (
                 f"{share:.0%} of {some(w.size, 'weight')} are {near} the {name}, {end.mean():g}, after {run.ms:g} ms, "
-                f"{before:.0%} were before"
+                f"{initial_share:.0%} were before"
             )
             remedy += ", or use a rule whose changes depend on the weight"
-            yield finding("weights-at-bounds", "fault" if most else "warning", part, evidence, remedy)
+            yield finding("weights-at-bounds", "fault" if is_fault else "warning", part, evidence, remedy)
             return
         if w.size >= 20 and covered > SPENT and towards > ONE_WAY:
             evidence = (
                 f"{towards:.0%} of {some(int((change != 0.0).sum()), 'weight')} that changed "
-                f"{'grew' if way > 0.0 else 'shrank'}, by {covered:.0%} of the way to the bound in {run.ms:g} ms"
+                f"{'grew' if sign > 0.0 else 'shrank'}, by {covered:.0%} of the way to the bound in {run.ms:g} ms"
             )
             yield warning("one-way", part, evidence, remedy)
     yield from divided
@@ -140,9 +140,9 @@ def _divided(part: Projection, record: LearningRecord, top: Flags, bottom: Flags
         f"{bottom.mean():.0%} of {some(w.size, 'weight')} are within {NEAR:.0%} of the smallest and {top.mean():.0%} "
         f"of the largest after {ms:g} ms, and their spread has grown {w.std() / first.std():.2g} times"
     )
-    words = {word.rstrip("_") for word in part.synapse.parameters()}
-    rate = "lambda" if "lambda" in words else "the learning rate"
-    soft = ", or set mu_plus and mu_minus above 0, for soft bounds" if {"mu_plus", "mu_minus"} <= words else ""
+    names = {word.rstrip("_") for word in part.synapse.parameters()}
+    rate = "lambda" if "lambda" in names else "the learning rate"
+    soft = ", or set mu_plus and mu_minus above 0, for soft bounds" if {"mu_plus", "mu_minus"} <= names else ""
     yield warning("weights-at-bounds", part, evidence, f"lower {rate} for slower changes{soft}")
 
 
@@ -152,10 +152,10 @@ def balanced(part: Projection, grows: bool) -> str:
     E.g. "raise A_minus or lower A_plus" for weights that grow.
     """
     words = part.synapse.parameters()
-    more, less = ("raise", "lower") if grows else ("lower", "raise")
+    verb, opposite = ("raise", "lower") if grows else ("lower", "raise")
     for plus, minus in (("A_plus", "A_minus"), ("Aplus", "Aminus")):
         if plus in words and minus in words:
-            return f"{more} {minus} or {less} {plus}"
+            return f"{verb} {minus} or {opposite} {plus}"
     if "alpha" in words:
-        return f"{more} alpha"
+        return f"{verb} alpha"
     return f"strengthen {'depression' if grows else 'potentiation'}"

@@ -120,8 +120,8 @@ class Observation:
     def is_brief(self, population: int) -> bool:
         """Return whether a Poisson generator is on so briefly that most of its neurons do not fire."""
         part = self.program.populations[population]
-        begins = part.kind == "poisson" and part.start < min(part.stop, self.steps)
-        short = begins and part.stop - part.start < BRIEF * self.steps
+        starts = part.kind == "poisson" and part.start < min(part.stop, self.steps)
+        short = starts and part.stop - part.start < BRIEF * self.steps
         return short and float(self.populations[population].spikes.mean()) < FEW
 
     def per_step(self) -> dict[int, float]:
@@ -156,11 +156,11 @@ def observe(
         keep: indices of populations of which all spikes are recorded.
     """
     watch = _Watch(engine, program, steps, drive, keep)
-    chunk, began = max(1, steps // READS), None
+    chunk, start_time = max(1, steps // READS), None
     while watch.steps < steps and not watch.unstable:
         watch.advance(min(chunk, steps - watch.steps))
-        began = began or time.perf_counter()  # the first chunk compiles kernels
-        if time.perf_counter() - began > seconds:
+        start_time = start_time or time.perf_counter()  # the first chunk compiles kernels
+        if time.perf_counter() - start_time > seconds:
             break
     return watch.observation()
 
@@ -218,12 +218,12 @@ class _Watch:
         self._feed(self.steps + steps)
         for stretch in [steps] if self.signals is None else self.signals.stretches(steps):
             self.engine.run(stretch)
-        before, self.steps = self.steps, self.steps + steps
+        last_steps, self.steps = self.steps, self.steps + steps
         for k, part in enumerate(self.program.populations):
             if part.kind == "current":
                 continue
             if part.records:
-                self._record_spikes(k, before)
+                self._record_spikes(k, last_steps)
             if part.kind == "neuron" and part.model.states and part.model.states[0].name == "V_m":
                 self._read_potentials(k)
         for q, readings in self.traces.items():

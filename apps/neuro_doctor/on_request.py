@@ -64,8 +64,8 @@ def _problems(program: Program, chip: Chip) -> list[Problem]:
 
 def _problem(each: Problem, chip: Chip) -> Finding:
     name, severity = ("chip-refuses", "fault") if each.refused else ("chip-approximates", "warning")
-    way = each.way_out or f"neuro fit --chip {chip.name} says more"
-    return Finding(name, severity, each.what, each.origin, f"{chip.title}: {each.why}", way)
+    remedy = each.way_out or f"neuro fit --chip {chip.name} says more"
+    return Finding(name, severity, each.what, each.origin, f"{chip.title}: {each.why}", remedy)
 
 
 def _weights(program: Program, chip: Chip) -> Iterator[Finding]:
@@ -73,10 +73,10 @@ def _weights(program: Program, chip: Chip) -> Iterator[Finding]:
     if chip.arithmetic not in ARITHMETICS:
         return
     for part, fixed in zip(program.projections, quantise(program, chip).projections, strict=True):
-        if fixed is not None and (lost := fixed.rounding.zeroed) > FEW:
-            evidence = f"{lost:.0%} of its weights become 0 on {chip.title}, whose step is {fixed.step.max():.3g}"
+        if fixed is not None and (loss := fixed.rounding.zeroed) > FEW:
+            evidence = f"{loss:.0%} of its weights become 0 on {chip.title}, whose step is {fixed.step.max():.3g}"
             remedy = "lower the largest weight of its population, which sets the scale, raise small ones, or prune them"
-            yield finding("weights-erased", "fault" if lost > ERASED else "warning", part, evidence, remedy)
+            yield finding("weights-erased", "fault" if loss > ERASED else "warning", part, evidence, remedy)
 
 
 def _merged(program: Program, chip: Chip, run: Observation) -> Iterator[Finding]:
@@ -84,15 +84,15 @@ def _merged(program: Program, chip: Chip, run: Observation) -> Iterator[Finding]
     if chip.arithmetic not in ARITHMETICS or not arithmetic_of(chip).one_bit:
         return
     reported = False
-    for k, lost in _lost(run).items():
+    for k, loss in _lost(run).items():
         part, spikes = program.populations[k], int(run.populations[k].spikes.sum())
         relay = isinstance(part.model, Neuron) and part.model.relay
-        if lost <= FEW or (relay and reported):  # the losses of a relay are those of its input
+        if loss <= FEW or (relay and reported):  # the losses of a relay are those of its input
             continue
-        evidence = f"{lost:.1%} of its {spikes:,} spikes share a step with another of their neuron: a spike is one bit"
+        evidence = f"{loss:.1%} of its {spikes:,} spikes share a step with another of their neuron: a spike is one bit"
         remedy = ONCE if part.kind == "neuron" and not relay else MERGES
         reported = True
-        yield finding("spikes-merged", "fault" if lost > ERASED else "warning", part, evidence, remedy)
+        yield finding("spikes-merged", "fault" if loss > ERASED else "warning", part, evidence, remedy)
 
 
 def _lost(run: Observation) -> dict[int, float]:
@@ -110,13 +110,13 @@ def _merged_rates(program: Program, run: Observation) -> list[float]:
     parts = [replace(part, records=part.records or k in inputs) for k, part in enumerate(program.populations)]
     recording = replace(program, populations=tuple(parts))
     backend = find_backend("event")
-    first = observe(backend.build(recording, threads=1), recording, run.steps, run.drive, SECONDS, inputs)
-    for k, (steps, ids) in first.all_spikes.items():
+    input_run = observe(backend.build(recording, threads=1), recording, run.steps, run.drive, SECONDS, inputs)
+    for k, (steps, ids) in input_run.all_spikes.items():
         part = replace(parts[k], kind="listed", model=spike_generator(), parameters={}, schedule=None, stream=None)
         parts[k] = replace(part, spike_steps=steps, spike_ids=ids, start=0, stop=NEVER)
     replaying = replace(program, populations=tuple(parts))
-    second = observe(backend.build(replaying, threads=1), replaying, run.steps, run.drive, SECONDS)
-    return [second.rate(k) for k in range(len(parts))]
+    merged_run = observe(backend.build(replaying, threads=1), replaying, run.steps, run.drive, SECONDS)
+    return [merged_run.rate(k) for k in range(len(parts))]
 
 
 def _slower_than_real_time(program: Program, chip: Chip, run: Observation) -> Iterator[Finding]:
@@ -147,9 +147,9 @@ def _compare_runs(program: Program, chip: Chip, run: Observation) -> Iterator[Fi
         except ModelError as error:
             yield fault("chip-refuses", program, f"{chip.title}: {error.message}", error.hint or "neuro fit says more")
             return
-    for each in {str(w.message): w.message for w in caught if isinstance(w.message, OverflowWarning)}.values():
-        evidence = f"a register overflowed in {chip_run.ms:g} ms: {chip_run.native.get(each.what, 1):,} {each.what}"
-        yield finding("chip-overflows", severity, program, evidence, each.hint or "lower the weights or rates onto it")
+    for item in {str(w.message): w.message for w in caught if isinstance(w.message, OverflowWarning)}.values():
+        evidence = f"a register overflowed in {chip_run.ms:g} ms: {chip_run.native.get(item.what, 1):,} {item.what}"
+        yield finding("chip-overflows", severity, program, evidence, item.hint or "lower the weights or rates onto it")
     merged, one_bit = list[float](), arithmetic_of(chip).one_bit
     for k, part in enumerate(program.populations):
         float_rate, chip_rate = run.rate(k), chip_run.rate(k)
@@ -195,7 +195,7 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
         target = program.populations[wires.target]
         equal_rows = wires.layout == "dense" and bool((wires.weight == wires.weight[:1]).all())
         if equal_rows and target.size > 1 and wiring.out_of(wires.target):
-            evidence = f"all its weights are {wires.weight[0]:g}: all neurons of '{target.name}' get one gradient"
+            evidence = f"all its weights are {wires.weight[0]:g}: all neurons of '{target.name}' get the same gradient"
             yield fault("weights-alike", wires, evidence, "draw them, as `weight: {normal: {mean: 0.0, std: 0.1}}`")
     sizes = _sizes(wiring, run)
     for k, part in enumerate(program.populations):
@@ -203,15 +203,15 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
             continue
         s = surrogate(wiring, run, k)
         slope = "" if s is None else f"; the surrogate of its neurons is {s:.2g} on average, of at most 1"
-        evidence = f"a gradient of 1 at the outputs is {sizes[k]:.2g} at it{slope}"
+        evidence = f"a gradient of 1 at the outputs becomes {sizes[k]:.2g} here{slope}"
         names = wiring.names(wiring.out_of(k))
         if sizes[k] < GONE and names:
             layers = _layers(wiring, k)
             passes = max(sizes[k], 1e-30) ** (1.0 / layers)
             if layers > 1:
                 evidence += f"; each of {layers} layers passes {passes:.2g} of its gradient"
-            each = f"{names} and of the later layers" if layers > 1 else names
-            remedy = f"draw weights of {each} up to {figure(1.0 / passes)} times larger, so that V_m comes near V_th"
+            onto = f"{names} and of the later layers" if layers > 1 else names
+            remedy = f"draw weights of {onto} up to {figure(1.0 / passes)} times larger, so that V_m comes near V_th"
             yield fault("gradients-vanish", part, evidence, remedy)
         elif sizes[k] > MUCH:
             yield fault("gradients-explode", part, evidence, f"draw smaller weights for {names}")
@@ -220,20 +220,20 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
             continue
         growth = _growth(wiring, run, q)
         if growth is not None and growth > GROWN:
-            back = f"a gradient grows {growth:.2g} times on its way back through {WINDOW_MS:g} ms of recurrence"
-            yield fault("gradients-explode", wires, back, "draw smaller recurrent weights, or cut gradients in time")
+            text = f"a gradient grows {growth:.2g} times on its way back through {WINDOW_MS:g} ms of recurrence"
+            yield fault("gradients-explode", wires, text, "draw smaller recurrent weights, or cut gradients in time")
 
 
 def _layers(wiring: Wiring, k: int) -> int:
     """Return the least number of projections from a population to an output."""
     front, passed = {k}, {k}
     for layers in range(len(wiring.program.populations)):
-        after = {wiring.program.projections[q].target for j in front for q in wiring.out_of(j)} - passed
-        if not after:
+        targets = {wiring.program.projections[q].target for j in front for q in wiring.out_of(j)} - passed
+        if not targets:
             break
-        if any(is_end(wiring, j) for j in after):
+        if any(is_end(wiring, j) for j in targets):
             return layers + 1
-        front, passed = after, passed | after
+        front, passed = targets, passed | targets
     return 1
 
 
@@ -280,18 +280,18 @@ def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
 
     @cache
     def size(k: int, before: frozenset[int]) -> float | None:
-        ways = [q for q in forward[k] if program.projections[q].target not in before]
-        if not ways:
+        outgoing = [q for q in forward[k] if program.projections[q].target not in before]
+        if not outgoing:
             return 1.0
-        parts = []
-        for q in ways:
+        terms = []
+        for q in outgoing:
             factor, beyond = _factor(wiring, run, q, whole=True), size(program.projections[q].target, before | {k})
             if factor is not None and beyond is not None:
-                parts.append(factor * beyond)
-        return float(np.sqrt(np.square(parts).sum())) if parts else None
+                terms.append(factor * beyond)
+        return float(np.sqrt(np.square(terms).sum())) if terms else None
 
-    every = {k: size(k, frozenset()) for k in range(len(program.populations))} if len(forward) <= 12 else {}
-    return {k: g for k, g in every.items() if g is not None}
+    sizes = {k: size(k, frozenset()) for k in range(len(program.populations))} if len(forward) <= 12 else {}
+    return {k: g for k, g in sizes.items() if g is not None}
 
 
 def _growth(wiring: Wiring, run: Observation, q: int) -> float | None:

@@ -69,16 +69,16 @@ def _potentials(wiring: Wiring, k: int) -> Iterator[Finding]:
         evidence = f"E_L = {p['E_L'].max():g} mV is not below V_th = {p['V_th'].min():g} mV: it fires without any input"
         yield warning("fires-by-itself", part, evidence, "lower E_L or raise V_th; I_e drives neurons on purpose")
     start = np.broadcast_to(part.initial["V_m"], part.size)
-    over = int((start >= p["V_th"]).sum())
-    if over and not bool(np.all(p.get("E_L", -np.inf) >= p["V_th"])):
-        share = over / part.size
+    n_above = int((start >= p["V_th"]).sum())
+    if n_above and not bool(np.all(p.get("E_L", -np.inf) >= p["V_th"])):
+        share = n_above / part.size
         if share > 0.5:
-            evidence = f"V_m of {over:,} of {some(part.size, 'neuron')} begins at or above V_th: they fire at once"
+            evidence = f"V_m of {n_above:,} of {some(part.size, 'neuron')} begins at or above V_th: they fire at once"
             yield warning("starts-firing", part, evidence, "draw `initial: {V_m: ...}` between V_reset and V_th")
     for word, above in (("E_ex", True), ("E_in", False)):
         if word in p and bool(np.all(p[word] <= p["V_th"] if above else p[word] >= p["V_th"])):
-            name, does = ("excitatory", "cannot lift V_m to") if above else ("inhibitory", "lifts V_m to")
-            evidence = f"{word} = {p[word].max():g} mV, the {name} reversal, {does} V_th = {p['V_th'].min():g} mV"
+            name, effect = ("excitatory", "cannot lift V_m to") if above else ("inhibitory", "lifts V_m to")
+            evidence = f"{word} = {p[word].max():g} mV, the {name} reversal, {effect} V_th = {p['V_th'].min():g} mV"
             yield fault("reversal", part, evidence, f"set {word} {'above' if above else 'below'} V_th")
 
 
@@ -92,13 +92,13 @@ def _generator(wiring: Wiring, k: int) -> Iterator[Finding]:
     rate = part.largest("rate")
     for q in wiring.out_of(k):
         target = wiring.program.populations[wiring.program.projections[q].target]
-        each = wiring.weights[q].synapses / target.size
-        if rate > FAST_HZ and each > 1.5:
+        sources = wiring.weights[q].synapses / target.size
+        if rate > FAST_HZ and sources > 1.5:
             evidence = (
                 f"each of its {some(part.size, 'neuron')} emits {rate:g} Hz, and a neuron of '{target.name}' hears "
-                f"{each:.3g} of them: {rate * each:,.0f} spikes a second"
+                f"{sources:.3g} of them: {rate * sources:,.0f} spikes a second"
             )
-            remedy = f"`rate` is of one neuron: if {rate:g} Hz is meant for all, set it to {rate / part.size:.3g} Hz"
+            remedy = f"`rate` is per neuron: if {rate:g} Hz is meant for all, set it to {rate / part.size:.3g} Hz"
             yield warning("rate-of-all", part, evidence, remedy, target.name)
             return
 
@@ -122,17 +122,17 @@ def _spike(wiring: Wiring, q: int) -> Iterator[Finding]:
     unit = f" {target.model.weight_unit}" if isinstance(target.model, Neuron) and target.model.weight_unit else ""
     if not slope or not largest:
         return
-    one = f"a spike of weight {mean:.4g}{unit} moves V_m of '{target.name}' by {peak:.3g} mV, "
+    psp = f"a spike of weight {mean:.4g}{unit} moves V_m of '{target.name}' by {peak:.3g} mV, "
     scale = f"a weight of {1.0 / slope:.3g}{unit} moves it by 1 mV"
     # An inhibitory spike makes no neuron fire, so its effect is compared with the distance to the threshold.
     excites = w.above >= -w.below and peak > cell.distance / STRONG
     fires = min(cell.to_fire(receptor) if excites else math.inf, cell.distance / slope)
     if mean > STRONG * fires and not forced:  # listed spikes may set the spikes of their targets on purpose
-        evidence = f"{one}{mean / fires:.3g} times what makes it fire"
+        evidence = f"{psp}{mean / fires:.3g} times what makes it fire"
         remedy = f"check the unit of `weight`: {scale}, and one of {fires:.3g}{unit} makes it fire"
         yield warning("strong-spike", part, evidence, remedy)
     elif peak < WEAK * cell.distance and not part.synapse.learns and _all_at_once(wiring, part.target) < cell.distance:
-        evidence = f"{one}{peak / cell.distance:.2%} of the way to the threshold; all inputs at once do not reach it"
+        evidence = f"{psp}{peak / cell.distance:.2%} of the way to the threshold; all inputs at once do not reach it"
         yield warning("weak-spike", part, evidence, f"check the unit of `weight`: {scale}")
 
 
@@ -189,12 +189,12 @@ def _one_way(part: Projection) -> Iterator[Finding]:
     values, rule = part.synapse.parameters(), part.synapse
     if rule.learns != "pairs" or rule.modulated:
         return
-    words = {word.rstrip("_") for word in values}
-    if {"alpha", "lambda"} <= words and np.all(np.equal(values["alpha"], 0.0)):
+    names = {word.rstrip("_") for word in values}
+    if {"alpha", "lambda"} <= names and np.all(np.equal(values["alpha"], 0.0)):
         yield warning("one-way", part, "alpha = 0: no pair of spikes depresses a weight", "set alpha to about 1")
-    for word, other, does in (("A_plus", "A_minus", "potentiates"), ("A_minus", "A_plus", "depresses")):
+    for word, other, verb in (("A_plus", "A_minus", "potentiates"), ("A_minus", "A_plus", "depresses")):
         if word in values and other in values and np.all(np.equal(values[word], 0.0)) and np.any(values[other]):
-            yield warning("one-way", part, f"{word} = 0: no pair of spikes {does} a weight", f"set {word} other than 0")
+            yield warning("one-way", part, f"{word} = 0: no pair of spikes {verb} a weight", f"set {word} other than 0")
 
 
 def _both_potentiate(part: Projection) -> Iterator[Finding]:
@@ -214,9 +214,9 @@ def _bounds(part: Projection) -> Iterator[Finding]:
     low, high = part.synapse.bounds()
     if not part.size or not np.all(np.isfinite(high)) or np.all(np.equal(low, high)):
         return
-    at = np.isclose(part.weight, high, rtol=1e-9, atol=0.0)
-    if float(at.mean()) > 0.9:
-        evidence = f"{at.mean():.0%} of its weights begin at the largest, Wmax = {np.max(high):g}: they can only fall"
+    share = float(np.isclose(part.weight, high, rtol=1e-9, atol=0.0).mean())
+    if share > 0.9:
+        evidence = f"{share:.0%} of its weights begin at the largest, Wmax = {np.max(high):g}: they can only fall"
         yield warning("starts-at-bound", part, evidence, "raise Wmax, or begin below it")
 
 
@@ -240,8 +240,8 @@ def _eligibility(program: Program, part: Projection, reward_after: float | None)
         yield fault("eligibility-dies", part, evidence, remedy)
     elif tau < program.resolution or tau < window / 2.0:
         # Spikes up to about tau_plus apart form a pair, so a reward comes at least that long after the first spike.
-        than = f"a step, {program.resolution:g} ms" if tau < program.resolution else f"half of tau_plus = {window:g} ms"
-        evidence = f"the eligibility ends with {word} = {tau:g} ms, less than {than}: a later reward finds none"
+        span = f"a step, {program.resolution:g} ms" if tau < program.resolution else f"half of tau_plus = {window:g} ms"
+        evidence = f"the eligibility ends with {word} = {tau:g} ms, less than {span}: a later reward finds none"
         remedy = f"raise {word} to the time from an action to its reward, often 100 to 1000 ms; its unit is ms"
         yield fault("eligibility-dies", part, evidence, remedy)
 

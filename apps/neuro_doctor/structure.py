@@ -43,9 +43,9 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
     for q, part in enumerate(program.projections):
         w = wiring.weights[q]
         source, target = program.populations[part.source], program.populations[part.target]
-        ends = f"{some(source.size, 'neuron')} of '{source.name}' and {target.size:,} of '{target.name}'"
+        populations = f"{some(source.size, 'neuron')} of '{source.name}' and {target.size:,} of '{target.name}'"
         if not w.synapses:
-            evidence = f"its rule made 0 synapses between {ends}"
+            evidence = f"its rule made 0 synapses between {populations}"
             remedy = "raise the probability or the reach of its rule, list other pairs, or use another seed"
             yield fault("no-synapses", part, evidence, remedy)
         elif w.least == w.largest == 0.0 and not part.synapse.learns:
@@ -57,7 +57,7 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
             yield from _mixed(wiring, q, source)
         if part.delay.size > 1 and float((part.delay == 1).mean()) > ONE_STEP:
             share, h = f"{(part.delay == 1).mean():.0%}", program.resolution
-            evidence = f"{share} of its drawn delays were rounded to one step of {h:g} ms, the least that there is"
+            evidence = f"{share} of its drawn delays were rounded to one step of {h:g} ms, the shortest delay"
             remedy = f"use a finer `resolution`, as {h / 10.0:g} ms, or longer delays; their unit is ms"
             yield warning("coarse-delays", part, evidence, remedy)
         longest = part.delay_span[1] * program.resolution
@@ -97,10 +97,10 @@ def _signs(wiring: Wiring, q: int, source: Population, target: Population) -> It
         remedy = "make `weight` positive" if part.receptor is None else "name the excitatory receptor"
         yield warning("wrong-sign", part, f"{evidence}, all inhibit", f"{remedy}, or rename '{source.name}'")
     elif part.receptor is not None and part.receptor.name in ("ex", "in"):
-        wrong = up == 0.0 and down < 0.0 if part.receptor.name == "ex" else down == 0.0 and up > 0.0
-        if wrong and not part.receptor.conductance:
-            does = "inhibits" if part.receptor.name == "ex" else "excites"
-            evidence = f"receptor '{part.receptor.name}' with a mean weight of {mean:g} {unit}".rstrip() + f" {does}"
+        is_wrong = up == 0.0 and down < 0.0 if part.receptor.name == "ex" else down == 0.0 and up > 0.0
+        if is_wrong and not part.receptor.conductance:
+            effect = "inhibits" if part.receptor.name == "ex" else "excites"
+            evidence = f"receptor '{part.receptor.name}' with a mean weight of {mean:g} {unit}".rstrip() + f" {effect}"
             yield warning("wrong-sign", part, evidence, "turn the sign of `weight`, or name the other receptor")
 
 
@@ -115,8 +115,8 @@ def _mixed(wiring: Wiring, q: int, source: Population) -> Iterator[Finding]:
     single = any(x.synapses and min(x.least * sign, x.largest * sign) > 0.0 for x in others)
     name_match = _EXCITATORY.search(name) if sign > 0.0 else _INHIBITORY.search(name)
     if MIXED[0] < share < MIXED[1] and (name_match or single):
-        does, bound = ("inhibit", "low") if sign > 0.0 else ("excite", "high")
-        evidence = f"{share:.0%} of its weights {does}, though their mean is {w.mean:.3g}: '{source.name}' does both"
+        effect, bound = ("inhibit", "low") if sign > 0.0 else ("excite", "high")
+        evidence = f"{share:.0%} of its weights {effect}, though their mean is {w.mean:.3g}: '{source.name}' does both"
         remedy = f"truncate their distribution by `{bound}: 0`, or draw them with less spread"
         yield warning("mixed-signs", part, evidence, remedy)
 
@@ -177,7 +177,7 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
         else:
             evidence = "no projection ends at it, and it does not fire by itself"
         output = ", the output of trials," if trials is not None and trials.output == k else ""
-        remedy = f"connect an input to '{part.name}'{output} with weights that excite, or turn a projection round"
+        remedy = f"connect an input to '{part.name}'{output} with weights that excite, or reverse a projection"
         if inhibitory := [q for q in onto if _is_inhibiting_input(wiring, q)]:
             remedy = f"make `weight` of {wiring.names(inhibitory)} excite, if it is meant to, or {remedy}"
         mild = (onto and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
@@ -208,10 +208,10 @@ def isolated_outputs(wiring: Wiring) -> Iterator[Finding]:
     for k in ends if inputs and program.trials is None else ():
         if k in reached or not (k in by_name or dead):
             continue
-        last = dead or [j for j in reached if populations[j].kind == "neuron"]
-        names, ways = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, last))
-        evidence = f"no path leads from {names} to it, only noise or currents of its own; {names} reaches {ways}"
-        remedy = f"connect {ways} towards '{populations[k].name}'"
+        targets = dead or [j for j in reached if populations[j].kind == "neuron"]
+        names, final = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, targets))
+        evidence = f"no path leads from {names} to it, only its own noise or currents; {names} reaches {final}"
+        remedy = f"connect {final} towards '{populations[k].name}'"
         # A population without the name of an output may be an unstimulated control on purpose.
         severity = "fault" if k in by_name else "note" if loud & set(dead) else "warning"
         yield finding("no-path", severity, populations[k], evidence, remedy, populations[k].name)
@@ -234,8 +234,8 @@ def _unreached(wiring: Wiring) -> Iterator[Finding]:
             continue
         inputs = wiring.inputs_of_each(k)
         if inputs is not None and inputs.any() and float((inputs == 0).mean()) > UNREACHED:
-            few = int((inputs == 0).sum())
-            evidence = f"no synapse ends at {few:,} of its {some(part.size, 'neuron')}; the mean is {inputs.mean():.3g}"
+            n = int((inputs == 0).sum())
+            evidence = f"no synapse ends at {n:,} of its {some(part.size, 'neuron')}; the mean is {inputs.mean():.3g}"
             remedy = "use a rule with a fixed indegree, a larger probability or reach; or check the index of a view"
             yield warning("unreached", part, evidence, remedy)
 
@@ -252,15 +252,15 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
             continue
         if any(v.size > 1 for w, v in part.parameters.items() if w != "tau_minus"):
             continue  # neurons differ, so the first is not representative
-        best = wiring.strongest(k, most)
-        if best is None or not best.any():
+        largest = wiring.strongest(k, most)
+        if largest is None or not largest.any():
             continue
-        v, fired = cell.follow(best, current=wiring.current(k))
+        v, fired = cell.follow(largest, current=wiring.current(k))
         if not fired and v.size:
             share = (float(v.max()) - cell.rest) / cell.distance
             factor = f"to about {figure(1.2 / share)} times" if share > 1e-6 else "far"
-            below = f"{cell.threshold - v.max():.3g} mV below V_th = {cell.threshold:g} mV"
-            evidence = f"with all its inputs firing in every step V_m reaches {v.max():.4g} mV, {below}"
+            distance = f"{cell.threshold - v.max():.3g} mV below V_th = {cell.threshold:g} mV"
+            evidence = f"with all its inputs firing in every step V_m reaches {v.max():.4g} mV, {distance}"
             remedy = f"raise `weight` of {wiring.names(onto)} {factor}, or lower V_th"
             yield fault("cannot-fire", part, evidence, remedy, part.name)
 
@@ -285,6 +285,6 @@ def _signals(wiring: Wiring) -> Iterator[Finding]:
     for index, signal in enumerate(program.signals):
         if index not in used_signals:
             target = program.populations[signal.target].name
-            evidence = f"no rule of a projection onto '{target}' listens to it"
+            evidence = f"no rule of a projection onto '{target}' uses it"
             remedy = f"name it in a rule, as `synapse: {{stdp_dopa: {{signal: {signal.name}}}}}`, or remove it"
             yield warning("unheard-signal", signal, evidence, remedy)

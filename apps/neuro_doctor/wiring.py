@@ -222,9 +222,9 @@ class Wiring:
         count = int(fan_out(self.program, index).sum()) if part.carries == "spikes" else part.size
         if not count or not part.weight.size:
             return Weights(count, 0.0, 0.0, 0.0, 0.0)
-        each, w = count / part.weight.size, part.weight
-        below = float(w.sum(where=w < 0.0)) * each
-        return Weights(count, float(w.min()), float(w.max()), float(w.sum()) * each - below, below)
+        per_weight, w = count / part.weight.size, part.weight
+        below = float(w.sum(where=w < 0.0)) * per_weight
+        return Weights(count, float(w.min()), float(w.max()), float(w.sum()) * per_weight - below, below)
 
     def efficacy(self, projection: int, per_step: float) -> float:
         """Return the share of weights that a projection sends at a steady rate; 1 without short-term plasticity.
@@ -306,9 +306,9 @@ class Wiring:
         """Return the populations that are reached from some populations through the projections that pass."""
         reached, new = set[int](), list(begin)
         while new:
-            ends = {self.program.projections[q].target for q in self.out_of(new.pop()) if passes(q)} - reached
-            reached |= ends
-            new += ends
+            targets = {self.program.projections[q].target for q in self.out_of(new.pop()) if passes(q)} - reached
+            reached |= targets
+            new += targets
         return reached
 
     def may_excite(self, projection: int) -> bool:
@@ -322,9 +322,9 @@ class Wiring:
 
     def loops(self, population: int) -> list[int]:
         """Return the excitatory projections onto a population from populations that it reaches itself."""
-        after = self.reached([population])
+        sinks = self.reached([population])
         return [
-            q for q in self.onto(population) if self.program.projections[q].source in after and self.pushes(q)[0] > 0.0
+            q for q in self.onto(population) if self.program.projections[q].source in sinks and self.pushes(q)[0] > 0.0
         ]
 
     def names(self, projections: Iterable[int]) -> str:
@@ -378,8 +378,8 @@ class Wiring:
                 amounts = arriving[helps] * most[p.source]
                 sums[receptor] += np.bincount(post[chosen][helps], amounts, minlength=part.size)
         pushes = sum(sums[k] * (cell.slope(k) if cell else 0.0) for k in range(len(sums)))
-        best: Floats = sums[:, int(np.argmax(pushes))]
-        return best
+        largest: Floats = sums[:, int(np.argmax(pushes))]
+        return largest
 
     def inputs_of_each(self, population: int) -> Ints | None:
         """Return the number of synapses onto each neuron of a population; None for more than `MOST_SYNAPSES`."""
@@ -402,8 +402,8 @@ class Wiring:
         size, total = self.program.populations[population].size, 0.0
         for q in self.onto(population, "current"):
             source = self.program.populations[self.program.projections[q].source]
-            words = ("amplitude",) if source.schedule is not None else ("amplitude", "offset", "mean")
+            names = ("amplitude",) if source.schedule is not None else ("amplitude", "offset", "mean")
             w = self.weights[q]
-            most = sum(source.largest(word) for word in words if source.schedule or word in source.parameters)
-            total += most * (w.above + w.below) / size
+            mean = sum(source.largest(word) for word in names if source.schedule or word in source.parameters)
+            total += mean * (w.above + w.below) / size
         return total

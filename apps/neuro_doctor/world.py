@@ -57,7 +57,7 @@ def findings(net: Network, backend: str, seed: int) -> Iterator[Finding]:
         signal = next(part for part in program.signals if part.name == name)
         if np.ptp(values) == 0.0:
             evidence = f"the reward was {np.ravel(values)[0]:g} in each of {len(values):,} control steps"
-            yield warning("reward-constant", signal, evidence, "reward what shall change, or explore more: explore")
+            yield warning("reward-constant", signal, evidence, "reward other actions, or raise the setting explore")
             continue
         times = np.flatnonzero(np.any(values.reshape(len(values), -1) != 0.0, axis=1))
         delay = world.step * float(np.median(np.diff(times))) if len(times) > 1 else world.step
@@ -72,8 +72,8 @@ def findings(net: Network, backend: str, seed: int) -> Iterator[Finding]:
             changes = loop.sim.get(part.name, "weight") - initial[part.name]
             changes = changes[changes != 0.0]
             if changes.size >= 20 and max((changes > 0.0).mean(), (changes < 0.0).mean()) >= ONE_WAY:
-                way, rate = ("fell", "A_minus") if changes.mean() < 0.0 else ("grew", "A_plus")
+                direction, rate = ("fell", "A_minus") if changes.mean() < 0.0 else ("grew", "A_plus")
                 span = f"{np.min(values):g} to {np.max(values):g}"
-                evidence = f"all of {some(changes.size, 'weight')} that changed {way}, though rewards were {span}"
-                remedy = f"lower {rate}, or subtract the expected reward: less"
+                evidence = f"all of {some(changes.size, 'weight')} that changed {direction}, though rewards were {span}"
+                remedy = f"lower {rate}, or subtract the expected reward by the setting less"
                 yield warning("one-way", part, evidence, remedy)

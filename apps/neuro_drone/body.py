@@ -110,20 +110,20 @@ class Kinematic:
     def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:
         """See `Body`."""
         pose, lag, a_max = self.pose, self.lag * self.heavier, self.a_max / self.heavier
-        fall = exp(-seconds / lag)
+        decay = exp(-seconds / lag)
         if climb is not None:
             target = climb - self.sink
             error = target - self.climb
-            rest, integral = _approach(abs(error), a_max, lag, seconds, fall)
-            self.climb = target - copysign(rest, error)
+            remaining, integral = _approach(abs(error), a_max, lag, seconds, decay)
+            self.climb = target - copysign(remaining, error)
             pose.z += target * seconds - copysign(integral, error)
         middle = pose.yaw
         if turn or self.rate:
-            behind = self.rate + turn  # the rate is counter-clockwise, the command clockwise
-            half = exp(-0.5 * seconds / lag)
-            middle += -turn * 0.5 * seconds + behind * lag * (1.0 - half)
-            pose.yaw += -turn * seconds + behind * lag * (1.0 - fall)
-            self.rate = behind * fall - turn
+            rate_error = self.rate + turn  # the rate is counter-clockwise, the command clockwise
+            half_decay = exp(-0.5 * seconds / lag)
+            middle += -turn * 0.5 * seconds + rate_error * lag * (1.0 - half_decay)
+            pose.yaw += -turn * seconds + rate_error * lag * (1.0 - decay)
+            self.rate = rate_error * decay - turn
         c, s = cos(middle), sin(middle)
         wx, wy = forward * c + right * s + self.drift[0], forward * s - right * c + self.drift[1]
         vx, vy = self.velocity
@@ -133,17 +133,17 @@ class Kinematic:
             pose.x, pose.y = pose.x + vx * seconds, pose.y + vy * seconds
             self._lean(0.0, 0.0, 0.0)
             return
-        rest, integral = _approach(size, a_max, lag, seconds, fall)
-        share, lost_way = rest / size, integral / size
+        remaining, integral = _approach(size, a_max, lag, seconds, decay)
+        share, distance_per_error = remaining / size, integral / size
         self.velocity = (wx - ex * share, wy - ey * share)
-        pose.x += wx * seconds - ex * lost_way
-        pose.y += wy * seconds - ey * lost_way
-        self._lean(min(rest / lag, a_max) / (size * GRAVITY), ex, ey)
+        pose.x += wx * seconds - ex * distance_per_error
+        pose.y += wy * seconds - ey * distance_per_error
+        self._lean(min(remaining / lag, a_max) / (size * GRAVITY), ex, ey)
 
     def _lean(self, a: float, ex: float, ey: float) -> None:
         """Set pitch and roll so that thrust and wind accelerate the body by a * (ex, ey), in units of gravity."""
-        pose, blown = self.pose, 1.0 / (self.lag * self.heavier * GRAVITY)
-        bx, by = self.drift[0] * blown, self.drift[1] * blown
+        pose, lean_per_wind = self.pose, 1.0 / (self.lag * self.heavier * GRAVITY)
+        bx, by = self.drift[0] * lean_per_wind, self.drift[1] * lean_per_wind
         c, s = cos(pose.yaw), sin(pose.yaw)
         pose.pitch = atan(a * (ex * c + ey * s) - (bx * c + by * s))
         pose.roll = atan(a * (ex * s - ey * c) - (bx * s - by * c))
@@ -152,7 +152,7 @@ class Kinematic:
         """See `Body`."""
 
 
-def _approach(size: float, a_max: float, lag: float, seconds: float, fall: float) -> tuple[float, float]:
+def _approach(size: float, a_max: float, lag: float, seconds: float, decay: float) -> tuple[float, float]:
     """Return the velocity error after some time, m/s, and its integral over that time, m.
 
     The error falls linearly by a_max until it is a_max * lag, and exponentially from there.
@@ -162,16 +162,16 @@ def _approach(size: float, a_max: float, lag: float, seconds: float, fall: float
         a_max: largest acceleration, m/s^2.
         lag: time constant, s.
         seconds: duration, s.
-        fall: exp(-seconds / lag).
+        decay: exp(-seconds / lag).
     """
     knee = a_max * lag
     if size <= knee:
-        return size * fall, size * lag * (1.0 - fall)
+        return size * decay, size * lag * (1.0 - decay)
     limited = (size - knee) / a_max
     if seconds <= limited:
         return size - a_max * seconds, (size - 0.5 * a_max * seconds) * seconds
-    fall = exp(-(seconds - limited) / lag)
-    return knee * fall, 0.5 * (size + knee) * limited + knee * lag * (1.0 - fall)
+    decay = exp(-(seconds - limited) / lag)
+    return knee * decay, 0.5 * (size + knee) * limited + knee * lag * (1.0 - decay)
 
 
 Vector = tuple[float, float, float]
@@ -233,12 +233,12 @@ class Bullet:
         p = self._p
         self._client = p.connect(p.DIRECT)
         self._closed = finalize(self, _disconnect, p, self._client)
-        self._at = at = {"physicsClientId": self._client}
-        p.setGravity(0.0, 0.0, -GRAVITY, **at)
-        self._body = p.createMultiBody(baseMass=MASS, **at)
+        self._world = world = {"physicsClientId": self._client}
+        p.setGravity(0.0, 0.0, -GRAVITY, **world)
+        self._body = p.createMultiBody(baseMass=MASS, **world)
         p.changeDynamics(
             self._body, -1, localInertiaDiagonal=INERTIA, linearDamping=0.0, angularDamping=0.0,
-            activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **at,
+            activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **world,
         )  # fmt: skip
         self._substep = 0.0
 
@@ -264,12 +264,12 @@ class Bullet:
 
     def _weigh(self) -> None:
         """Set the mass of the body with its load."""
-        self._p.changeDynamics(self._body, -1, mass=MASS + self._load, localInertiaDiagonal=INERTIA, **self._at)
+        self._p.changeDynamics(self._body, -1, mass=MASS + self._load, localInertiaDiagonal=INERTIA, **self._world)
 
-    def _put(self, place: Vector, turned: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
+    def _put(self, position: Vector, attitude: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
         """Set position, attitude (a quaternion), velocity and angular velocity of the body."""
-        self._p.resetBasePositionAndOrientation(self._body, place, turned, **self._at)
-        self._p.resetBaseVelocity(self._body, velocity, spin, **self._at)
+        self._p.resetBasePositionAndOrientation(self._body, position, attitude, **self._world)
+        self._p.resetBaseVelocity(self._body, velocity, spin, **self._world)
         self._read()
 
     def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:
@@ -282,15 +282,15 @@ class Bullet:
             self._substep = substep
         heavier, (fx, fy, _) = self.reference.heavier, self._force
         for _ in range(n):
-            before, rate, rising = self.reference.velocity, self.reference.rate, self.reference.climb
+            old_velocity, rate, rising = self.reference.velocity, self.reference.rate, self.reference.climb
             self.reference.step(right, forward, turn, substep, climb)
-            after = self.reference.velocity
+            new_velocity = self.reference.velocity
             # The reference's acceleration without the wind's part, scaled to a body without load.
-            ax = (after[0] - before[0]) / substep * heavier - fx / MASS
-            ay = (after[1] - before[1]) / substep * heavier - fy / MASS
+            ax = (new_velocity[0] - old_velocity[0]) / substep * heavier - fx / MASS
+            ay = (new_velocity[1] - old_velocity[1]) / substep * heavier - fy / MASS
             az = (self.reference.climb - rising) / substep * heavier + GRAVITY * (heavier - 1.0)
             az = 0.0 if climb is None else az
-            thrust, torque = self._control(ax, ay, az, (self.reference.rate - rate) / substep, before)
+            thrust, torque = self._control(ax, ay, az, (self.reference.rate - rate) / substep, old_velocity)
             p.applyExternalForce(self._body, -1, (0.0, 0.0, thrust), (0.0, 0.0, 0.0), p.LINK_FRAME, client)
             p.applyExternalTorque(self._body, -1, torque, p.LINK_FRAME, client)
             p.applyExternalForce(self._body, -1, self._force, self._place, p.WORLD_FRAME, client)
@@ -299,10 +299,10 @@ class Bullet:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for copies and other processes. A PyBullet world cannot be copied, so it is made again."""
-        place = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
+        state = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
         names = ("a_max", "reference", "pose", "velocity", "_drag", "_force", "_load")
         attributes = {name: getattr(self, name) for name in names}
-        return attributes | {"_there": place, "_open": self._closed.alive}
+        return attributes | {"_there": state, "_open": self._closed.alive}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._p = _pybullet()
@@ -311,8 +311,8 @@ class Bullet:
                 setattr(self, name, value)
         self._connect()
         self._weigh()
-        place, turned, velocity, spin = state["_there"]
-        self._put(place, turned, velocity, spin)
+        place, attitude, velocity, spin = state["_there"]
+        self._put(place, attitude, velocity, spin)
         if not state["_open"]:
             self.close()
 

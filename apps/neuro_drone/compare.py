@@ -64,12 +64,12 @@ class ComparisonRow:
             ModelError: a name is unknown or a value is invalid.
         """
         name, *more = text.split() or [""]
-        own = [word for word in more if not word.startswith("steps=")]
+        changed = [word for word in more if not word.startswith("steps=")]
         for count in (word.removeprefix("steps=") for word in more if word.startswith("steps=")):
             if not count.isdecimal() or int(count) < 1:
                 raise ModelError(f"row '{text}': steps = '{count}': expected a whole number >= 1")
             steps = int(count)
-        world, settings = apply_changes(scenario, name, [*changes, *own])
+        world, settings = apply_changes(scenario, name, [*changes, *changed])
         learns = kind_of(name).learns
         return cls(
             " ".join([name, *more]),
@@ -139,16 +139,16 @@ class ComparisonJob:
     def _test(self, model: Model, send: Callable[[float, str], None]) -> dict[str, Any]:
         """Return the figures of the test; for controllers taught by the supervised error also with learning on."""
         starts, laps = grid(model.scenario, self.starts, course=self.course), [0]
-        both = kind_of(model.controller).taught == ERROR
+        also_learning = kind_of(model.controller).taught == ERROR
 
         def send_lap(lap: Lap) -> None:
             laps[0] += 1
-            send(0.6 + 0.39 * laps[0] / (len(starts) * (1 + both)), f"test, {laps[0]} laps")
+            send(0.6 + 0.39 * laps[0] / (len(starts) * (1 + also_learning)), f"test, {laps[0]} laps")
 
         flight = try_out(model, starts=starts, report=send_lap).as_words()
         figures: dict[str, Any] = {"provenance": provenance(seed=self.seed)}
         figures |= {name: flight[name] for name in ("error_px", "laps", "starts", "signed", "absolute")}
-        if both:
+        if also_learning:
             figures["learning_on"] = try_out(model, starts=starts, learning=True, report=send_lap).error_px
         return figures
 
@@ -192,7 +192,7 @@ class Summary:
 
     def mean(self, name: str) -> Any:
         """Return the mean of a figure over the seeds that have it; None if no seed has it."""
-        values = [one[name] for one in self.each if name in one]
+        values = [result[name] for result in self.each if name in result]
         return np.mean(values, axis=0).tolist() if values else None
 
     @property
@@ -204,12 +204,12 @@ class Summary:
     @property
     def sd(self) -> float | None:
         """Standard deviation of the error over the seeds, px; None for a single seed."""
-        errors = [one["error_px"] for one in self.each]
+        errors = [result["error_px"] for result in self.each]
         return float(np.std(errors, ddof=1)) if len(errors) > 1 else None
 
     def total(self, name: str) -> int:
         """Return the sum of a figure over the seeds."""
-        return int(sum(one[name] for one in self.each))
+        return int(sum(result[name] for result in self.each))
 
     def as_words(self) -> dict[str, Any]:
         """Return the row as plain data, for JSON."""
@@ -218,5 +218,5 @@ class Summary:
             "row": row.text, "controller": row.controller, "steps": row.steps, "seeds": list(row.seeds),
             "error_px": self.mean("error_px"), "sd": self.sd, "laps": self.total("laps"),
             "starts": self.total("starts"), "absolute": self.mean("absolute"), "signed": self.mean("signed"),
-            "learning_on": self.mean("learning_on"), "each": [dict(one) for one in self.each],
+            "learning_on": self.mean("learning_on"), "each": [dict(result) for result in self.each],
         }  # fmt: skip

@@ -92,16 +92,16 @@ def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str])
     """Return the bills of a dense network on those targets that have a cost per multiply-accumulate."""
     shapes = [(rows, columns) for rows, columns in layers]
     macs = sum(rows * columns for rows, columns in shapes)
-    what = f"{name}: {'-'.join(str(n) for n in (shapes[0][1], *(rows for rows, _ in shapes)))}"
+    title = f"{name}: {'-'.join(str(n) for n in (shapes[0][1], *(rows for rows, _ in shapes)))}"
     processors = [target for target in targets if "mac" in chip(target).costs]
-    return tuple(dense({what: macs}, target, of="control step") for target in processors)
+    return tuple(dense({title: macs}, target, of="control step") for target in processors)
 
 
 def words(bills: Bills) -> str:
     """Return all figures as JSON; joules and seconds are per control step."""
     model, step = bills.model, bills.model.scenario.step
-    about = {"controller": model.controller, "scenario": model.scenario.name, "steps": bills.steps}
-    record: dict[str, Any] = {**about, "error_px": bills.error_px, "step_us": step * 1000.0}
+    context = {"controller": model.controller, "scenario": model.scenario.name, "steps": bills.steps}
+    record: dict[str, Any] = {**context, "error_px": bills.error_px, "step_us": step * 1000.0}
     record["per_step"] = _counts_per_step(bills)
     record["bills"] = [
         bill.as_dict()

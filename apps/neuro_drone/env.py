@@ -212,9 +212,9 @@ def _reset_options(
 ) -> tuple[tuple[float, ...] | None, int, Variation]:
     """Check the options of a reset and return start, direction and path."""
     names = ("start", "direction", "path") if task.turns else ("start", "path")
-    for word in options:
-        if word not in names:
-            raise unknown("option of reset", word, names)
+    for name in options:
+        if name not in names:
+            raise unknown("option of reset", name, names)
     direction = options.get("direction", 0)
     if direction not in (-1, 0, 1):
         raise ModelError(f"option direction = {direction!r}: expected 1, -1 or 0")
@@ -259,13 +259,13 @@ def continuous(action: Any, axes: int = 2) -> Commands:
         ModelError: the action does not have `axes` finite numbers.
     """
     try:
-        values = [float(one) for one in (action.tolist() if isinstance(action, np.ndarray) else action)]
+        values = [float(number) for number in (action.tolist() if isinstance(action, np.ndarray) else action)]
     except (TypeError, ValueError):
         values = []
     if len(values) != axes or not all(map(isfinite, values)):
-        text = f"[{', '.join(f'{one:g}' for one in values)}]" if len(values) == axes else _describe(action)
+        text = f"[{', '.join(f'{number:g}' for number in values)}]" if len(values) == axes else _describe(action)
         raise ModelError(f"action {text}: expected {COUNTS[axes]} numbers in [-1, 1]")
-    return tuple([max(-1.0, min(1.0, one)) for one in values])
+    return tuple([max(-1.0, min(1.0, number)) for number in values])
 
 
 def discrete(action: Any, axes: int = 2) -> Commands:
@@ -352,5 +352,5 @@ class Weather:
             decay = exp(-seconds / wind.gust_time)
             noise = self._rng.normal(0.0, wind.gust * sqrt(1.0 - decay * decay), 2).tolist()
             x, y = self._gust = (decay * x + noise[0], decay * y + noise[1])
-        way = radians(wind.towards + wind.turning * (self._time - wind.since))
-        self.wind = (wind.speed * cos(way) + x, wind.speed * sin(way) + y)
+        direction = radians(wind.towards + wind.turning * (self._time - wind.since))
+        self.wind = (wind.speed * cos(direction) + x, wind.speed * sin(direction) + y)

@@ -90,28 +90,28 @@ class FlightTest:
     @property
     def laps(self) -> int:
         """Number of laps that count."""
-        return sum(one.lap for one in self.each)
+        return sum(result.lap for result in self.each)
 
     @property
     def error_px(self) -> float:
         """Mean error, px."""
-        return float(np.mean([one.error_px for one in self.each]))
+        return float(np.mean([result.error_px for result in self.each]))
 
     @property
     def signed(self) -> tuple[float, ...]:
         """Mean signed error on each axis."""
-        return _means([one.signed for one in self.each])
+        return _means([result.signed for result in self.each])
 
     @property
     def absolute(self) -> tuple[float, ...]:
         """Mean absolute error on each axis."""
-        return _means([one.absolute for one in self.each])
+        return _means([result.absolute for result in self.each])
 
     def as_words(self) -> dict[str, Any]:
         """Return all results as plain data, for JSON."""
         figures = {name: getattr(self, name) for name in ("error_px", "laps", "starts", "learning")}
         axes = {"signed": list(self.signed), "absolute": list(self.absolute)}
-        return figures | axes | {"each": [one.as_words() for one in self.each]}
+        return figures | axes | {"each": [result.as_words() for result in self.each]}
 
 
 def grid(
@@ -143,9 +143,9 @@ def grid(
     if isinstance(scenario.task, Ball) and scenario.task.axes == 3:
         tall = (0.3 * scenario.task.tall, -0.3 * scenario.task.tall, 0.0)
         errors = [(*error, tall[i % 3]) for i, error in enumerate(errors)]
-    ways = [course.lap(i, line) for i in range(n * n)]
+    paths = [course.lap(i, line) for i in range(n * n)]
     directions = [(1 - 2 * (i % 2)) if line else 0 for i in range(n * n)]
-    return tuple(map(Start, errors, directions, ways))
+    return tuple(map(Start, errors, directions, paths))
 
 
 class Flights(DroneEnv):
@@ -215,13 +215,13 @@ def try_out(
     world = scenario or model.scenario
     starts = grid(world) if starts is None else starts
     env = Flights(world, (reset_arguments(start, index) for index, start in enumerate(starts)))
-    loop, each = model.loop(env, learns=learning, backend=backend, block=ENDLESS), []
+    loop, results = model.loop(env, learns=learning, backend=backend, block=ENDLESS), []
     for start in starts:
-        each.append(fly_lap(loop, env, start, learning))
+        results.append(fly_lap(loop, env, start, learning))
         if report is not None:
-            report(each[-1])
+            report(results[-1])
     env.close()
-    return FlightTest(tuple(each), learning)
+    return FlightTest(tuple(results), learning)
 
 
 def fly_lap(loop: ClosedLoop, env: Flights, start: Start, learning: bool = False) -> Lap:

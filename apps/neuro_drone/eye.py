@@ -162,11 +162,11 @@ def strips(line: npt.NDArray[np.float64], width: float) -> npt.NDArray[np.float6
         (n, 4, 2), corners of the strips, m. The strip of a segment without length is empty.
     """
     start, end = line[:, :2], line[:, 2:]
-    along = end - start
-    length = np.hypot(along[:, 0], along[:, 1])[:, None]
-    along = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
-    side = 0.5 * width * np.stack([-along[:, 1], along[:, 0]], axis=1)
-    cosine = (along * np.roll(along, 1, axis=0)).sum(1)
+    direction = end - start
+    length = np.hypot(direction[:, 0], direction[:, 1])[:, None]
+    direction = np.divide(direction, length, out=np.zeros_like(direction), where=length > 0.0)
+    side = 0.5 * width * np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+    cosine = (direction * np.roll(direction, 1, axis=0)).sum(1)
     mitred_start = (np.abs(start - np.roll(end, 1, axis=0)) <= APART).all(1)
     mitred_start &= (1.0 + cosine > SHARPEST) & (length[:, 0] > 0.0)
     mitre = (side + np.roll(side, 1, axis=0)) / np.where(mitred_start, 1.0 + cosine, 1.0)[:, None]

@@ -69,7 +69,7 @@ class _Radio:
 
     Attributes:
         url: address for the events.
-        socket: socket for looks and actions.
+        socket: socket for the messages at the end of a step ("looks") and for actions.
         step_s: duration of a step, s.
         missed: steps without an action in time.
         steps: steps so far.
@@ -125,8 +125,8 @@ def _world(
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
             radio.connect((_HOST, answers))
-            begins = [reset_arguments(start, index) for index, start in enumerate(starts)]
-            env = Flights(scenario, [begins[0], *begins])
+            reset_calls = [reset_arguments(start, index) for index, start in enumerate(starts)]
+            env = Flights(scenario, [reset_calls[0], *reset_calls])
             pilot: Any = _Radio(url, radio, scenario.step / 1000.0 / speed)
             loop = ClosedLoop(pilot, Environments(env), learns=False)
             env.reset()
@@ -181,19 +181,19 @@ def fly_live(
         pilot = _Pilot(loop.pilot, stream, looks, size, _LOST * world.step / 1000.0 / speed)
         open_page = None if page is None or sim is None else stack.enter_context(page(sim, pilot.figures))
         context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe(duplex=False)
-        words = (world, tuple(starts), stream.url, looks.getsockname()[1], speed, theirs)
-        process = context.Process(target=_world, args=words, daemon=True)
+        receiver, sender = context.Pipe(duplex=False)
+        arguments = (world, tuple(starts), stream.url, looks.getsockname()[1], speed, sender)
+        process = context.Process(target=_world, args=arguments, daemon=True)
         process.start()
-        theirs.close()
+        sender.close()
         try:
             while True:
                 pilot.answer()
                 if open_page is not None:
                     open_page.tick()
                 ended = not process.is_alive()
-                while ours.poll():
-                    message = ours.recv()
+                while receiver.poll():
+                    message = receiver.recv()
                     if isinstance(message, Lap):
                         laps.append(message)
                         if report is not None:
@@ -208,7 +208,7 @@ def fly_live(
         finally:
             process.terminate()
             process.join()
-            ours.close()
+            receiver.close()
 
 
 class _Pilot:
@@ -243,13 +243,13 @@ class _Pilot:
             message, world = self._looks.recvfrom(_LOOK.size)
         except TimeoutError:
             return
-        began = time.monotonic_ns()
-        begins, number, n_sent = _LOOK.unpack(message)
+        first_ns = time.monotonic_ns()
+        episode_begins, step, n_sent = _LOOK.unpack(message)
         self._counts[...] = 0
         deadline = time.monotonic() + self._patience_s
         while True:
             events = self._stream.take()
-            began = min(began, self._stream.received_ns or began)
+            first_ns = min(first_ns, self._stream.received_ns or first_ns)
             count(events.x, events.y, self._shift, self._counts)
             self._received += len(events)
             remaining_s = deadline - time.monotonic()
@@ -257,9 +257,9 @@ class _Pilot:
                 break
             self._stream.wait(remaining_s)
         self.lost, self._received = self.lost + max(0, n_sent - self._received), max(n_sent, self._received)
-        if begins:
+        if episode_begins:
             self._controller.begin(1, 0)
         message_action, action = np.zeros(3), self._act()
         message_action[: len(action)] = action
-        self._looks.sendto(_ANSWER.pack(number, *message_action.tolist()), world)
-        self.latency.add(time.monotonic_ns() - began)
+        self._looks.sendto(_ANSWER.pack(step, *message_action.tolist()), world)
+        self.latency.add(time.monotonic_ns() - first_ns)

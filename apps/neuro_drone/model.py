@@ -88,8 +88,8 @@ class Model:
         """Return the controller of `make` before learning, for a scenario."""
         settings = dict(self.settings)
         if self.network:
-            own = kind_of(self.controller).settings.own()
-            settings = {name: settings[name] for name in settings.keys() & own.keys()}
+            own_settings = kind_of(self.controller).settings.own()
+            settings = {name: settings[name] for name in settings.keys() & own_settings.keys()}
             # the stored network already has its parameters and initial weights
             settings |= {"network": unpack_network(self.network), "start": "equal"}
         return make(self.controller, scenario, self.seed, settings)
@@ -127,13 +127,13 @@ class Model:
     def _network_loop(
         self, made: Spiking, env: Any, learns: bool, backend: str, record: bool, block: int | None
     ) -> neuro.ClosedLoop:
-        words: dict[str, Any] = {"seed": self.seed, "record": record, "block": block}
-        trained = made.loop(env, **words)
+        options: dict[str, Any] = {"seed": self.seed, "record": record, "block": block}
+        trained = made.loop(env, **options)
         if self.learnt:
             trained.pilot.put({"learnt": self.learnt, **self.world})
         if learns:
             return trained
-        frozen = neuro.closed_loop(trained.network(frozen=True), env, backend=backend, learns=False, **words)
+        frozen = neuro.closed_loop(trained.network(frozen=True), env, backend=backend, learns=False, **options)
         frozen.pilot.put({"learnt": {}, **self.world})
         return frozen
 

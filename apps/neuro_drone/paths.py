@@ -46,8 +46,8 @@ class Variation:
         """Describe the path, e.g. "a path scaled by 1.10, turned by 30 degrees, 0.90 times as fast"."""
         if self == FIXED:
             return "the fixed path"
-        size = f"scaled by {self.scale:.2f}" + (f", stretched by {self.stretch:.2f}" if self.stretch != 1.0 else "")
-        return f"a path {size}, turned by {self.turn:.0f} degrees, {self.speed:.2f} times as fast"
+        shape = f"scaled by {self.scale:.2f}" + (f", stretched by {self.stretch:.2f}" if self.stretch != 1.0 else "")
+        return f"a path {shape}, turned by {self.turn:.0f} degrees, {self.speed:.2f} times as fast"
 
 
 FIXED = Variation()
@@ -197,9 +197,9 @@ def star(lap: float) -> Path:
     )
     fine = curve.transpose(1, 0, 2).reshape(-1, 2)
     fine = np.vstack([fine, fine[:1]])
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))))
-    even = np.arange(PIECES) * (along[-1] / PIECES)
-    points = np.stack([np.interp(even, along, fine[:, k]) for k in range(2)], 1)
+    lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))))
+    even_lengths = np.arange(PIECES) * (lengths[-1] / PIECES)
+    points = np.stack([np.interp(even_lengths, lengths, fine[:, k]) for k in range(2)], 1)
     return Path(points * (lap / Path(points).length))
 
 

@@ -53,8 +53,8 @@ class Bars:
 
         self._screen = sys.stderr.isatty()
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-        where = Console(stderr=True, highlight=False)
-        self._bar = Progress(*columns, console=where, transient=True, disable=not self._screen)
+        console = Console(stderr=True, highlight=False)
+        self._bar = Progress(*columns, console=console, transient=True, disable=not self._screen)
         self._tasks: dict[str, Any] = {}
         self._printed: dict[str, int] = {}
         self._bar.start()
@@ -78,18 +78,18 @@ class Bars:
 
         return show
 
-    def at(self, what: str, done: int, total: int, message: str) -> None:
+    def at(self, task: str, done: int, total: int, message: str) -> None:
         """Show the progress of a task: a bar on a terminal, else some lines."""
-        text, part = f"{what}: {message}", done * self._lines // total
-        if what not in self._tasks:
-            self._tasks[what] = self._bar.add_task("", total=total)
-            self._printed[what] = 0
-        self._bar.update(self._tasks[what], description=text, completed=done, total=total)
-        if not self._screen and part > self._printed[what]:
+        text, part = f"{task}: {message}", done * self._lines // total
+        if task not in self._tasks:
+            self._tasks[task] = self._bar.add_task("", total=total)
+            self._printed[task] = 0
+        self._bar.update(self._tasks[task], description=text, completed=done, total=total)
+        if not self._screen and part > self._printed[task]:
             typer.echo(text, err=True)
-        self._printed[what] = part
+        self._printed[task] = part
         if done >= total:
-            self._bar.update(self._tasks[what], visible=len(self._tasks) == 1)
+            self._bar.update(self._tasks[task], visible=len(self._tasks) == 1)
 
 
 def describe_model(model: Model) -> str:
@@ -104,8 +104,8 @@ def describe_training(model: Model) -> str:
         return f"{model.controller} does not learn; stored without training"
     returns, lengths = model.history["returns"], model.history["lengths"]
     last = max(1, len(lengths) // 10)
-    tested = model.curve.get("error_px", np.zeros(0))
-    frozen = f"{tested[-1]:.1f} px with frozen weights in short flights from far starts; " if len(tested) else ""
+    errors = model.curve.get("error_px", np.zeros(0))
+    frozen = f"{errors[-1]:.1f} px with frozen weights in short flights from far starts; " if len(errors) else ""
     reward = returns[-last:].sum() / lengths[-last:].sum() if len(lengths) else np.nan
     return (
         f"{describe_model(model)}: {frozen}mean reward {reward:.3f} in the last tenth of {len(lengths):,} episodes, "
@@ -115,19 +115,19 @@ def describe_training(model: Model) -> str:
 
 def figures(model: Model, test: FlightTest, course: FlightCourse) -> str:
     """Return all figures of a test as JSON."""
-    words = test.as_words() | {"path": course.path, "test_seed": course.seed}
-    about = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
-    each = words.pop("each")
-    return json.dumps({**words, **about, "axes": list(axes(model.scenario)), "per_start": each}, indent=1)
+    values = test.as_words() | {"path": course.path, "test_seed": course.seed}
+    facts = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
+    results = values.pop("each")
+    return json.dumps({**values, **facts, "axes": list(axes(model.scenario)), "per_start": results}, indent=1)
 
 
 def live_figures(model: Model, live: LiveTest, offline: FlightTest, course: FlightCourse) -> str:
     """Return all figures of laps in real time as JSON, beside those of the same laps offline."""
-    words = json.loads(figures(model, live.test, course))
+    values = json.loads(figures(model, live.test, course))
     latency = {"p50": live.latency.ms(0.5), "p99": live.latency.ms(0.99), "largest": live.latency.largest_ms}
     counts = {"flown": live.steps, "missed": live.missed, "events_lost": live.lost}
     offline_figures = {"error_px": offline.error_px, "laps": offline.laps}
-    return json.dumps(words | {"offline": offline_figures, "latency_ms": latency} | counts, indent=1)
+    return json.dumps(values | {"offline": offline_figures, "latency_ms": latency} | counts, indent=1)
 
 
 def show_live(live: LiveTest, offline: FlightTest) -> None:
@@ -174,14 +174,14 @@ def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tupl
     """Return columns and rows of the table of a comparison."""
     columns = ("controller", ">steps", ">seeds", ">error, px", ">laps", ">absolute", ">signed", ">learning on, px")
     rows: list[tuple[str, ...]] = []
-    for one in summaries:
-        spread = "" if one.sd is None else f" ± {one.sd:.2f}"
-        on, steps = one.mean("learning_on"), f"{one.row.steps:,}" if one.row.steps else "-"
-        error, laps = f"{one.mean('error_px'):.2f}{spread}", f"{one.total('laps')} of {one.total('starts')}"
-        absolute = ", ".join(f"{value:.2f}" for value in one.mean("absolute"))
-        signed = ", ".join(f"{value:+.2f}" for value in one.mean("signed"))
-        row = (one.row.text, steps, str(len(one.each)), error, laps, absolute, signed)
-        rows.append((*row, "-" if on is None else f"{on:.2f}"))
+    for summary in summaries:
+        spread = "" if summary.sd is None else f" ± {summary.sd:.2f}"
+        learning_on, steps = summary.mean("learning_on"), f"{summary.row.steps:,}" if summary.row.steps else "-"
+        error, laps = f"{summary.mean('error_px'):.2f}{spread}", f"{summary.total('laps')} of {summary.total('starts')}"
+        absolute = ", ".join(f"{value:.2f}" for value in summary.mean("absolute"))
+        signed = ", ".join(f"{value:+.2f}" for value in summary.mean("signed"))
+        row = (summary.row.text, steps, str(len(summary.each)), error, laps, absolute, signed)
+        rows.append((*row, "-" if learning_on is None else f"{learning_on:.2f}"))
     return columns, rows
 
 
@@ -198,8 +198,8 @@ def show_comparison(summaries: Sequence[Summary]) -> None:
 
 
 def _about(summaries: Sequence[Summary]) -> str:
-    one = summaries[0]
-    return f"{one.row.scenario.name}, {one.course}: weights frozen, no dopamine; mean ± sd over seeds"
+    summary = summaries[0]
+    return f"{summary.row.scenario.name}, {summary.course}: weights frozen, no dopamine; mean ± sd over seeds"
 
 
 def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
@@ -214,8 +214,8 @@ def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
 def comparison(summaries: Sequence[Summary]) -> str:
     """Return all figures of a comparison as JSON."""
     name, course = summaries[0].row.scenario.name, summaries[0].course
-    about = {"scenario": name, "path": course.path, "test_seed": course.seed}
-    return json.dumps(about | {"rows": [one.as_words() for one in summaries]}, indent=1)
+    facts = {"scenario": name, "path": course.path, "test_seed": course.seed}
+    return json.dumps(facts | {"rows": [summary.as_words() for summary in summaries]}, indent=1)
 
 
 def list_scenarios() -> None:
@@ -227,9 +227,9 @@ def list_scenarios() -> None:
         size = f"lap {task.lap:g} m" if isinstance(task, Ball) else f"sides {task.side:g} m"
         ground = f"texture {world.ground.texture:g}" if world.ground.texture else "plain"
         shake = f"{world.camera.shake:g}" if world.camera.shake else "-"
-        numbers = (f"{number:g}" for number in (world.axes, world.step, world.camera.tilt))
+        figures = (f"{number:g}" for number in (world.axes, world.step, world.camera.tilt))
         rows.append(
-            (name, world.kind, *numbers, size, f"{task.speed:g}", ground, shake, in_flight(world), world.drone.physics)
+            (name, world.kind, *figures, size, f"{task.speed:g}", ground, shake, in_flight(world), world.drone.physics)
         )
     columns = ("name", "task", ">axes", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake")
     console().print(table((*columns, "in flight", "physics"), rows))
@@ -249,8 +249,8 @@ def list_controllers() -> None:
     rows = []
     for name, kind in CONTROLLERS.items():
         own = {word: getattr(kind.settings, word) for word in kind.settings.own()}
-        plain = {word: f"{v:g}" if isinstance(v, float) else v for word, v in own.items() if not isinstance(v, Mapping)}
-        numbers = ", ".join(f"{word} {value}" for word, value in plain.items())
+        texts = {word: f"{v:g}" if isinstance(v, float) else v for word, v in own.items() if not isinstance(v, Mapping)}
+        numbers = ", ".join(f"{word} {value}" for word, value in texts.items())
         rows.append((name, kind.what, kind.taught, numbers))
     console().print(table(("name", "what", "learns from", "settings"), rows))
 
@@ -302,8 +302,8 @@ def density(model: Model, test: FlightTest) -> Figure:
     edges = np.arange(-0.5, 128.0, 1.0), np.linspace(0.0, 180.0, 121) if line else np.arange(-0.5, 128.0, 1.0)
     visits, _, _ = np.histogram2d(x, y, bins=edges)
     fig = _figure(6.2, 6.75)
-    place = {"left": 0.11, "right": 0.985, "bottom": 0.08, "top": 0.905}
-    grid = fig.add_gridspec(2, 2, width_ratios=(6, 1), height_ratios=(1, 6), wspace=0.03, hspace=0.03, **place)
+    margins = {"left": 0.11, "right": 0.985, "bottom": 0.08, "top": 0.905}
+    grid = fig.add_gridspec(2, 2, width_ratios=(6, 1), height_ratios=(1, 6), wspace=0.03, hspace=0.03, **margins)
     main = fig.add_subplot(grid[1, 0])
     share = np.ma.masked_equal(visits.T / len(track), 0.0)
     main.pcolormesh(*edges, share, cmap="YlGnBu", norm=LogNorm(0.3 / len(track), 1.0), rasterized=True)
@@ -318,11 +318,11 @@ def density(model: Model, test: FlightTest) -> Figure:
     right.stairs(visits.sum(0), edges[1], fill=True, color=BLUE, alpha=0.75, orientation="horizontal")
     above.axis("off")
     right.axis("off")
-    what = "column and angle of the line" if line else "position of the ball"
+    subject = "column and angle of the line" if line else "position of the ball"
     error = f"mean distance {test.error_px:.2f} px"
     if line:
         error = f"mean absolute error {test.absolute[0]:.1f} px and {test.absolute[1]:.1f} degrees"
-    fig.suptitle(literal(f"{model.controller} in {model.scenario.name}: {what}"), x=0.02, ha="left", fontsize=12)
+    fig.suptitle(literal(f"{model.controller} in {model.scenario.name}: {subject}"), x=0.02, ha="left", fontsize=12)
     fig.text(0.02, 0.93, f"{error} · {test.laps} of {test.starts} laps · all steps, log shade", color=SOFT)
     return fig
 
@@ -335,7 +335,7 @@ def training(model: Model) -> Figure:
 
     Source: thesis, figures 78 and 79, without the error of frozen weights.
     """
-    at, steps = model.history["steps"], model.history["lengths"]
+    ends, steps = model.history["steps"], model.history["lengths"]
     reward, short = model.history["returns"] / steps, steps < model.episode
     fig = _figure(7.4, 5.6)
     panels = fig.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1, 1.2, 1.2), "hspace": 0.1})
@@ -343,22 +343,22 @@ def training(model: Model) -> Figure:
     panels[0].annotate("whole", (1.0, model.episode), xycoords=("axes fraction", "data"), xytext=(4, -3),
                        textcoords="offset points", color=RED, fontsize=9)  # fmt: skip
     for axes, values in zip(panels, (steps, reward), strict=False):
-        axes.plot(at[~short], values[~short], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
-        axes.plot(at[short], values[short], "x", ms=4, color=RED, alpha=0.8)
+        axes.plot(ends[~short], values[~short], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
+        axes.plot(ends[short], values[short], "x", ms=4, color=RED, alpha=0.8)
         medians = [np.median(values[max(0, k + 1 - WINDOW) : k + 1]) for k in range(len(values))]
-        axes.plot(at, medians, color=INK, lw=1.2)
+        axes.plot(ends, medians, color=INK, lw=1.2)
     if len(model.curve.get("steps", ())):
-        tested, fell = model.curve, model.curve["lost"] > 0
-        panels[2].plot(tested["steps"], tested["error_px"], "o-", ms=3.5, lw=1.6, color=GREEN)
-        panels[2].plot(tested["steps"][fell], tested["error_px"][fell], "x", ms=7, color=GREEN)
+        curve, has_losses = model.curve, model.curve["lost"] > 0
+        panels[2].plot(curve["steps"], curve["error_px"], "o-", ms=3.5, lw=1.6, color=GREEN)
+        panels[2].plot(curve["steps"][has_losses], curve["error_px"][has_losses], "x", ms=7, color=GREEN)
     for axes, name in zip(panels, ("steps", "reward per step", "error, px"), strict=True):
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel(name)
-    panels[2].set_xlabel(f"steps ({len(at):,} episodes)")
+    panels[2].set_xlabel(f"steps ({len(ends):,} episodes)")
     fig.suptitle(literal(f"{model.controller} in {model.scenario.name}, seed {model.seed}: training"), x=0.02,
                  ha="left", fontsize=12)  # fmt: skip
-    about = f"above: episodes, learning on, running median of {WINDOW}, crosses: ended early · below: weights frozen"
-    fig.text(0.02, 0.925, about, color=SOFT)
+    caption = f"above: episodes, learning on, running median of {WINDOW}, crosses: ended early · below: weights frozen"
+    fig.text(0.02, 0.925, caption, color=SOFT)
     return fig
 
 
@@ -377,9 +377,9 @@ def weight_maps(model: Model) -> dict[str, npt.NDArray[np.float64]]:
         arrays = {part.name: sim.get(part.name, "weight") for part in sim.program.projections}
     if "cells_motors" in arrays and arrays["cells_motors"].size == 64 * len(names):
         maps = np.asarray(arrays["cells_motors"], float).reshape(64, -1).T
-        return {name: one.reshape(8, 8) for name, one in zip(names, maps, strict=True)}
+        return {name: weight.reshape(8, 8) for name, weight in zip(names, maps, strict=True)}
     if model.controller == "lms":
-        return {name: one.reshape(8, 8) for name, one in zip(names[::2], arrays["weights"], strict=True)}
+        return {name: weight.reshape(8, 8) for name, weight in zip(names[::2], arrays["weights"], strict=True)}
     return {}
 
 
@@ -390,19 +390,19 @@ def weights(model: Model) -> Figure:
         model: a model that has maps.
     """
     maps = weight_maps(model)
-    low, high = min(one.min() for one in maps.values()), max(one.max() for one in maps.values())
+    low, high = min(values.min() for values in maps.values()), max(values.max() for values in maps.values())
     width = 2.3 * len(maps) + 1.5
     fig = _figure(width, 3.2)
-    place = {"left": 0.5 / width, "right": 1.0 - 1.1 / width, "top": 0.8, "bottom": 0.09}
-    every = fig.subplots(1, len(maps), gridspec_kw=place)
-    for axes, (name, one) in zip(every, maps.items(), strict=True):
-        image = axes.imshow(one, cmap="viridis", vmin=low, vmax=high, extent=(-0.5, 127.5, 127.5, -0.5))
+    margins = {"left": 0.5 / width, "right": 1.0 - 1.1 / width, "top": 0.8, "bottom": 0.09}
+    panels = fig.subplots(1, len(maps), gridspec_kw=margins)
+    for axes, (name, values) in zip(panels, maps.items(), strict=True):
+        image = axes.imshow(values, cmap="viridis", vmin=low, vmax=high, extent=(-0.5, 127.5, 127.5, -0.5))
         axes.plot(AIM, AIM, "+", color="white", ms=9)
         axes.set_title(name, fontsize=10)
         axes.set_xticks((0, 63, 127))
-        axes.set_yticks((0, 63, 127) if axes is every[0] else ())
+        axes.set_yticks((0, 63, 127) if axes is panels[0] else ())
     unit = "weight" if model.controller == "lms" else "weight, pA"
-    box = every[-1].get_position()
+    box = panels[-1].get_position()
     fig.colorbar(image, cax=fig.add_axes((1.0 - 0.95 / width, box.y0, 0.12 / width, box.height)), label=unit)
     title = f"{model.controller} in {model.scenario.name}, seed {model.seed}: weights from the fields to each action"
     fig.suptitle(literal(title), x=0.02, ha="left", fontsize=12)

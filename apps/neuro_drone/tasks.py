@@ -158,9 +158,9 @@ class BallTask:
         self._begin(FIXED)
 
     def _begin(self, varied: Variation) -> None:
-        self.path, self._pieces, self._standing = _way(self.ball.lap, varied)
+        self.path, self._pieces, self._hover_distance = _way(self.ball.lap, varied)
         self._speed, self._first = self.ball.speed * varied.speed, varied.begin * self.path.length
-        self.way, self._sum, self._away, self._off, self._count = 0.0, 0.0, 0.0, 0.0, 0
+        self.way, self._error_sum, self._distance_sum, self._deviation_sum, self._count = 0.0, 0.0, 0.0, 0.0, 0
         self._last = (0.0, 0.0)
         self._time = 0.0
         self._set()
@@ -183,9 +183,9 @@ class BallTask:
         self.view.look(Pose(0.0, 0.0, self.height))
         offset = self._draw_start(rng) if start is None else self._offset(*start)
         if offset is None:
-            place = ", ".join(f"{one:g}" for one in start or ())
-            half = " and a ball from half to twice its target height" if self.ball.axes == 3 else ""
-            raise ModelError(f"start [{place}] px: expected a place of the picture below the horizon{half}")
+            place = ", ".join(f"{number:g}" for number in start or ())
+            sizes = " and a ball from half to twice its target height" if self.ball.axes == 3 else ""
+            raise ModelError(f"start [{place}] px: expected a point of the picture below the horizon{sizes}")
         return Pose(self._place[0] - offset[0], self._place[1] - offset[1], offset[2])
 
     def _draw_start(self, rng: np.random.Generator) -> tuple[float, float, float]:
@@ -254,9 +254,9 @@ class BallTask:
             reward = 0.5 * (reward + 1.0 - abs(excess) / target)
             lost = lost or not self._right_size(tall)
         if progress > 0.1:
-            self._sum += error
-            self._away += hypot(aim[0] - x, aim[1] - y)
-            self._off += abs(scaled[-1])
+            self._error_sum += error
+            self._distance_sum += hypot(aim[0] - x, aim[1] - y)
+            self._deviation_sum += abs(scaled[-1])
             self._count += 1
         done = progress >= 1.0 - 1e-9
         lap = done and not lost and self._follows()
@@ -265,9 +265,9 @@ class BallTask:
         return Judged((u, v), errors, scaled, error, reward, min(progress, 1.0), lost, done, lap)
 
     def _follows(self) -> bool:
-        near = self._away <= NEARER * self._standing * self._count
-        tall = self.ball.axes == 2 or self._off <= TALL_ERROR * self._count
-        return near and tall and self._sum <= LARGEST_ERROR * self._count and self.coverage() >= COVERED
+        is_near = self._distance_sum <= NEARER * self._hover_distance * self._count
+        tall = self.ball.axes == 2 or self._deviation_sum <= TALL_ERROR * self._count
+        return is_near and tall and self._error_sum <= LARGEST_ERROR * self._count and self.coverage() >= COVERED
 
     def coverage(self) -> float:
         """Return the share of the path's pieces that are covered so far."""
@@ -369,7 +369,7 @@ class LineTask:
         self._place: float | None = None
         self._last = (0.0, 0.0)
         self.way = self.time = 0.0
-        self._sum, self._off, self._count = 0.0, 0.0, 0
+        self._error_sum, self._deviation_sum, self._count = 0.0, 0.0, 0
 
     def reset(
         self,
@@ -401,16 +401,16 @@ class LineTask:
         """Return x, y and yaw at which the first side crosses row 63 at `u` with a lean, rad; None for no pose."""
         view = self.view
         view.look(Pose(0.0, 0.0, self.height))
-        here = view.ground(u, AIM) if view.sees(u, AIM) else None
+        point = view.ground(u, AIM) if view.sees(u, AIM) else None
         there = view.ground(u + 0.5 * tan(lean), AIM - 0.5)
-        if here is None or there is None:
+        if point is None or there is None:
             return None
-        yaw = self._headings[0] - atan2(there[1] - here[1], there[0] - here[0])
+        yaw = self._headings[0] - atan2(there[1] - point[1], there[0] - point[0])
         x0, y0, x1, y1 = self._sides[0]
         c, s = cos(yaw), sin(yaw)
         share, rest = self._first, 1.0 - self._first
-        x = rest * x0 + share * x1 - (here[0] * c - here[1] * s)
-        y = rest * y0 + share * y1 - (here[0] * s + here[1] * c)
+        x = rest * x0 + share * x1 - (point[0] * c - point[1] * s)
+        y = rest * y0 + share * y1 - (point[0] * s + point[1] * c)
         return x, y, yaw
 
     def scene(self) -> WorldScene:
@@ -428,17 +428,17 @@ class LineTask:
         if u == inf:
             (u, _), lean = border(self._last), self._last[1]
         lost = not view.sees(u, AIM)
-        off = self._go(view, pose.yaw)
+        deviation = self._go(view, pose.yaw)
         progress = max(0.0, min(1.0, self.way / SIDES))
         du, _ = self._last = (u - AIM, lean)
         if progress > 0.1:
-            self._sum += abs(du)
-            self._off += abs(off)
+            self._error_sum += abs(du)
+            self._deviation_sum += abs(deviation)
             self._count += 1
         turned = (pose.yaw - self._headings[0]) * self.direction
-        whole = self.way >= SIDES
-        lap = whole and not lost and abs(turned - 2.0 * pi) <= ALONG and self._follows()
-        done = whole or self.time > SLOWEST * self.path.length / self.forward
+        is_complete = self.way >= SIDES
+        lap = is_complete and not lost and abs(turned - 2.0 * pi) <= ALONG and self._follows()
+        done = is_complete or self.time > SLOWEST * self.path.length / self.forward
         reward = 0.0 if lost else 1.0 - 0.5 * (abs(du) / FARTHEST + abs(lean) / 90.0)
         scaled = (max(-1.0, min(1.0, du / 64.0)), lean / 90.0)
         return Judged((u, AIM), (du, lean), scaled, abs(du), reward, progress, lost, done, lap)
@@ -466,7 +466,7 @@ class LineTask:
         return best, lean
 
     def _follows(self) -> bool:
-        return self._sum <= LARGEST_ERROR * self._count and self._off <= NEARER * EVENLY * self._count
+        return self._error_sum <= LARGEST_ERROR * self._count and self._deviation_sum <= NEARER * EVENLY * self._count
 
     def _go(self, view: CameraView, yaw: float) -> float:
         """Update the progress, and return the deviation of the heading from the nearest side's direction, rad."""
@@ -474,15 +474,15 @@ class LineTask:
         if aim is None:
             return pi
         place, side = self._nearest(*aim)
-        off = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
+        deviation = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
         if self._place is None:
             self._place = place
         way = (place - self._place + 0.5 * SIDES) % SIDES - 0.5 * SIDES
         leap = way > 0.5
-        if way <= 0.0 or abs(off) <= ALONG or leap:  # else the way counts once the heading is right again
+        if way <= 0.0 or abs(deviation) <= ALONG or leap:  # else the way counts once the heading is right again
             self.way += 0.0 if leap else way
             self._place = place
-        return off
+        return deviation
 
     def _nearest(self, x: float, y: float) -> tuple[float, int]:
         """Return the position on the hexagon nearest to x, y, in sides from the first corner, and the side's index.

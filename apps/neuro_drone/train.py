@@ -109,14 +109,14 @@ def train(
     """
     model = untrained(load(scenario), controller, seed, episode, settings or {})
     check_whole("steps", steps, 1)
-    words = model.training_arguments() | {"steps": steps}
+    arguments = model.training_arguments() | {"steps": steps}
     if out is not None:
         check_output(out, hdf5.kind(FORMAT))
-        if out.is_file() and (stored := Model.load(out)).training_arguments() | {"steps": stored.steps} == words:
+        if out.is_file() and (stored := Model.load(out)).training_arguments() | {"steps": stored.steps} == arguments:
             Checkpoint(out, "", {}).remove()
             return stored
     if kind_of(controller).learns:
-        model = _learn(model, steps, out, words, report)
+        model = _learn(model, steps, out, arguments, report)
     if out is not None:
         model.save(out)
         Checkpoint(out, "", {}).remove()
@@ -128,21 +128,21 @@ def untrained(
 ) -> Model:
     """Return the model of a controller before learning; the arguments are those of `train`."""
     check_whole("seed", seed, below="2^63")
-    made = make(controller, scenario, seed, settings)
+    flier = make(controller, scenario, seed, settings)
     files, world_episode = {}, None
-    if isinstance(made, Spiking):
-        made.loop(DroneEnv(scenario))  # errors here name the user's file; the stored network has none
-        files, world_episode = pack_network(made.net), made.world.episode
+    if isinstance(flier, Spiking):
+        flier.loop(DroneEnv(scenario))  # errors here name the user's file; the stored network has none
+        files, world_episode = pack_network(flier.net), flier.world.episode
     episode = (world_episode or EPISODES[scenario.kind]) if episode is None else episode
     check_whole("episode", episode, 1)
     return Model(controller, scenario, seed, 0, episode, settings_of(controller, scenario, settings), network=files)
 
 
-def _learn(model: Model, steps: int, out: Path | None, words: Mapping[str, Any], report: Report | None) -> Model:
+def _learn(model: Model, steps: int, out: Path | None, arguments: Mapping[str, Any], report: Report | None) -> Model:
     """Learn in the closed loop until all steps are done, with tests of frozen weights in between."""
     env = gymnasium.wrappers.TimeLimit(DroneEnv(model.scenario), model.episode)
     loop = model.loop(env, learns=True)
-    checkpoint = None if out is None else loop.checkpoint(out, words)
+    checkpoint = None if out is None else loop.checkpoint(out, arguments)
     arrays = {} if checkpoint is None else checkpoint.resume()
     loop.go_on(arrays)
     curve, episodes = Curve(model, arrays.get("curve")), len(loop.log)
@@ -192,8 +192,8 @@ class Curve:
 
     def __init__(self, model: Model, points: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
         line, rngs = model.scenario.kind == "line", [np.random.default_rng((TEST_SEED, k)) for k in range(FLIGHTS)]
-        begins = [(int(rng.integers(2**31)), {"path": draw_variation(rng, line)}) for rng in rngs]
-        self._env = Flights(model.scenario, cycle(begins))
+        reset_calls = [(int(rng.integers(2**31)), {"path": draw_variation(rng, line)}) for rng in rngs]
+        self._env = Flights(model.scenario, cycle(reset_calls))
         self._loop = model.loop(self._env)
         self._points: dict[str, list[Any]] = {name: points[name].tolist() if points else [] for name in _CURVE}
         self._last = self._points["steps"][-1] if self._points["steps"] else 0
@@ -213,11 +213,11 @@ class Curve:
             self._loop.pilot.put(pilot.arrays())
         self._loop.test(FLIGHTS, most=FLIGHT_STEPS)
         errors, lost = [], 0
-        for track, last in zip(self._env.errors, self._env.last, strict=True):
+        for track, info in zip(self._env.errors, self._env.last, strict=True):
             distances = [px for _, px in track]
             distances += distances[-1:] * (FLIGHT_STEPS - len(distances))  # after a loss the last error counts
             errors.append(np.mean(distances[FLIGHT_STEPS // 2 :]))
-            lost += last["lost"]
+            lost += info["lost"]
         self._env.errors.clear()
         self._env.last.clear()
         for name, value in zip(_CURVE, (loop.steps, np.mean(errors), lost), strict=True):
@@ -288,12 +288,12 @@ def apply_changes(scenario: str | Path, controller: str, texts: Sequence[str]) -
     Raises:
         ModelError: there is no such scenario, controller or name, or a value is invalid.
     """
-    own = set(kind_of(controller).settings.own())
+    setting_names = set(kind_of(controller).settings.own())
     values = _parse_changes(texts)
-    world = {name for name in values if "." in name or name in _WORDS - own}
+    world = {name for name in values if "." in name or name in _WORDS - setting_names}
     changed = load(scenario, **{name: values[name] for name in values if name in world})
     settings = {name: values[name] for name in values if name not in world}
-    names = own | _WORDS
+    names = setting_names | _WORDS
     try:
         untrained(changed, controller, 0, None, settings)  # raises errors before any training starts
     except ModelError as error:  # an unknown parameter of the network may be a misspelt setting

@@ -123,11 +123,11 @@ class Flight:
 class _RecordedFlight(Flights):
     """An environment that records every step of a lap, by the names of `Flight`."""
 
-    def reset(self, **words: Any) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+    def reset(self, **options: Any) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin the lap."""
         self.values: dict[str, list[Any]] = {}
         self.events: list[neuro.events.Events] = []
-        result = super().reset(**words)
+        result = super().reset(**options)
         self._record(np.zeros(self.scenario.axes))
         return result
 
@@ -228,10 +228,10 @@ def watch(
             the network.
     """
     line = isinstance(model.scenario.task, Line)
-    begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0, course.lap(0, line))
+    lap_start = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0, course.lap(0, line))
 
     def make() -> tuple[str, str]:
-        flight = fly(model, begin, backend)
+        flight = fly(model, lap_start, backend)
         return page(flight), outcome(flight)
 
     return player.write(file, PAGE, "a lap is written as", make)
@@ -249,9 +249,9 @@ def page(flight: Flight) -> str:
     model, world = flight.model, flight.model.scenario
     training = f"after {model.steps:,} steps of training (seed {model.seed})" if model.steps else "which does not learn"
     thinned = player.evenly(len(flight.x), MOST)
-    about = [f"{model.controller}, {training}", "weights frozen, no dopamine", str(flight.start.path), outcome(flight)]
-    about += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
-    about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
+    notes = [f"{model.controller}, {training}", "weights frozen, no dopamine", str(flight.start.path), outcome(flight)]
+    notes += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
+    notes += [f"one of every {thinned} events is shown"] if thinned > 1 else []
     steps, window = len(flight.errors) - 1, max(3000.0, 20 * world.step) / world.step
     timeline = player.Timeline(
         end=steps,
@@ -269,17 +269,17 @@ def page(flight: Flight) -> str:
     spikes = "Spikes and actions" if flight.spikes else "Fields and actions"
     note = f"of the last {window * world.step / 1000:g} s"
     note += "" if flight.spikes else "; this controller has no spiking neurons"
-    below = [
+    lower_panels = [
         player.Panel(spikes, [_raster(flight, window), _actions(flight, window)], note),
         player.Panel("Error", [_errors(flight)], "of the whole lap, px; click to move the time", controls=True),
     ]
     if len(model.history.get("returns", ())):
-        below.append(player.Panel("Training", [_training(model)], TRAINING))
+        lower_panels.append(player.Panel("Training", [_training(model)], TRAINING))
     script = files("neuro_drone").joinpath("watch.js").read_text("utf-8")
     columns = "1fr 1fr 216px"
     title = f"{model.controller} in {world.name}"
     return player.page(
-        "neuro drone watch", title, about, timeline, _top(flight, thinned), below, columns=columns, script=script
+        "neuro drone watch", title, notes, timeline, _top(flight, thinned), lower_panels, columns=columns, script=script
     )
 
 
@@ -294,9 +294,9 @@ def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]
         "width": world.task.width if isinstance(world.task, Line) else 0,
     }  # fmt: skip
     ends = np.concatenate(([0], np.cumsum(flight.events)))
-    place = 2 * (128 * flight.y.astype(int) + flight.x) + flight.p
+    pixels = 2 * (128 * flight.y.astype(int) + flight.x) + flight.p
     camera = {
-        "width": 128, "height": 128, "place": place[::thinned], "first": -(-ends // thinned), "unit": 1, "span": 4,
+        "width": 128, "height": 128, "place": pixels[::thinned], "first": -(-ends // thinned), "unit": 1, "span": 4,
         "fade": [1, 0.45, 0.25, 0.13], "targets": flight.targets.ravel(),
         "talls": np.nan_to_num(flight.talls, posinf=0.0),
     }  # fmt: skip
@@ -338,16 +338,16 @@ def _raster(flight: Flight, window: float) -> player.Track:
         return player.Track(
             "raster", "raster", "events of the fields", {"strips": [strip], "window": window, "edge": EDGE}
         )
-    strips, pilots = list[dict[str, Any]](), [one.name == "motors" and one.size == len(names) for one in flight.spikes]
-    roots = [0.0 if pilot else np.sqrt(one.size) for one, pilot in zip(flight.spikes, pilots, strict=True)]
+    strips, pilots = list[dict[str, Any]](), [p.name == "motors" and p.size == len(names) for p in flight.spikes]
+    roots = [0.0 if pilot else np.sqrt(part.size) for part, pilot in zip(flight.spikes, pilots, strict=True)]
     weights = np.array(
         [0.4 if pilot else 0.6 * root / (sum(roots) or 1.0) for pilot, root in zip(pilots, roots, strict=True)]
     )
-    for one, pilot, share in zip(flight.spikes, pilots, weights / weights.sum(), strict=True):
-        every = player.evenly(len(one.times), MOST)
+    for part, pilot, share in zip(flight.spikes, pilots, weights / weights.sum(), strict=True):
+        shown = player.evenly(len(part.times), MOST)
         strip = {
-            "name": one.name, "size": one.size, "height": share * (TALL + 8) - 8,
-            "times": one.times[::every] / world.step, "ids": one.ids[::every],
+            "name": part.name, "size": part.size, "height": share * (TALL + 8) - 8,
+            "times": part.times[::shown] / world.step, "ids": part.ids[::shown],
         }  # fmt: skip
         strips.append(strip | ({"labels": names, "colours": COLOURS} if pilot else {}))
     return player.Track("raster", "raster", "spikes", {"strips": strips, "window": window, "edge": EDGE})
@@ -373,11 +373,11 @@ def _errors(flight: Flight) -> player.Track:
 def _training(model: Model) -> player.Track:
     """Return the plot of the error with frozen weights during the training, and of the mean reward per step."""
     history, curve = model.history, model.curve
-    tested, frozen, lost = (np.asarray(curve.get(name, ()), float) for name in ("steps", "error_px", "lost"))
+    test_steps, frozen, lost = (np.asarray(curve.get(name, ()), float) for name in ("steps", "error_px", "lost"))
     rewards = {"x": history["steps"], "y": history["returns"] / history["lengths"], "style": "dots", "colour": "soft"}
     lines = [
-        {"x": tested, "y": frozen, "style": "rings", "colour": "d", "width": 1.8},
-        {"x": tested[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "target", "width": 1.8},
+        {"x": test_steps, "y": frozen, "style": "rings", "colour": "d", "width": 1.8},
+        {"x": test_steps[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "target", "width": 1.8},
     ]
     lanes = [
         {"low": 0, "high": max(10.0, frozen.max(initial=0.0)), "marks": 3, "unit": " px", "lines": lines},

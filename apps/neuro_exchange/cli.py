@@ -85,8 +85,8 @@ class Options:
     )
     reset: str | None = option(
         "--reset RULE",
-        "Reset after a spike, instead of that of the tool of --from: to_value, to_value_next, subtract or "
-        "subtract_next. For lava-dl: number of steps between two resets of the network.",
+        "Reset after a spike; default: by --from. One of to_value, to_value_next, subtract, subtract_next. "
+        "For lava-dl: number of steps between two resets of the network.",
         **_READ_NIR_OR_NETX,
     )
     run_script: bool = option(
@@ -288,8 +288,8 @@ def _messages_for_command_line() -> Iterator[None]:
     """Name options instead of Python's arguments in errors."""
 
     def translate(error: ModelError) -> ModelError:
-        others = tuple(translate(each) for each in error.others)
-        return error.but(message=_as_option(error.message), hint=_as_option(error.hint), others=others)
+        other_errors = tuple(translate(each) for each in error.others)
+        return error.but(message=_as_option(error.message), hint=_as_option(error.hint), others=other_errors)
 
     try:
         yield

@@ -208,9 +208,9 @@ def _neurons(layer: Layer, reset: int) -> Neuron:
         if "sigma_output" in fields:
             return sigma_decoder()
         return sigma_delta(vth=float(fields["vThMant"]), bias=bias, **exponents)
-    words = {"du": int(fields["iDecay"]) - 1, "dv": int(fields["vDecay"]), "vth": int(fields["vThMant"])}
+    parameters = {"du": int(fields["iDecay"]) - 1, "dv": int(fields["vDecay"]), "vth": int(fields["vThMant"])}
     offset = (layer.depth + 1) % reset if reset else 0
-    return loihi2_lif(**words, bias_mant=bias, bias_exp=EXPONENT, reset_interval=reset, reset_offset=offset)
+    return loihi2_lif(**parameters, bias_mant=bias, bias_exp=EXPONENT, reset_interval=reset, reset_offset=offset)
 
 
 def _synapses(layer: Layer, before: Layer) -> tuple[Rule, Synapse, Floats]:
@@ -298,8 +298,8 @@ def _weight_errors(layer: Layer, before: Layer) -> Iterator[ModelError]:
         yield layer.wrong("its weights are not whole numbers", "export the network quantised")
     low, high = float(weight.min()), float(weight.max())
     is_doubled = layer.kind == "dense" and low < 0 <= high and bool(np.any(weight % 2))  # see `_dense`
-    most = 127 if is_doubled else 254
-    if low < -most - (layer.kind == "dense") or high > most:
+    largest = 127 if is_doubled else 254
+    if low < -largest - (layer.kind == "dense") or high > largest:
         yield layer.wrong(f"weights from {low:g} to {high:g}: a weight has 8 bits")
 
 
@@ -353,32 +353,32 @@ def _read(path: Path) -> list[Layer]:
 
 
 def _layer(number: int, group: h5py.Group, before: Layer | None) -> Layer:
-    where = f"layer {number}"
-    words = _fields(group, where)
-    neuron = _fields(group["neuron"], f"{where}: its neuron") if "neuron" in group else {}
+    place = f"layer {number}"
+    words = _fields(group, place)
+    neuron = _fields(group["neuron"], f"{place}: its neuron") if "neuron" in group else {}
     for word in ("type", "shape"):
         if word not in words:
-            raise ModelError(f"{where} has no '{word}'")
+            raise ModelError(f"{place} has no '{word}'")
     kind, shape = words["type"], words["shape"]
     return Layer(number, kind, (prod(shape),) if kind == "dense" else shape, neuron, words, before)
 
 
-def _fields(group: h5py.Group, where: str) -> dict[str, Any]:
+def _fields(group: h5py.Group, place: str) -> dict[str, Any]:
     """Return the fields of a layer or of its neurons that are used here."""
     if not isinstance(group, h5py.Group):
-        raise ModelError(f"{where} is not a group")
+        raise ModelError(f"{place} is not a group")
     names = (*TEXTS, *ARRAYS, *WHOLE, *PRESENT)
-    return {word: _value(group[word], word, where.partition(":")[0]) for word in group if word in names}
+    return {word: _value(group[word], word, place.partition(":")[0]) for word in group if word in names}
 
 
-def _value(item: h5py.Dataset, word: str, where: str) -> Any:
+def _value(item: h5py.Dataset, word: str, place: str) -> Any:
     """Return the value of a field: a text, an array, a whole number, a tuple of whole numbers, or True if present."""
-    most, least = WHOLE.get(word, (1, 0))
-    whole = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[most - 1]
-    whole += "" if least == -MOST else f" >= {least}"
-    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else whole
+    largest, least = WHOLE.get(word, (1, 0))
+    kind = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[largest - 1]
+    kind += "" if least == -MOST else f" >= {least}"
+    expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else kind
     if not isinstance(item, h5py.Dataset):
-        raise ModelError(f"{where}: {word} has no value: expected {expected}")
+        raise ModelError(f"{place}: {word} has no value: expected {expected}")
     value: NDArray[Any] = np.asarray(item[()])
     elements: list[Any] = [
         each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()
@@ -390,6 +390,6 @@ def _value(item: h5py.Dataset, word: str, where: str) -> Any:
     if word in ARRAYS and value.dtype.kind in "iuf":
         return value.astype(np.float64)
     are_whole = all(is_number(each) and least <= each <= MOST and each == int(each) for each in elements)
-    if word in WHOLE and 1 <= len(elements) <= most and are_whole:
-        return int(elements[0]) if most == 1 else tuple(map(int, elements))
-    raise ModelError(f"{where}: {word} = {elements if value.shape else elements[0]!r:.60}: expected {expected}")
+    if word in WHOLE and 1 <= len(elements) <= largest and are_whole:
+        return int(elements[0]) if largest == 1 else tuple(map(int, elements))
+    raise ModelError(f"{place}: {word} = {elements if value.shape else elements[0]!r:.60}: expected {expected}")

@@ -101,8 +101,8 @@ def verdicts(sim: Simulation) -> Verdicts:
     parts = [_node_verdict(sim, part) for part in sim.program.populations]
     for part in sim.program.projections:
         if part.grid is not None:
-            why = "its neurons share a kernel, and SONATA has a weight for each edge"
-            parts.append(Verdict(part.name, "grid", REFUSED, why, "neuro.pairs lists the synapses"))
+            reason = "its neurons share a kernel, and SONATA has a weight for each edge"
+            parts.append(Verdict(part.name, "grid", REFUSED, reason, "neuro.pairs lists the synapses"))
         elif part.synapse.learns:
             how = f"the present weights; SONATA has no {part.synapse.name}"
             measured = "not measured: SONATA has no learning"

@@ -53,7 +53,7 @@ class Beside:
         self._sim = sim
         self._folder = tempfile.TemporaryDirectory(prefix="neuro-live-")
         self._pool = Processes(begin, 1)
-        self._before: EngineCounts | None = None
+        self._last_counts: EngineCounts | None = None
         self._curves = 0
         self.refused = self._refusal()
 
@@ -76,17 +76,17 @@ class Beside:
 
     def begin(self) -> None:
         """Restart the counts at the present time."""
-        self._before = self._sim.taken().raw_counts
+        self._last_counts = self._sim.taken().raw_counts
 
     def price(self) -> None:
         """Request the energy of the operations since the last request, on each chip."""
         if self.refused or self._pool.busy:
             return
-        now = self._sim.taken().raw_counts
-        before, self._before = self._before, now
-        if before is not None and now.steps > before.steps:
-            about = {"path": str(self._path), "seed": self._sim.program.seed, "host": tuple(self._sim.host_work)}
-            self._pool.put({"do": "price", "counts": difference(now, before), **about})
+        counts = self._sim.taken().raw_counts
+        last_counts, self._last_counts = self._last_counts, counts
+        if last_counts is not None and counts.steps > last_counts.steps:
+            job = {"path": str(self._path), "seed": self._sim.program.seed, "host": tuple(self._sim.host_work)}
+            self._pool.put({"do": "price", "counts": difference(counts, last_counts), **job})
 
     def curve(self, population: str, neuron: int) -> None:
         """Request the rates of a neuron at constant currents.
@@ -156,12 +156,12 @@ def _placements(path: str, seed: int) -> tuple[Program, list[tuple[Chip, Placeme
     program = compile_network(load(path), seed, 1)
     placements: list[Any] = []
     for name in chips():
-        each = chip(name)
-        if each.costs:
+        target = chip(name)
+        if target.costs:
             try:
-                placements.append((each, place(program, each) if each.mesh is not None else None))
+                placements.append((target, place(program, target) if target.mesh is not None else None))
             except ModelError as error:
-                placements.append((each, error.message))
+                placements.append((target, error.message))
     return program, placements
 
 
@@ -177,22 +177,22 @@ def _bill(
 
     If the chip is slower than real time, `late` is the chip's time in units of network time.
     """
-    about = {"chip": chip.name, "title": chip.title}
+    row = {"chip": chip.name, "title": chip.title}
     if isinstance(placement, str):
-        return about | {"refused": placement}
+        return row | {"refused": placement}
     try:
         energy = price(program, counts, placement, chip, host=host).real_time
     except ModelError as error:
-        return about | {"refused": "; ".join(dict.fromkeys(each.message for each in (error.others or (error,))))}
+        return row | {"refused": "; ".join(dict.fromkeys(problem.message for problem in (error.others or (error,))))}
     if energy.refused:
-        return about | {"refused": energy.refused}
+        return row | {"refused": energy.refused}
     seconds = energy.duration_s
     static = energy.static_j / seconds if energy.static_known else None
     slowdown = (energy.chip_time_s or 0.0) / seconds if energy.late else None
     host_j = energy.by_cost().get("host", 0.0) / seconds
     dynamic = energy.dynamic_j / seconds - host_j
     joules = {"dynamic": dynamic, "host": host_j, "static": static, "missing": list(energy.missing)}
-    return about | joules | {"chips": energy.chips, "late": slowdown}
+    return row | joules | {"chips": energy.chips, "late": slowdown}
 
 
 def curve_of(sim: Simulation, population: str, neuron: int) -> Network:

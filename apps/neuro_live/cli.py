@@ -271,11 +271,11 @@ def _is_paced(page: bool, speed: float | None, real_time: Mapping[str, object]) 
     Raises:
         ModelError: there is a speed without a page that controls it.
     """
-    others = [name for name, value in real_time.items() if value]
-    if speed is not None and (others or not page):
-        expected = f"no {others[0]}, which runs in real time" if others else "--page, which keeps the speed"
+    names = [name for name, value in real_time.items() if value]
+    if speed is not None and (names or not page):
+        expected = f"no {names[0]}, which runs in real time" if names else "--page, which keeps the speed"
         raise ModelError(f"--speed {speed:g}: expected {expected}")
-    return page and not others
+    return page and not names
 
 
 def streamed(net: Network, stack: ExitStack) -> dict[str, Source]:
@@ -336,14 +336,14 @@ class _Lines:
     """Prints a line about a live run every 10 s to stderr. A moving progress bar would delay the ticks."""
 
     def __init__(self) -> None:
-        self._next = 0.0
+        self._next_s = 0.0
         self.figures: dict[str, str] = {}
 
     def __call__(self, run: LiveRun) -> None:
         self.figures = dict(_figures(run))
         seconds = (run.ticks + run.skipped) * run.tick_ms / 1000.0
-        if seconds >= self._next + REPORT_S:
-            self._next = seconds
+        if seconds >= self._next_s + REPORT_S:
+            self._next_s = seconds
             times = f"event to action p99 {run.latency.texts[1]} ms, empty loop {run.empty.texts[1]} ms"
             typer.echo(f"{seconds:,.0f} s: {times}, {run.misses:,} missed, {run.drops:,} drops", err=True)
 

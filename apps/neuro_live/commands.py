@@ -41,15 +41,15 @@ class Pace:
     def __init__(self, speed: float) -> None:
         self.speed, self.paused = speed, False
         self._steps = 0
-        self._began: tuple[float, float] | None = None
+        self._clock_start: tuple[float, float] | None = None
 
     def set(self, speed: float) -> None:
         """Change the speed."""
-        self.speed, self._began = speed, None
+        self.speed, self._clock_start = speed, None
 
     def pause(self, paused: bool) -> None:
         """Pause or resume the run."""
-        self.paused, self._steps, self._began = paused, 0, None
+        self.paused, self._steps, self._clock_start = paused, 0, None
 
     def step(self) -> None:
         """Pause after one more piece of the run."""
@@ -59,7 +59,7 @@ class Pace:
 
     def begin(self) -> None:
         """Restart the clock after the network's time was changed."""
-        self._began = None
+        self._clock_start = None
 
     def wait_s(self, ms: float) -> float:
         """Return the longest wait in s before the network may run on from time `ms`; 0 or less for no wait."""
@@ -69,11 +69,11 @@ class Pace:
             self._steps -= 1
             return 0.0
         now = time.perf_counter()
-        if self._began is None or math.isinf(self.speed):
-            self._began = now, ms
-        wait = self._began[0] + (ms - self._began[1]) * 1e-3 / self.speed - now
+        if self._clock_start is None or math.isinf(self.speed):
+            self._clock_start = now, ms
+        wait = self._clock_start[0] + (ms - self._clock_start[1]) * 1e-3 / self.speed - now
         if wait < -LATE_S:
-            self._began = now, ms
+            self._clock_start = now, ms
         return wait
 
 
@@ -128,8 +128,8 @@ class Commands:
 
     def __init__(self, page: Steered) -> None:
         self._page, self._sim = page, page.sim
-        self._owed, self._since = 0.0, time.monotonic()
-        self._before: dict[str, dict[int, Floats]] = {}
+        self._used_s, self._refilled_at = 0.0, time.monotonic()
+        self._saved_weights: dict[str, dict[int, Floats]] = {}
         paced = ("pause", "resume", "step", "speed", "reset") if page.pace is not None else ()
         seeds = ("seed",) if page.restart is not None else ()
         names = (
@@ -150,17 +150,17 @@ class Commands:
     @property
     def silenced(self) -> list[str]:
         """Names of the silenced populations."""
-        return list(self._before)
+        return list(self._saved_weights)
 
     def answer(self, request: Request) -> Answer:
         """Execute a request; return the reply, and the content of a file or b""."""
         number, start = request.get("id", 0), time.monotonic()
-        self._owed = max(0.0, self._owed - (start - self._since) * PAID)
+        self._used_s = max(0.0, self._used_s - (start - self._refilled_at) * PAID)
         try:
             name = check(_NAME, request.get("do"), "do")
             if name not in self._known:
                 raise unknown("command", name, self._known)
-            if self._owed > MOST_OWED_S:
+            if self._used_s > MOST_OWED_S:
                 raise ModelError("too many requests, which slow down the simulation: try again later")
             head, body = self._known[name](request) or ({}, b"")
             return {"id": number, **head}, body
@@ -168,8 +168,8 @@ class Commands:
             hint = f" ({error.hint})" if error.hint else ""
             return {"id": number, "error": f"{error.message}{hint}"}, b""
         finally:
-            self._since = time.monotonic()
-            self._owed = min(2.0 * MOST_OWED_S, self._owed + self._since - start)
+            self._refilled_at = time.monotonic()
+            self._used_s = min(2.0 * MOST_OWED_S, self._used_s + self._refilled_at - start)
 
     # the run
 
@@ -199,7 +199,7 @@ class Commands:
         weights = check(_FLAG, request.get("weights", False), "weights")
         self._sim.reset(weights=weights)
         if weights:
-            self._before.clear()
+            self._saved_weights.clear()
         self._page.begin()
         self._page.tell_state()
 
@@ -231,19 +231,19 @@ class Commands:
 
     def _silence(self, request: Request) -> None:
         part = self._population(request)
-        if part in self._before:
+        if part in self._saved_weights:
             return
         indices = outgoing(self._sim.program, self._sim.handles.neurons(part))
-        before = {index: self._sim._engine.get_synapses(index, "weight") for index in indices}
+        weights = {index: self._sim._engine.get_synapses(index, "weight") for index in indices}
         self._sim.silence(part)
-        self._before[part] = before
+        self._saved_weights[part] = weights
         self._page.look_again(*indices)
         self._page.tell_state()
 
     def _restore(self, request: Request) -> None:
         """Restore the weights from before the population was silenced."""
         part = self._population(request)
-        for index, weights in self._before.pop(part, {}).items():
+        for index, weights in self._saved_weights.pop(part, {}).items():
             self._sim.set_weights(self._sim.program.projections[index].name, weights)
             self._page.look_again(index)
         self._page.tell_state()

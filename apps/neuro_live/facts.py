@@ -95,16 +95,16 @@ def settable_words(sim: Simulation, name: str) -> dict[str, Quantity]:
     part = sim.handles.neurons_or_projection(name)
     if isinstance(part, int):
         rule = sim._run.rules[part]
-        words = {word: rule.quantities()[word] for word in settable.settable_numbers(rule)}
+        chosen = {word: rule.quantities()[word] for word in settable.settable_numbers(rule)}
         if sim.program.projections[part].size:
-            words = {
+            chosen = {
                 "weight": Quantity(unit=sim._values.synapses.weight_unit(part), doc="one for all synapses"),
-                **words,
+                **chosen,
             }
     else:
         quantities = {word: settable.quantity_of(part.part, word) for word in part.part.parameters}
-        words = {word: q for word, q in quantities.items() if q is not None and word not in NOT_SHOWN}
-    return {word: q for word, q in words.items() if q.kind in KINDS}
+        chosen = {word: q for word, q in quantities.items() if q is not None and word not in NOT_SHOWN}
+    return {word: q for word, q in chosen.items() if q.kind in KINDS}
 
 
 def present(sim: Simulation, name: str, word: str) -> Floats:
@@ -122,12 +122,12 @@ def sliders(sim: Simulation, name: str) -> list[dict[str, Any]]:
     """Return a slider for each settable quantity of a part: present value, bounds, ends and step."""
     rows = []
     for word, q in settable_words(sim, name).items():
-        now = shown_value(present(sim, name, word))
+        avg = shown_value(present(sim, name, word))
         signs = {">": q.above, "≥": q.at_least, "<": q.below, "≤": q.at_most}
         bounds = ", ".join(f"{sign} {bound:g}" for sign, bound in signs.items() if bound is not None)
-        low, high, step = slider_ends(q, now["value"] or 0.0, sim.program.resolution, partial(accepts, sim, name, word))
-        about = {"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "bounds": bounds}
-        rows.append({**about, **now, "low": low, "high": high, "step": step})
+        low, high, step = slider_ends(q, avg["value"] or 0.0, sim.program.resolution, partial(accepts, sim, name, word))
+        slider = {"word": word, "unit": q.unit, "doc": q.doc, "kind": q.kind, "bounds": bounds}
+        rows.append({**slider, **avg, "low": low, "high": high, "step": step})
     return rows
 
 
@@ -170,8 +170,8 @@ def slider_ends(
         accepted: function that returns whether a value is valid.
     """
     low, high = (max(-LARGEST, min(end, LARGEST)) for end in span(q, value))
-    ten = 10.0 ** math.floor(math.log10((high - low) / PLACES))
-    step = 1.0 if q.kind == "integer" else next(n * ten for n in (1, 2, 5, 10) if n * ten * PLACES >= high - low)
+    power = 10.0 ** math.floor(math.log10((high - low) / PLACES))
+    step = 1.0 if q.kind == "integer" else next(n * power for n in (1, 2, 5, 10) if n * power * PLACES >= high - low)
     if q.unit == "ms" and not any(accepted((value // step + k) * step) for k in (-1, 1, 3)):
         step = resolution * max(1, round(step / resolution))
     return furthest(value, low, step, accepted), furthest(value, high, step, accepted), step

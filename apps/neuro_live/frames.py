@@ -57,7 +57,7 @@ class Frames:
         self.step = self._gathered = self._engine.step
         self._totals = {k: self._total(k) for k, p in self._populations if p.kind != "current"}
         self._rate = [0.0] * len(self._populations)
-        self._seen = {k: self._fired(k) for k, _ in self._cameras}
+        self._last_counts = {k: self._fired(k) for k, _ in self._cameras}
         self._sampled = []
         self._spikes: dict[int, list[tuple[Ints, Ints]]] = {k: [] for k, p in self._populations if p.records}
         self._samples: dict[int, list[tuple[Ints, Floats]]] = {k: [] for k in range(len(self.traces))}
@@ -89,15 +89,15 @@ class Frames:
 
     def gather(self) -> None:
         """Copy the recordings since the last call, before the simulation deletes them."""
-        since, now = self._gathered, self._engine.step
-        self._gathered = now
+        begin, end = self._gathered, self._engine.step
+        self._gathered = end
         for k, spikes in self._spikes.items():
-            expected = self._rate[k] * self._populations[k][1].size * (now - since) * self._clock.resolution * 1e-3
-            train = self._engine.spikes(k, max(since, now - int((now - since) * MOST_READ / max(expected, 1.0))))
+            expected = self._rate[k] * self._populations[k][1].size * (end - begin) * self._clock.resolution * 1e-3
+            train = self._engine.spikes(k, max(begin, end - int((end - begin) * MOST_READ / max(expected, 1.0))))
             if train.ids.size:
                 spikes.append((train.steps, train.ids))
         for k, samples in self._samples.items():
-            steps, values = self._sim._records.recorder.series[self.traces[k]["name"]].after(since, MOST_SAMPLES)
+            steps, values = self._sim._records.recorder.series[self.traces[k]["name"]].after(begin, MOST_SAMPLES)
             if steps.size:
                 samples.append((steps, values[:, :MOST_COLUMNS]))
 
@@ -115,28 +115,28 @@ class Frames:
     def take(self) -> tuple[dict[str, Any], bytes]:
         """Return the head and the body of the next frame."""
         self.gather()
-        since, now = self.step, self._engine.step
-        self._began, body = self._clock.ms(since), list[bytes]()
-        head: dict[str, Any] = {"time": self._clock.ms(now), "began": self._began, "rates": self._rates(now - since)}
-        head["spikes"] = [entry for k in self._spikes if (entry := self._of_spikes(k, since, body))]
-        head["traces"] = [entry for k in self._samples if (entry := self._of_samples(k, since, body))]
+        begin, end = self.step, self._engine.step
+        self._begin_ms, body = self._clock.ms(begin), list[bytes]()
+        head: dict[str, Any] = {"time": self._clock.ms(end), "began": self._begin_ms, "rates": self._rates(end - begin)}
+        head["spikes"] = [entry for k in self._spikes if (entry := self._of_spikes(k, begin, body))]
+        head["traces"] = [entry for k in self._samples if (entry := self._of_samples(k, begin, body))]
         if self._sampled:
-            times, values = (np.array(self._sampled) - (self._began, 0.0)).T.astype("<f4")
+            times, values = (np.array(self._sampled) - (self._begin_ms, 0.0)).T.astype("<f4")
             head["watched"] = {"samples": len(self._sampled)}
             body += [times.tobytes(), values.tobytes()]
             self._sampled = []
         head["cameras"] = [self._picture(k, part, body) for k, part in self._cameras]
-        self.step = now
+        self.step = end
         return head, b"".join(body)
 
     def _rates(self, steps: int) -> list[float]:
         """Return the mean rate of each population's neurons in Hz, also of populations without recorded spikes."""
         seconds = steps * self._clock.resolution * 1e-3
         rates = dict.fromkeys(range(len(self._populations)), 0.0)
-        for k, before in self._totals.items():
+        for k, last_total in self._totals.items():
             self._totals[k] = self._total(k)
             if seconds and (size := self._populations[k][1].size):
-                rates[k] = round((self._totals[k] - before) / (size * seconds), 3)
+                rates[k] = round((self._totals[k] - last_total) / (size * seconds), 3)
         self._rate = list(rates.values())
         return self._rate
 
@@ -149,31 +149,31 @@ class Frames:
 
     def _of_spikes(self, index: int, since: int, body: list[bytes]) -> list[int]:
         """Append a population's spikes to the body; return the population and the number of spikes, or []."""
-        pieces, self._spikes[index] = self._spikes[index], []
-        if not pieces:
+        recordings, self._spikes[index] = self._spikes[index], []
+        if not recordings:
             return []
-        steps, ids = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-        every = -(-ids.size // MOST_SPIKES)
-        steps, ids = steps[::every], ids[::every]
+        steps, ids = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
+        interval = -(-ids.size // MOST_SPIKES)
+        steps, ids = steps[::interval], ids[::interval]
         body += [(steps - since).astype("<u4").tobytes(), ids.astype("<u4").tobytes()]
         return [index, ids.size]
 
     def _of_samples(self, index: int, since: int, body: list[bytes]) -> list[int]:
         """Append a probe's samples to the body; return the trace and the numbers of samples and columns, or []."""
-        pieces, self._samples[index] = self._samples[index], []
-        if not pieces:
+        recordings, self._samples[index] = self._samples[index], []
+        if not recordings:
             return []
-        steps, values = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-        every = -(-steps.size // MOST_SAMPLES)
-        steps, values = steps[::every], values[::every]
+        steps, values = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
+        interval = -(-steps.size // MOST_SAMPLES)
+        steps, values = steps[::interval], values[::interval]
         body += [((steps - since) * self._clock.resolution).astype("<f4").tobytes(), values.T.astype("<f4").tobytes()]
         return [index, steps.size, values.shape[1]]
 
     def _picture(self, index: int, part: Population, body: list[bytes]) -> list[int]:
         """Append a camera's events since the last frame to the body; return the population and the picture's shape."""
-        now = self._fired(index)
-        events = (now - self._seen[index]).reshape(-1, *part.shape[-2:])
-        self._seen[index] = now
+        counts = self._fired(index)
+        events = (counts - self._last_counts[index]).reshape(-1, *part.shape[-2:])
+        self._last_counts[index] = counts
         image = smaller(events).clip(0, 255).astype(np.uint8)
         pad = -image.size % 4
         body.append(image.tobytes() + b"\0" * pad)
@@ -225,21 +225,21 @@ def weights_of(sim: Simulation, index: int) -> dict[str, Any]:
     if part.size > LARGEST:
         return message | {"refused": f"{part.size:,} synapses: weights are shown up to {LARGEST:,}"}
     values = sim._engine.get_synapses(index, "weight")
-    every = -(-part.size // CHOSEN) or 1
+    interval = -(-part.size // CHOSEN) or 1
     finite = values[np.isfinite(values)]
     if not finite.size:
         return message | {"refused": "no synapse" if not values.size else "no weight is finite"}
     low, high = float(finite.min()), float(finite.max())
-    bins = np.histogram(finite[::every], BINS, (low, high))[0] if high > low else np.array([finite.size])
+    bins = np.histogram(finite[::interval], BINS, (low, high))[0] if high > low else np.array([finite.size])
     with np.errstate(over="ignore"):
         mean = float(finite.mean())
     message |= {"low": low, "high": high, "mean": mean if math.isfinite(mean) else None, "bins": bins.tolist()}
-    matrix = _kernels(part, values) if part.grid is not None else _matrix(sim, index, values, every)
+    matrix = _kernels(part, values) if part.grid is not None else _matrix(sim, index, values, interval)
     rounded = [[None if np.isnan(v) else float(f"{v:.4g}") for v in row] for row in matrix]
     return message | {"matrix": rounded, "kernels": part.grid is not None}
 
 
-def _matrix(sim: Simulation, index: int, values: Floats, every: int) -> Floats:
+def _matrix(sim: Simulation, index: int, values: Floats, interval: int) -> Floats:
     """Return the mean weights of every n-th synapse by blocks of sources (rows) and targets (columns).
 
     A block without a synapse is NaN.
@@ -248,13 +248,13 @@ def _matrix(sim: Simulation, index: int, values: Floats, every: int) -> Floats:
     ends = sim.handles.ends(index)
     sides = [min(SIDE, populations[end].size) for end in (part.source, part.target)]
     blocks = [
-        ids[::every] * side // populations[end].size
+        ids[::interval] * side // populations[end].size
         for ids, side, end in zip(ends, sides, (part.source, part.target), strict=True)
     ]
     cells = blocks[0] * sides[1] + blocks[1]
     n_cells = sides[0] * sides[1]
     count = np.bincount(cells, minlength=n_cells)
-    total = np.bincount(cells, weights=values[::every], minlength=n_cells)
+    total = np.bincount(cells, weights=values[::interval], minlength=n_cells)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     matrix: Floats = mean.reshape(sides[0], sides[1])
     return matrix

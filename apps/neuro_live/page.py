@@ -118,8 +118,8 @@ class Page:
         except BaseException:
             self.close()
             raise
-        at = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
-        self.url = f"http://{at}:{port}/{token}/"
+        address = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
+        self.url = f"http://{address}:{port}/{token}/"
 
     def __enter__(self) -> Page:
         return self
@@ -246,13 +246,13 @@ class Page:
     def _begin(self, settings: dict[str, Any]) -> int:
         """Send the settings to the second process, wait until it listens, and return the port."""
         self._channel.send(settings)
-        until = time.monotonic() + START_S
-        while self._channel.open and time.monotonic() < until:
+        deadline = time.monotonic() + START_S
+        while self._channel.open and time.monotonic() < deadline:
             for head in self._channel.receive():
                 if "port" in head:
                     return int(head["port"])
-                where = f"{settings['host']}:{settings['port']}"
-                raise ModelError(f"the page cannot be served at {where}: {head['error']}", hint="another host or port")
+                url = f"{settings['host']}:{settings['port']}"
+                raise ModelError(f"the page cannot be served at {url}: {head['error']}", hint="another host or port")
             time.sleep(POLL_S)
         raise ModelError(f"the process that serves the page has ended, or has not begun within {START_S:g} s")
 
@@ -293,8 +293,8 @@ class Page:
 
     def look_again(self, *projections: int) -> None:
         """Schedule new reads of the weights of some projections, or of all."""
-        every = range(len(self.sim.program.projections))
-        self._unread += [k for k in projections or every if k not in self._unread]
+        all_indices = range(len(self.sim.program.projections))
+        self._unread += [k for k in projections or all_indices if k not in self._unread]
 
     def keep(self, key: str, content: dict[str, Any], fresh: bool = False) -> None:
         """Send a message to all present and future browsers, until another message with the key replaces it.
@@ -311,7 +311,7 @@ class Page:
         self.keep(f"value/{part}/{word}", {"part": part, "word": word, **shown_value(values)})
 
     def tell_state(self) -> None:
-        """Send the watched state, the silenced populations, and whether and how fast the run goes on."""
+        """Send the watched state, the silenced populations, and the speed of the run or that it is paused."""
         pace = self.pace
         state: dict[str, Any] = {"watched": self.frames.watched or None, "silenced": self.commands.silenced}
         if pace is not None:
@@ -368,9 +368,9 @@ class Page:
             self._measured = now, head["time"]
         self._channel.send(head | {"speed": round(self._speed, 4)}, body)
         self._wanted, self._unseen, self._seen_until = False, False, now + SEEN_S
-        before, self._taken = self._taken, time.thread_time() - start
+        last_taken, self._taken = self._taken, time.thread_time() - start
         self._due = now + FRAME_S
-        self._frame_due = used + 0.5 * (before + self._taken) / SHARE
+        self._frame_due = used + 0.5 * (last_taken + self._taken) / SHARE
 
     def _seldom(self, now: float) -> None:
         """Send the slow updates, a few times a second: the weights of one projection, the energy, the figures."""

@@ -61,7 +61,7 @@ class Client:
 
     Args:
         connection: the WebSocket.
-        kept: the present messages by key.
+        messages: the present messages by key.
     """
 
     def __init__(self, connection: ServerConnection, messages: dict[str, str]) -> None:

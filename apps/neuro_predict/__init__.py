@@ -1,1 +1,1 @@
-"""Networks that recognise, asked about recordings of event cameras: decisions, accuracy, joules, pictures."""
+"""Classes of event-camera recordings, decided by a network: decisions, accuracy, energy, pictures."""

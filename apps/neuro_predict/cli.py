@@ -1,4 +1,4 @@
-"""Networks that recognise, asked about recordings: `neuro predict`."""
+"""The command `neuro predict`: the class of each recording, decided by a network."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Asked = Annotated[
     list[Path], typer.Argument(metavar="REC", help="Recordings, folders or zips of class folders, HDF5 data sets.")
 ]
 Input = Annotated[str | None, typer.Option("--input", metavar="NAME", help="The population of the pixels.")]
-Output = Annotated[str | None, typer.Option("--output", metavar="NAME", help="The one with a neuron for each class.")]
-Decide = Annotated[str | None, typer.Option("--decide", metavar="WORD", help="By counts, potential or first spike.")]
+Output = Annotated[str | None, typer.Option("--output", metavar="NAME", help="The population of the classes.")]
+Decide = Annotated[str | None, typer.Option("--decide", metavar="WORD", help="Rule: counts, potential or first.")]
 Classes = Annotated[str | None, typer.Option("--classes", metavar="A,B,...", help="Names of the output's neurons.")]
 Duration = Annotated[
     float | None,
-    typer.Option("--for", metavar="MS", parser=milliseconds, help="For each recording; to its end if not given."),
+    typer.Option("--for", metavar="MS", parser=milliseconds, help="Duration per recording; default: to its end."),
 ]
-Labels = Annotated[bool, typer.Option("--labels", help="The class folders are right: report the accuracy.")]
-Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Of recordings in parts, such as Test.")]
+Labels = Annotated[bool, typer.Option("--labels", help="Report the accuracy, with class folders as the truth.")]
+Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Part of a data set, e.g. Test.")]
 Picture = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Draw the output in the first 24 recordings: .png, .pdf or .svg.")
 ]
@@ -84,13 +84,13 @@ def predict(
         check_recordings(samples.samples, readout, net)
         for name in backends:
             keep = 0 if picture is None or predictions else tables.MOST
-            words: dict[str, Any] = {
+            options_of_run: dict[str, Any] = {
                 "labels": samples.labels,
                 "seed": seed,
                 "keep": keep,
                 "report": _bar_report(bar, name),
             }
-            predictions.append(ask(net, samples.samples, readout, name, **words))
+            predictions.append(ask(net, samples.samples, readout, name, **options_of_run))
     if picture is not None:
         write_picture(picture, tables.draw(predictions[0]))
     if as_json:
@@ -106,16 +106,16 @@ def _bar_report(bar: Bar, backend: str) -> Callable[[int, int], None]:
 
 
 def _check_network(file: Path, recordings: list[Path]) -> None:
-    """Lead to the command that asks or converts a file that is no network in YAML."""
+    """Raise an error for a graph of NIR or a recogniser; the hint is the command for such a file."""
     from neuro import ModelError
     from neuro.apps import hdf5
 
     if file.suffix == ".nir":
         command = shlex.join(["neuro", "convert", str(file), str(file.with_suffix(".yaml")), "--resolution", "1"])
-        raise ModelError(f"{file}: is a graph of NIR: expected a network as YAML", hint=f"{command} makes one")
+        raise ModelError(f"{file}: found a graph of NIR: expected a network as YAML", hint=f"convert it: {command}")
     if file.is_file():
-        with file.open("rb") as opened:
-            if hdf5.is_hdf5(opened.read(hdf5.FRONT)):
+        with file.open("rb") as stream:
+            if hdf5.is_hdf5(stream.read(hdf5.FRONT)):
                 command = shlex.join(["neuro", "recognise", "predict", str(file), *map(str, recordings)])
-                message = f"{file}: is an HDF5 file: expected a network as YAML"
-                raise ModelError(message, hint=f"a recogniser is asked by: {command}")
+                message = f"{file}: found an HDF5 file: expected a network as YAML"
+                raise ModelError(message, hint=f"for a recogniser: {command}")

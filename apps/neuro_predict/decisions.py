@@ -23,38 +23,38 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 SILENT = -1
-"""The decision where there is nothing to decide by."""
+"""Decision of an output without spikes, or whose potentials are all equal."""
 
 
 def by_counts(times: Floats, ids: Ints, neurons: int, payloads: Ints | None = None) -> tuple[int, Floats]:
-    """The neuron that fires most, and the spikes of each; of a graded output that of the largest sum, and the sums.
+    """Return the neuron with most spikes, and the spikes of each neuron; of a graded output the sums of payloads.
 
     Args:
-        times: of spikes, ms.
-        ids: which neuron emits each.
-        neurons: of the output.
-        payloads: of the spikes of a graded output.
+        times: times of the spikes, ms.
+        ids: neuron of each spike.
+        neurons: number of neurons of the output.
+        payloads: payloads of the spikes of a graded output.
     """
-    counts, first = _counts_and_first(times, ids, neurons)
+    counts, first_times = _counts_and_first(times, ids, neurons)
     if payloads is not None:
         sums = np.bincount(ids, payloads, minlength=neurons).astype(np.float64)
-        return int(np.lexsort((first, -sums))[0]) if ids.size else SILENT, sums
-    most = highest_rate(counts)
-    return _first_of(most[first_to_fire(first[most])]), counts
+        return int(np.lexsort((first_times, -sums))[0]) if ids.size else SILENT, sums
+    highest = highest_rate(counts)
+    return _first_of(highest[first_to_fire(first_times[highest])]), counts
 
 
 def by_first(times: Floats, ids: Ints, neurons: int) -> tuple[int, Floats]:
-    """The neuron that fires first, and the time of the first spike of each; arguments as of `by_counts`."""
-    counts, first = _counts_and_first(times, ids, neurons)
-    soonest = first_to_fire(first)
-    return _first_of(soonest[highest_rate(counts[soonest])]), first
+    """Return the neuron that fires first, and the first spike of each neuron, ms; see `by_counts` for the arguments."""
+    counts, first_times = _counts_and_first(times, ids, neurons)
+    soonest = first_to_fire(first_times)
+    return _first_of(soonest[highest_rate(counts[soonest])]), first_times
 
 
 def by_potential(V_m: Floats) -> tuple[int, Floats]:
-    """The neuron with the highest mean potential, and the mean of each.
+    """Return the neuron with the highest mean potential, and the mean of each neuron.
 
     Args:
-        V_m: (steps, neurons), mV.
+        V_m: (steps, neurons), potentials, mV.
     """
     mean = V_m.mean(axis=0)
     return (SILENT if (mean == mean[0]).all() else int(mean.argmax())), mean
@@ -78,9 +78,9 @@ def decision_work(by: str, neurons: int) -> Works:
 
 
 def _counts_and_first(times: Floats, ids: Ints, neurons: int) -> tuple[Floats, Floats]:
-    first = np.full(neurons, np.inf)
-    np.minimum.at(first, ids, times)
-    return np.bincount(ids, minlength=neurons).astype(np.float64), np.where(np.isinf(first), np.nan, first)
+    first_times = np.full(neurons, np.inf)
+    np.minimum.at(first_times, ids, times)
+    return np.bincount(ids, minlength=neurons).astype(np.float64), np.where(np.isinf(first_times), np.nan, first_times)
 
 
 def _first_of(neurons: Ints) -> int:
@@ -89,11 +89,11 @@ def _first_of(neurons: Ints) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """Decisions against the truth.
+    """Comparison of decisions with the true classes.
 
     Attributes:
-        classes: names.
-        confusion: (classes, classes + 1) recordings by class and by decision; the last column is silence.
+        classes: names of the classes.
+        confusion: (classes, classes + 1) recordings by true class and by decision; the last column is no decision.
     """
 
     classes: tuple[str, ...]
@@ -101,7 +101,7 @@ class Evaluation:
 
     @property
     def n(self) -> int:
-        """The number of recordings."""
+        """Number of recordings."""
         return int(self.confusion.sum())
 
     @property
@@ -111,16 +111,16 @@ class Evaluation:
 
     @property
     def accuracy(self) -> float:
-        """Share of right decisions; silence is wrong."""
+        """Share of right decisions; a missing decision counts as wrong."""
         return self.correct / self.n if self.n else float("nan")
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the accuracy."""
+        """95 % confidence interval of the accuracy."""
         return wilson(self.correct, self.n)
 
     def as_words(self) -> dict[str, Any]:
-        """The figures as plain data, for JSON."""
+        """Return the figures as plain data, for JSON."""
         return {
             "accuracy": self.accuracy,
             "correct": self.correct,
@@ -135,8 +135,8 @@ def evaluate(decided: Ints, labels: Ints, classes: tuple[str, ...]) -> Evaluatio
     """Compare decisions with labels.
 
     Args:
-        decided: class of each recording, or -1 for silence.
-        labels: the right ones.
+        decided: class of each recording, or -1 for no decision.
+        labels: true class of each recording.
         classes: names of the classes.
 
     Returns:
@@ -148,15 +148,15 @@ def evaluate(decided: Ints, labels: Ints, classes: tuple[str, ...]) -> Evaluatio
 
 
 def wilson(correct: int, n: int, z: float = 1.959963984540054) -> tuple[float, float]:
-    """Interval of a share.
+    """Return the confidence interval of a share.
 
     Args:
-        correct: successes.
-        n: trials; of none the interval is everything.
+        correct: number of successes.
+        n: number of trials; without trials the interval is 0 to 1.
         z: quantile of the normal distribution; the default gives 95 %.
 
     Returns:
-        Lower and upper end.
+        The lower and the upper end.
 
     Source: Wilson, J. Am. Stat. Assoc. 22:209, 1927.
     """

@@ -96,7 +96,7 @@ def predict(
     backend: str | PathLike[str] = "event",
     labels: Sequence[str] | None = None,
     seed: int = 0,
-    **words: Any,
+    **options: Any,
 ) -> Predictions:
     """Show recordings to a network, each from time 0 on, and decide the classes by the output.
 
@@ -106,9 +106,9 @@ def predict(
         backend: name of the backend, or table file of a chip.
         labels: name of the true class of each recording; without labels nothing is evaluated.
         seed: seed of all random numbers.
-        words: settings of `neuro.Readout` that replace those of the network's readout. By default the input is the only
-            spike_generator, and the output is the only probed population, or the only one without outgoing projections.
-            Potentials decide if the output never fires.
+        options: settings of `neuro.Readout` that replace those of the network's readout. By default the input is the
+            only spike_generator, and the output is the only probed population, or the only one without outgoing
+            projections. Potentials decide if the output never fires.
 
     Raises:
         EventFileError: a recording is damaged.
@@ -117,7 +117,7 @@ def predict(
     """
     if not isinstance(net, Network):
         raise ModelError(f"predict: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
-    readout = readout_of(net, **words)
+    readout = readout_of(net, **options)
     check_recordings(recordings, readout, net)
     return ask(net, recordings, readout, str(backend), labels=labels, seed=seed)
 
@@ -130,7 +130,7 @@ def check_recordings(recordings: Sequence[Sample | Events], readout: Readout, ne
         ModelError: a recording has another sensor size, or there is no recording.
     """
     if not len(recordings):
-        raise ModelError("found no recording: expected at least one to ask about")
+        raise ModelError("found no recording: expected at least one")
     pixels = Pixels(net, readout)
     for k, item in enumerate(recordings):
         pixels.check(item, name_of(item, k))
@@ -187,12 +187,12 @@ def ask(
 
 def _numbers(labels: Sequence[str], readout: Readout, recordings: int) -> Ints:
     if len(labels) != recordings:
-        raise ModelError(f"labels: found {len(labels)} for {recordings} recordings: expected one for each")
+        raise ModelError(f"labels: found {len(labels)} for {recordings} recordings: expected a label for each")
     numbers = {name: k for k, name in enumerate(readout.classes)}
     for name in labels:
         if name not in numbers:
             message = f"--output {readout.output} has no class '{name}': expected {', '.join(numbers)}"
-            raise ModelError(message, hint="--classes A,B,... gives the names of its neurons in order")
+            raise ModelError(message, hint="--classes A,B,... names its neurons in order")
     return np.array([numbers[name] for name in labels], np.int64)
 
 
@@ -224,13 +224,13 @@ def _way(program: Program, readout: Readout) -> int:
     index = {part.name: k for k, part in enumerate(program.populations)}
     queue, visited = [(0, index[readout.input])], set[int]()
     while queue:
-        steps, at = heapq.heappop(queue)
-        if at == index[readout.output]:
+        steps, population = heapq.heappop(queue)
+        if population == index[readout.output]:
             return steps
-        if at not in visited:
-            visited.add(at)
+        if population not in visited:
+            visited.add(population)
             for part in program.projections:
-                if part.source == at and part.size:
+                if part.source == population and part.size:
                     heapq.heappush(queue, (steps + int(np.max(part.delay)), part.target))
     raise ModelError(f"no projection leads from --input {readout.input} to --output {readout.output}: expected a path")
 

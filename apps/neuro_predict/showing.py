@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 Overflows = Mapping[str, tuple[int, str]]
-"""By what overflows, such as "input wraps of hidden", in how many recordings, and what keeps it from that."""
+"""Overflows by name, e.g. "input wraps of hidden": number of recordings with the overflow, and how to prevent it."""
 
 
 @contextmanager
@@ -30,32 +30,32 @@ def overflows_counted(overflows: dict[str, tuple[int, str]]) -> Iterator[None]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OverflowWarning)
         yield
-    for each in caught:
-        message = each.message
+    for warning in caught:
+        message = warning.message
         if not isinstance(message, OverflowWarning):
-            warnings.warn_explicit(message, each.category, each.filename, each.lineno)
+            warnings.warn_explicit(message, warning.category, warning.filename, warning.lineno)
         elif message.what:
             overflows[message.what] = overflows.get(message.what, (0, ""))[0] + 1, message.hint
 
 
 def warn_of_overflows(backend: str, overflows: Overflows, recordings: int) -> None:
     """Warn once of each register that overflowed, with the number of recordings."""
-    for what, (some, hint) in overflows.items():
-        text = f"backend '{backend}': {what} in {some} of {recordings} recordings\n  hint: {hint}"
+    for event, (count, hint) in overflows.items():
+        text = f"backend '{backend}': {event} in {count} of {recordings} recordings\n  hint: {hint}"
         warnings.warn(text, OverflowWarning, stacklevel=2)
 
 
 class Showing:
-    """Shows recordings, and adds up what that takes.
+    """Shows recordings to a network, and sums the operations.
 
     Args:
         sim: the compiled network.
         input: the spike_generator of the pixels.
-        output: the population whose spikes are asked for.
+        output: the population whose spikes are returned.
 
     Attributes:
-        taken: what all recordings took, None before the first.
-        overflows: of the registers of a chip, in how many recordings.
+        taken: operations of all recordings; None before the first recording.
+        overflows: overflows of a chip's registers, see `Overflows`.
     """
 
     def __init__(self, sim: Simulation, input: str, output: str) -> None:
@@ -69,19 +69,19 @@ class Showing:
     def show(
         self, step: npt.NDArray[Any], neuron: npt.NDArray[Any], steps: int, events: int = 0
     ) -> tuple[Floats, Ints, Ints | None]:
-        """Show one.
+        """Show a recording.
 
         Args:
-            step: of each spike of the input, from 0 on.
-            neuron: that emits it.
-            steps: how long the network runs.
-            events: number of events that became these spikes; 0 for spikes that come as such.
+            step: step of each spike of the input, from 0 on.
+            neuron: neuron of each spike.
+            steps: number of steps of the run.
+            events: number of events that became these spikes; 0 for a recording of spikes.
 
         Returns:
-            The output's spikes: times in ms, neurons, and payloads, None where it is not graded.
+            The output's spikes: times in ms, neurons, and payloads; None for payloads if the output is not graded.
         """
         sim, h = self.sim, self.sim.program.resolution
-        sim.reset(weights=self._learns)  # what one recording teaches is not known to the next
+        sim.reset(weights=self._learns)  # weights learnt in a recording do not affect the next
         sim.inject(self._input, (step + 1.0) * h, neuron)
         with overflows_counted(self.overflows):
             sim.run(steps * h)

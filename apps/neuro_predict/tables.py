@@ -1,4 +1,4 @@
-"""Predictions as tables, as plain data for JSON, and as a picture of what the output does."""
+"""Predictions as tables, as plain data for JSON, and as a picture of the output's activity."""
 
 from __future__ import annotations
 
@@ -20,97 +20,95 @@ if TYPE_CHECKING:
 
 FORMAT = "neuro predictions 1"
 NOTHING = "nothing"
-"""What stands for the class where there is no decision."""
+"""Text in place of the class if there is no decision."""
 SCORES = {"counts": "spikes", "first": "first spike, ms", "potential": "mean V_m, mV"}
 BEST = 3
-"""Scores that a row shows."""
+"""Number of scores in a row."""
 
 
 def show(predictions: Sequence[Predictions]) -> None:
-    """Print a row for each recording, or with labels for each class, then one for each backend; warn of overflows."""
-    first, out = predictions[0], console()
-    for one in predictions:
-        warn_of_overflows(one.backend, one.overflows or {}, len(one.names))
-    for line in footnotes([one.bill for one in predictions if one.bill], False):
+    """Print a row for each recording, or for each class if there are labels; then a row for each backend."""
+    first, screen = predictions[0], console()
+    for p in predictions:
+        warn_of_overflows(p.backend, p.overflows or {}, len(p.names))
+    for line in footnotes([p.bill for p in predictions if p.bill], False):
         print(f"- {line}")
     readout = first.readout
     print(f"shown by '{readout.input}', '{readout.output}' decides by {readout.decide}")
     if first.own is None:
-        head = ("recording", *(f"on {one.backend}" for one in predictions), SCORES[readout.decide])
-        out.print(table(head, list(_rows(predictions))))
+        head = ("recording", *(f"on {p.backend}" for p in predictions), SCORES[readout.decide])
+        screen.print(table(head, list(_rows(predictions))))
     else:
         head = ("shown", *(f">{name}" for name in (*readout.classes, NOTHING)))
         counts = zip(readout.classes, first.own.confusion.tolist(), strict=True)
         rows = [(name, *(n or "." for n in row)) for name, row in counts if any(row)]
-        out.print(table(head, rows, title=f"decided on {first.backend}"))
-    out.print(
-        table(("runs on", *_head(predictions)), [(one.backend, *_figures(one, predictions)) for one in predictions])
-    )
-    if bills := [(one.backend, *one.bill.cells()) for one in predictions if one.bill]:
-        out.print(table(("runs on", *COLUMNS), bills, title="a recording"))
+        screen.print(table(head, rows, title=f"decided on {first.backend}"))
+    screen.print(table(("runs on", *_head(predictions)), [(p.backend, *_figures(p, predictions)) for p in predictions]))
+    if bills := [(p.backend, *p.bill.cells()) for p in predictions if p.bill]:
+        screen.print(table(("runs on", *COLUMNS), bills, title="a recording"))
 
 
 def _rows(predictions: Sequence[Predictions]) -> Iterator[tuple[str, ...]]:
     first = predictions[0]
     for k, name in enumerate(first.names):
-        yield name, *(one.class_of(k) or NOTHING for one in predictions), _best(first, k)
+        yield name, *(p.class_of(k) or NOTHING for p in predictions), _best(first, k)
 
 
-def _best(one: Predictions, k: int) -> str:
+def _best(p: Predictions, k: int) -> str:
     """Return the best scores of a recording as text."""
-    sign = 1.0 if one.readout.decide == "first" else -1.0
-    order = np.argsort(sign * one.scores[k], kind="stable")[:BEST]
-    best = [(one.readout.classes[c], one.scores[k, c]) for c in order if np.isfinite(one.scores[k, c])]
+    sign = 1.0 if p.readout.decide == "first" else -1.0
+    order = np.argsort(sign * p.scores[k], kind="stable")[:BEST]
+    best = [(p.readout.classes[c], p.scores[k, c]) for c in order if np.isfinite(p.scores[k, c])]
     return ", ".join(f"{name} {number(score)}" for name, score in best) or "-"
 
 
 def _head(predictions: Sequence[Predictions]) -> tuple[str, ...]:
-    right = () if predictions[0].own is None else (">right", ">of", ">accuracy", ">95 % interval")
+    accuracy = () if predictions[0].own is None else (">right", ">of", ">accuracy", ">95 % interval")
     equal = (">equal decisions",) if len(predictions) > 1 else ()
-    return *right, *equal, f">{NOTHING}", ">spikes of a recording"
+    return *accuracy, *equal, f">{NOTHING}", ">spikes of a recording"
 
 
-def _figures(one: Predictions, predictions: Sequence[Predictions]) -> tuple[Any, ...]:
+def _figures(p: Predictions, predictions: Sequence[Predictions]) -> tuple[Any, ...]:
     """Return the row of one backend."""
-    right: tuple[Any, ...] = ()
-    if one.own is not None:
-        low, high = one.own.interval
-        right = one.own.correct, one.own.n, f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-    equal = (f"{one.agrees(predictions[0]):.1%}",) if len(predictions) > 1 else ()
-    return *right, *equal, int((one.decided < 0).sum()), number(float(one.spikes.mean()))
+    accuracy: tuple[Any, ...] = ()
+    if p.own is not None:
+        low, high = p.own.interval
+        accuracy = p.own.correct, p.own.n, f"{p.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
+    equal = (f"{p.agrees(predictions[0]):.1%}",) if len(predictions) > 1 else ()
+    return *accuracy, *equal, int((p.decided < 0).sum()), number(float(p.spikes.mean()))
 
 
 def as_dict(network: str, predictions: Sequence[Predictions]) -> dict[str, Any]:
     """Return everything as plain values; missing values are None, energies have the form of `neuro energy`."""
     first = predictions[0]
     readout = {word: _plain(value) for word, value in first.readout.parameters().items()}
-    about = {"format": FORMAT, "network": network, "readout": readout}
-    return about | {
-        "backends": {one.backend: _about(one, first) for one in predictions},
+    header = {"format": FORMAT, "network": network, "readout": readout}
+    return header | {
+        "backends": {p.backend: _about(p, first) for p in predictions},
         "recordings": [_recording(predictions, k) for k in range(len(first.names))],
     }
 
 
-def _about(one: Predictions, first: Predictions) -> dict[str, Any]:
-    own = {} if one.own is None else one.own.as_words()
-    overflows = {what: some for what, (some, _) in (one.overflows or {}).items()}
-    energy = None if one.bill is None else one.bill.as_dict()
-    return {**own, "equal_decisions": one.agrees(first), "overflows": overflows, "energy": energy}
+def _about(p: Predictions, first: Predictions) -> dict[str, Any]:
+    figures = {} if p.own is None else p.own.as_words()
+    overflows = {name: count for name, (count, _) in (p.overflows or {}).items()}
+    energy = None if p.bill is None else p.bill.as_dict()
+    return {**figures, "equal_decisions": p.agrees(first), "overflows": overflows, "energy": energy}
 
 
 def _recording(predictions: Sequence[Predictions], k: int) -> dict[str, Any]:
     first = predictions[0]
     label = None if first.labels is None else first.readout.classes[first.labels[k]]
     decided = {
-        one.backend: {
-            "class": one.class_of(k),
+        p.backend: {
+            "class": p.class_of(k),
             "scores": {
                 name: float(score) if np.isfinite(score) else None
-                for name, score in zip(one.readout.classes, one.scores[k], strict=True)
+                for name, score in zip(p.readout.classes, p.scores[k], strict=True)
             },
-            "spikes": int(one.spikes[k]),
+            "spikes": int(p.spikes[k]),
         }
-        for one in predictions
+        for p in predictions
     }
     return {"recording": first.names[k], "label": label, "decided": decided}
 
@@ -120,12 +118,12 @@ def _plain(value: Any) -> Any:
 
 
 MOST = 24
-"""Recordings that are drawn, the first ones."""
+"""Largest number of drawn recordings."""
 PANELS = 4
-"""Panels beside one another."""
+"""Number of panels in a row."""
 DECIDED, OTHER = "#0072B2", "0.6"
 NAMED = 20
-"""Classes up to which each has its name at the axis."""
+"""Largest number of classes whose names are at the axis."""
 
 
 def draw(predictions: Predictions) -> Figure:
@@ -142,11 +140,11 @@ def draw(predictions: Predictions) -> Figure:
             _panel(axis, predictions, k)
         else:
             axis.set_visible(False)
-    more = len(predictions.names) - len(predictions.shown)
-    some = f"; the first {len(predictions.shown)} of {len(predictions.names)} recordings" if more else ""
+    n_omitted = len(predictions.names) - len(predictions.shown)
+    note = f"; the first {len(predictions.shown)} of {len(predictions.names)} recordings" if n_omitted else ""
     readout = predictions.readout
     figure.suptitle(
-        literal(f"'{readout.output}' on {predictions.backend} decides by {readout.decide}{some}"), fontsize=11
+        literal(f"'{readout.output}' on {predictions.backend} decides by {readout.decide}{note}"), fontsize=11
     )
     figure.supxlabel("time (ms)", fontsize=10)
     return figure
@@ -159,8 +157,8 @@ def _panel(axis: Any, predictions: Predictions, k: int) -> None:
     axis.tick_params(labelsize=7)
     axis.set_xlim(0.0, recording.ms)
     if recording.V_m is None:
-        mine = recording.ids == decided
-        for chosen, colour in ((~mine, OTHER), (mine, DECIDED)):
+        is_decided = recording.ids == decided
+        for chosen, colour in ((~is_decided, OTHER), (is_decided, DECIDED)):
             axis.plot(
                 recording.times[chosen], recording.ids[chosen], "|", color=colour, markersize=6, markeredgewidth=1.0
             )
@@ -172,10 +170,10 @@ def _panel(axis: Any, predictions: Predictions, k: int) -> None:
             axis.plot(times, trace, color=colour, linewidth=width, zorder=2 + (neuron == decided))
         axis.set_ylabel("V_m (mV)", fontsize=8)
     label = "" if predictions.labels is None else f" (shown: {predictions.readout.classes[predictions.labels[k]]})"
-    wrong = predictions.labels is not None and predictions.labels[k] != decided
+    is_wrong = predictions.labels is not None and predictions.labels[k] != decided
     path = PurePath(recording.name)
     title = f"{path.parent.name}/{path.name}: {predictions.class_of(k) or 'nothing'}{label}"
-    axis.set_title(literal(title), fontsize=8, loc="left", color="#D55E00" if wrong else "black")
+    axis.set_title(literal(title), fontsize=8, loc="left", color="#D55E00" if is_wrong else "black")
 
 
 def _name_classes(axis: Any, predictions: Predictions, k: int) -> None:
@@ -185,8 +183,8 @@ def _name_classes(axis: Any, predictions: Predictions, k: int) -> None:
     if len(classes) > NAMED:
         return
     axis.set_yticks(range(len(classes)), [literal(name) for name in classes])
-    place = {"transform": axis.get_yaxis_transform(), "fontsize": 6, "va": "center"}
+    style = {"transform": axis.get_yaxis_transform(), "fontsize": 6, "va": "center"}
     for neuron in range(len(classes)):
         if scores[neuron] > 0.0:  # no NaN
             colour = DECIDED if neuron == decided else OTHER
-            axis.text(1.03, neuron, number(float(scores[neuron])), color=colour, **place)
+            axis.text(1.03, neuron, number(float(scores[neuron])), color=colour, **style)

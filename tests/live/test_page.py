@@ -246,10 +246,10 @@ def test_what_is_asked_for_all_the_time_does_not_hold_the_run_up(running):
         for _ in range(5):
             found = [client.ask(do="curve", population="exc", neuron=0) for _ in range(5)]
         assert any("try again" in answer.get("error", "") for answer in found)
-    running.page.commands._owed = 1.5
+    running.page.commands._used_s = 1.5
     with running.client() as client:
         assert "too many requests" in client.ask(do="save")["error"]
-    running.page.commands._owed = 0.0
+    running.page.commands._used_s = 0.0
 
 
 def test_the_curve_is_that_of_the_neuron_as_it_is():

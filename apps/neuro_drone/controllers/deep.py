@@ -159,12 +159,12 @@ class Deep(Fixed, ABC):
         self._rng = np.random.default_rng((seed, 3))
         self._learnt: dict[str, npt.NDArray[Any]] = {}
         self._steps = 0
-        self._seen: Singles = np.zeros(64, np.float32)
+        self._last_input: Singles = np.zeros(64, np.float32)
         self._chosen: Any = None
 
     @abstractmethod
     def build(self, package: Any, common: dict[str, Any]) -> Any:
-        """Return the package's algorithm, made with the common keyword arguments and the agent's own."""
+        """Return the package's algorithm with the keyword arguments common to all agents and those of this agent."""
 
     @property
     @abstractmethod
@@ -206,7 +206,7 @@ class Deep(Fixed, ABC):
         """
         package, torch = needed(self.name)
         s = self._settings
-        words = {
+        options = {
             "learning_rate": s.rate,
             "gamma": s.gamma,
             "batch_size": s.batch,
@@ -214,7 +214,7 @@ class Deep(Fixed, ABC):
             "device": "cpu",
         }
         with alone(self._seed):
-            algorithm = self.build(package, words)
+            algorithm = self.build(package, options)
         algorithm.set_logger(package.common.logger.Logger(None, []))
         if self._learnt:
             algorithm.policy.load_state_dict({name: torch.tensor(array) for name, array in self._learnt.items()})
@@ -231,8 +231,8 @@ class Deep(Fixed, ABC):
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """Return the network's action with exploration."""
-        self._seen = observed(counts, self._settings.observation)
-        self._chosen = self.explore(self.dense(self._seen), self._steps)
+        self._last_input = observed(counts, self._settings.observation)
+        self._chosen = self.explore(self.dense(self._last_input), self._steps)
         return self.command(self._chosen)
 
     def learn(self, info: Mapping[str, Any]) -> None:
@@ -250,9 +250,9 @@ class Deep(Fixed, ABC):
         """Return networks, optimizers, the buffer, and the state of the random generator."""
         _, torch = needed(self.name)
         buffer, file = self.buffer, BytesIO()
-        torch.save([one.state_dict() for one in self.optimizers()], file)
-        words = {"steps": self._steps, "pos": buffer.pos, "full": buffer.full, "rng": self._rng.bit_generator.state}
-        texts = {"words": json.dumps(words).encode(), "optimizers": file.getvalue()}
+        torch.save([o.state_dict() for o in self.optimizers()], file)
+        numbers = {"steps": self._steps, "pos": buffer.pos, "full": buffer.full, "rng": self._rng.bit_generator.state}
+        texts = {"words": json.dumps(numbers).encode(), "optimizers": file.getvalue()}
         return (
             {name: np.frombuffer(text, np.uint8) for name, text in texts.items()}
             | {_POLICY + name: array for name, array in self.learnt().items()}
@@ -269,14 +269,14 @@ class Deep(Fixed, ABC):
         self._learnt = {name.removeprefix(_POLICY): a for name, a in state.items() if name.startswith(_POLICY)}
         _, torch = needed(self.name)
         optimizers = torch.load(BytesIO(state["optimizers"].tobytes()), weights_only=True)
-        for optimizer, one in zip(self.optimizers(), optimizers, strict=True):
-            optimizer.load_state_dict(one)
-        buffer, words = self.buffer, json.loads(state["words"].tobytes())
+        for optimizer, optimizer_state in zip(self.optimizers(), optimizers, strict=True):
+            optimizer.load_state_dict(optimizer_state)
+        buffer, numbers = self.buffer, json.loads(state["words"].tobytes())
         for name in self.buffer_arrays:
             array = state[_KEPT + name]
             getattr(buffer, name)[: len(array)] = array
-        buffer.pos, buffer.full, self._steps = words["pos"], words["full"], words["steps"]
-        self._rng.bit_generator.state = words["rng"]
+        buffer.pos, buffer.full, self._steps = numbers["pos"], numbers["full"], numbers["steps"]
+        self._rng.bit_generator.state = numbers["rng"]
 
     def frozen(self) -> Flier:
         """Return a copy in NumPy without learning and exploration."""
@@ -350,7 +350,7 @@ class Replaying(Deep):
 
     def keep(self, after: Singles, reward: float, lost: bool) -> None:
         """See `Deep`."""
-        self.buffer.add(self._seen, after, np.asarray(self._chosen), reward, lost, [{}])
+        self.buffer.add(self._last_input, after, np.asarray(self._chosen), reward, lost, [{}])
 
     def update(self, after: Singles, lost: bool) -> None:
         """Learn from a batch if an update is due, see `ReplayingSettings`."""

@@ -74,5 +74,5 @@ def loop_of(controller: Controller, env: Any, *, seed: int = 0, learns: bool = F
         learns: True lets the controller learn.
         block: control steps per block of learning.
     """
-    words: dict[str, Any] = {"step": env.unwrapped.scenario.step, "seed": seed, "learns": learns, "block": block}
-    return ClosedLoop(ControllerPilot(controller), Environments(env), **words)
+    options: dict[str, Any] = {"step": env.unwrapped.scenario.step, "seed": seed, "learns": learns, "block": block}
+    return ClosedLoop(ControllerPilot(controller), Environments(env), **options)

@@ -66,15 +66,15 @@ class PPO(Deep):
                 f"controller 'ppo': rollout = {settings.rollout} with batch = {settings.batch}: "
                 "expected a multiple of the batch, which is at least 2"
             )
-        self._first, self._cut, self._after = True, False, self._seen
+        self._first, self._cut, self._after = True, False, self._last_input
         self._log_prob = 0.0
 
     def build(self, package: Any, common: dict[str, Any]) -> Any:
         """See `Deep`."""
         s, spaces = self._settings, Spaces(gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32))
         policy = {**common.pop("policy_kwargs"), "optimizer_kwargs": ADAM, "log_std_init": log(s.spread)}
-        words = {"n_steps": s.rollout, "n_epochs": s.epochs, "gae_lambda": s.trace, "clip_range": s.clip}
-        return package.PPO("MlpPolicy", spaces, policy_kwargs=policy, **words, **common)
+        options = {"n_steps": s.rollout, "n_epochs": s.epochs, "gae_lambda": s.trace, "clip_range": s.clip}
+        return package.PPO("MlpPolicy", spaces, policy_kwargs=policy, **options, **common)
 
     @property
     def buffer(self) -> Any:
@@ -120,8 +120,8 @@ class PPO(Deep):
     def keep(self, after: Singles, reward: float, lost: bool) -> None:
         """See `Deep`."""
         _, torch = needed(self.name)
-        value, log_prob = torch.from_numpy(self.critic(self._seen)), torch.tensor([self._log_prob])
-        self.buffer.add(self._seen, self._chosen, reward, self._first, value, log_prob)
+        value, log_prob = torch.from_numpy(self.critic(self._last_input)), torch.tensor([self._log_prob])
+        self.buffer.add(self._last_input, self._chosen, reward, self._first, value, log_prob)
         self._first, self._cut, self._after = False, not lost, after
 
     def update(self, after: Singles, lost: bool) -> None:

@@ -42,7 +42,7 @@ class ControllerSettings(Settings):
         if one.name != "gain":
             return super().checked(one, q, value, what)
         if isinstance(value, (list, tuple)) and len(value) in (2, 3):
-            return tuple(check(q, each, f"{what}[{k}]") for k, each in enumerate(value))
+            return tuple(check(q, number, f"{what}[{k}]") for k, number in enumerate(value))
         try:
             return super().checked(one, q, value, what)
         except ModelError as error:
@@ -294,9 +294,9 @@ class LMS(Fixed):
 
     def frozen(self) -> LMS:
         """Return a copy that does not learn."""
-        other = LMS(*self._new, self._settings, learns=False)
-        other.restore(self.learnt())
-        return other
+        copy = LMS(*self._new, self._settings, learns=False)
+        copy.restore(self.learnt())
+        return copy
 
 
 @dataclass(frozen=True)
@@ -383,9 +383,9 @@ class RandomSearch:
             self._update()
             self._draw_directions()
             self._episode, self._flown = 0, False
-        direction, back = divmod(self._episode, 2)
-        self._returns[direction, back] = 0.0
-        self._trial_weights = self._weights + (1 - 2 * back) * self._settings.noise * self._directions[direction]
+        direction, is_second = divmod(self._episode, 2)
+        self._returns[direction, is_second] = 0.0
+        self._trial_weights = self._weights + (1 - 2 * is_second) * self._settings.noise * self._directions[direction]
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """Return the action of the trial's weights."""
@@ -411,21 +411,21 @@ class RandomSearch:
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return weights, directions, their returns, and the state of the random generator."""
-        words = {"episode": self._episode, "flown": self._flown, "rng": self._rng.bit_generator.state}
+        counters = {"episode": self._episode, "flown": self._flown, "rng": self._rng.bit_generator.state}
         return self.learnt() | {
             "directions": self._directions,
             "returns": self._returns.copy(),
-            "words": np.frombuffer(json.dumps(words).encode(), np.uint8),
+            "words": np.frombuffer(json.dumps(counters).encode(), np.uint8),
         }
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
         """Restore weights or a whole state."""
         self._weights = np.array(state["weights"])
         if "words" in state:
-            words = json.loads(state["words"].tobytes())
+            counters = json.loads(state["words"].tobytes())
             self._directions, self._returns = np.array(state["directions"]), np.array(state["returns"])
-            self._episode, self._flown = words["episode"], words["flown"]
-            self._rng.bit_generator.state = words["rng"]
+            self._episode, self._flown = counters["episode"], counters["flown"]
+            self._rng.bit_generator.state = counters["rng"]
 
     def frozen(self) -> LinearPolicy:
         """Return the policy of the current weights."""

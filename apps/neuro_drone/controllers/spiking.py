@@ -50,14 +50,14 @@ class SpikingSettings(ControllerSettings):
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Return settings with some values changed. Any other name is a parameter of the network."""
-        own = {name: value for name, value in values.items() if self.takes(name)}
-        rest = {name: value for name, value in values.items() if name not in own}
-        return replace(super().changed(own), parameters={**self.parameters, **rest})
+        setting_values = {name: value for name, value in values.items() if self.takes(name)}
+        parameters = {name: value for name, value in values.items() if name not in setting_values}
+        return replace(super().changed(setting_values), parameters={**self.parameters, **parameters})
 
     def as_words(self) -> dict[str, Any]:
         """Return all values and parameters as plain data; a network that is no name and no file is left out."""
-        words = super().as_words() | dict(self.parameters)
-        return {name: value for name, value in words.items() if not isinstance(value, neuro.Network)}
+        values = super().as_words() | dict(self.parameters)
+        return {name: value for name, value in values.items() if not isinstance(value, neuro.Network)}
 
 
 class Spiking:
@@ -90,9 +90,9 @@ class Spiking:
         assert self.net.world_section is not None
         self.world = self.net.world_section = replace(self.net.world_section, step=scenario.step)
 
-    def loop(self, env: Any, **words: Any) -> neuro.ClosedLoop:
+    def loop(self, env: Any, **options: Any) -> neuro.ClosedLoop:
         """Return the closed loop in which the network learns, with keyword arguments of `neuro.closed_loop`."""
-        return neuro.closed_loop(self.net, env, backend=self.settings.backend, **words, **self.settings.options)
+        return neuro.closed_loop(self.net, env, backend=self.settings.backend, **options, **self.settings.options)
 
 
 def _load_network(scenario: Scenario, settings: SpikingSettings) -> neuro.Network:

@@ -93,31 +93,31 @@ class PopulationCode:
 
     def state(self, register: str) -> str:
         """Return the text of a state register of 32 bits. A new register is declared."""
-        at = f"{register}_{self._cells.number}[i]"
+        element = f"{register}_{self._cells.number}[i]"
         if register in self._states:
-            return at
+            return element
         self._array(register, "int32_t")
-        begins = self.text(f"{register}_begin", self._cells.fixed.initial.get(register, _NOTHING))
-        self._init[register] = _loop_in_a_line(self._cells.size, f"{at} = {begins};")
-        return at
+        initial = self.text(f"{register}_begin", self._cells.fixed.initial.get(register, _NOTHING))
+        self._init[register] = _loop_in_a_line(self._cells.size, f"{element} = {initial};")
+        return element
 
     def hold(self, steps: Ints) -> str:
         """Declare the counter of refractory steps left, and return its text; "" if no neuron is ever refractory."""
         if steps.max() <= 0:
             return ""
-        at = self._array("hold", TYPES[narrowest(0, int(steps.max()))])
-        self._init["hold"] = _loop_in_a_line(self._cells.size, f"{at} = 0;")
-        self._reset.append(f"{at} = {self.text('refractory', np.maximum(steps, 0))};")
-        return at
+        counter = self._array("hold", TYPES[narrowest(0, int(steps.max()))])
+        self._init["hold"] = _loop_in_a_line(self._cells.size, f"{counter} = 0;")
+        self._reset.append(f"{counter} = {self.text('refractory', np.maximum(steps, 0))};")
+        return counter
 
     def reset_voltage(self, v: str, to: str) -> None:
         """Let a spike set the voltage `v` to the value `to`, or lower it by the register `fall` if that is not 0."""
         fall = self._cells.fixed.registers.get("fall", _NOTHING)
-        statement, by = f"{v} = {to};", self.text("fall", fall)
+        statement, decrease = f"{v} = {to};", self.text("fall", fall)
         if fall.all():
-            statement = f"{v} -= {by};"
+            statement = f"{v} -= {decrease};"
         elif fall.any():
-            statement = f"{v} = {by} == 0 ? {to} : {v} - {by};"
+            statement = f"{v} = {decrease} == 0 ? {to} : {v} - {decrease};"
         self._reset.insert(0, statement)
 
     def step_at_threshold(self, before: Sequence[str], threshold: str, body: Sequence[str]) -> StepCode:
@@ -407,15 +407,15 @@ def decide(program: Program, index: int, cells: Cells, threshold: str, memory: M
     """
     group, k = program.groups[index], cells.number
     choice, opened, shape = group.choice, list[str](), program.populations[group.population].shape
-    alone = isinstance(choice, lateral_reset) and shape[choice.axis] == 1
+    is_single = isinstance(choice, lateral_reset) and shape[choice.axis] == 1
     tie = keyed_random.key(program.seed, "tie", group.name)
     # The neuron with the largest distance from threshold wins. A random draw breaks ties.
-    best = filled("c_code/network/best.c", k=k, none=f"{cells.size}u", tie=tie, threshold=threshold)
-    lines = [] if alone else best.splitlines()
+    search = filled("c_code/network/best.c", k=k, none=f"{cells.size}u", tie=tie, threshold=threshold)
+    lines = [] if is_single else search.splitlines()
     lines += [f"static void decide_{k}(void)", "{"]
     if isinstance(choice, lateral_reset):
         # A loop over the rivals of a single neuron makes compilers warn of an index out of range.
-        lines += [] if alone else _lateral_reset(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
+        lines += [] if is_single else _lateral_reset(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
     else:
         once = isinstance(choice, winner_take_all) and choice.first_to_fire
         if once:

@@ -55,9 +55,9 @@ class History:
         self._flags = {word for word, is_set in flags.items() if is_set}
         self._words: dict[str, object] = {"k": index, "onto": comment(name), "size": size}
         for word, k in _TABLES.items():
-            first, length, shift = self.rule.places[k].tolist()
+            begin, length, shift = self.rule.places[k].tolist()
             if length:
-                table = memory.table(f"{word}_{index}", self.rule.table[first : first + length], f"{name}: {word}")
+                table = memory.table(f"{word}_{index}", self.rule.table[begin : begin + length], f"{name}: {word}")
                 self._words[word] = f"{table}, {length}u, {shift}u"
         self._words |= {word: number(int(c[column])) for word, column in _NUMBERS.items()}
         self._words |= {"moved": "c" if self.taught else "w", "pre_triplet": "fine(x, r2)" if triplet else "0"}
@@ -92,8 +92,8 @@ class History:
         """Return the statement that sets the dopamine of neuron i to values[i] / `one` in 1/ms."""
         ties, largest, halves = _ties(self.n_scale, one, self.rule.concentrations)
         bits, unit, places = len(self.rule.concentrations), self.rule.concentrations[0], _BITS - _HALVES
-        words = {"factor": f"INT64_C({round(halves * 2**places)})", "places": places, "most": number(largest)}
-        self._words |= words | {"unit": unit, "levels": 2**bits - 1, "bits": bits, "ties": len(ties)}
+        constants = {"factor": f"INT64_C({round(halves * 2**places)})", "places": places, "most": number(largest)}
+        self._words |= constants | {"unit": unit, "levels": 2**bits - 1, "bits": bits, "ties": len(ties)}
         entries = [f"{{{number(v)}, {h}, UINT64_C({mask})}}" for v, h, mask in ties]
         self._memory.flash += 16 * len(ties)
         if ties:
@@ -101,10 +101,10 @@ class History:
             self._memory.constants(f"ties_{self.index}", "tie", entries)
         return f"modulate_{self.index}(i, values[i]);"
 
-    def lines(self, file: str, **words: object) -> list[str]:
+    def lines(self, file: str, **values: object) -> list[str]:
         """Return the lines of a template that apply to the rule. Each line starts with a flag, "" for all rules."""
-        parts = [line.split("|", 1) for line in filled(file, **words, **self._words).split("\n") if line]
-        return [text for flag, text in parts if not flag.strip() or flag.strip() in self._flags]
+        flagged = [line.split("|", 1) for line in filled(file, **values, **self._words).split("\n") if line]
+        return [text for flag, text in flagged if not flag.strip() or flag.strip() in self._flags]
 
 
 def _ties(n_scale: float, one: int, units: Sequence[int]) -> tuple[list[tuple[int, int, int]], int, Fraction]:
@@ -124,14 +124,14 @@ def _ties(n_scale: float, one: int, units: Sequence[int]) -> tuple[list[tuple[in
     halves, unit, levels = 2 / (Fraction(n_scale) * one), units[0], 2 ** len(units) - 1
     largest = int(2 * (32768 + (levels + 1) * unit) / halves) + 1
     numbers = np.arange(-largest, largest + 1)
-    twice = 2.0 * (numbers / one / n_scale)
-    near = np.flatnonzero((abs(twice - np.rint(twice)) < _APART) & (np.rint(twice) % 2 == unit % 2))
-    below = np.arange(-levels, levels)
+    doubled = 2.0 * (numbers / one / n_scale)
+    near = np.flatnonzero((abs(doubled - np.rint(doubled)) < _APART) & (np.rint(doubled) % 2 == unit % 2))
+    lower = np.arange(-levels, levels)
     ties = []
-    for value, at in zip(numbers[near].tolist(), np.rint(twice[near]).astype(np.int64).tolist(), strict=True):
+    for value, at in zip(numbers[near].tolist(), np.rint(doubled[near]).astype(np.int64).tolist(), strict=True):
         # The floating-point expression of the emulator, for the present dopamine that makes the value a tie.
-        before = (at - (2 * below + 1) * unit) // 2
-        upper = np.rint((value / one / n_scale - before) / unit) > below
+        before = (at - (2 * lower + 1) * unit) // 2
+        upper = np.rint((value / one / n_scale - before) / unit) > lower
         ties.append((value, at, sum(1 << k for k in np.flatnonzero(upper).tolist())))
     return ties, largest, halves
 
@@ -173,8 +173,8 @@ class Deferred:
         if self._first:
             histories[key] = History(program, index, wires, memory)
         self.history = histories[key]
-        first = abs(np.broadcast_to(wires.mantissas, part.size).astype(np.int64))
-        begin = memory.entry(f"w_begin_{index}", first, f"{name}: words at step 0")
+        initial = abs(np.broadcast_to(wires.mantissas, part.size).astype(np.int64))
+        begin = memory.entry(f"w_begin_{index}", initial, f"{name}: words at step 0")
         delays = memory.entry(f"delays_{index}", wires.delay % self.rule.slots, f"{name}: delays")
         self._delay = delays.replace("[i]", "[e]")
         memory.state(f"w_{index}", self.kind, part.size, f"{name}: words")

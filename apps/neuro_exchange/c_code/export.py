@@ -66,7 +66,7 @@ class CCode:
         code: upper bound of the bytes of machine code on a Cortex-M4.
         ram: upper bound of the bytes of states and the gaps between them.
         steps: steps of the recorded run.
-        random_input: the input of the recorded run is random, since the network's own inputs send no spikes.
+        random_input: whether the input of the recorded run is random, since the network's inputs send no spikes.
         input_spikes: spikes of inputs in the recorded run.
         output_spikes: spikes of outputs in the recorded run.
         rewards: number of times that the recorded run sets a signal.
@@ -131,7 +131,7 @@ def save_c(
             has payloads; default: the network's own spikes, or random spikes if it has none. For a signal: arrays of
             the steps after which it is set, and of values in 1/ms, one per step or one per step and neuron; default:
             random values.
-        frozen: leave out learning rules, and keep the weights of the network.
+        frozen: whether to leave out learning rules, and keep the weights of the network.
         seed: seed of everything random.
         signals: the largest dopamine in 1/ms that a signal will set, by projection; default: 4/tau_n.
 
@@ -172,22 +172,22 @@ def save_c(
     rewards = {**_draw_rewards(source.signals, steps), **rewards}
     run, random_input = _run(sim, source, outputs, steps, input_events, rewards)
     place = file_path(folder, "folder")
-    words = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
-    words |= {"data": _data(run, name, source.signals), "id": source.id}
-    words |= {"field": FAMILIES[target.arithmetic].field}
+    values = {"name": name, "NAME": name.upper(), "chip": target.arithmetic, "mark": f"{MARK}.", "steps": str(steps)}
+    values |= {"data": _data(run, name, source.signals), "id": source.id}
+    values |= {"field": FAMILIES[target.arithmetic].field}
     texts = {
         f"{name}.h": source.header,
         f"{name}.c": source.code,
-        f"{name}_run.h": filled("c_code/network/run.h", **words),
-        f"{name}_test.c": filled("c_code/templates/test.c", **words),
+        f"{name}_run.h": filled("c_code/network/run.h", **values),
+        f"{name}_test.c": filled("c_code/templates/test.c", **values),
     }
     shared = ["integers.h", f"{target.arithmetic}.h", "Makefile", "m4.c", "m4.ld"]
     shared += [file for file in ("learning.h", "deferred.h") if f'"{file}"' in source.code]
     make_folder(place)
     with ExitStack() as parts:  # files get their names at the end; none does if an error occurs
-        for file, text in (texts | {file: filled(f"c_code/templates/{file}", **words) for file in shared}).items():
+        for file, text in (texts | {file: filled(f"c_code/templates/{file}", **values) for file in shared}).items():
             parts.enter_context(output(place / file, KIND)).write_text(KIND.seal(text), "utf-8")
-    graded = words["field"] == "payload"
+    graded = values["field"] == "payload"
     spikes = (run.input_spikes, run.output_spikes)
     input_spikes, output_spikes = (each.shape[1] if graded else int(each[2].sum()) for each in spikes)
     sets = sum(when.size for when, _ in rewards.values())
@@ -230,16 +230,16 @@ def _check_given(given: InputSpikes | None, signals: Mapping[str, Dopamine]) -> 
 def _check_rewards(name: str, rewards: Any, signal: Dopamine) -> tuple[Ints, Ints]:
     """Return the steps after which a signal is set, in order, and integers for its neurons, (steps, neurons)."""
     try:
-        when, values = (np.asarray(each, dtype=np.float64) for each in rewards)
-        each = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (when.size, signal.size))
+        steps, values = (np.asarray(each, dtype=np.float64) for each in rewards)
+        each = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (steps.size, signal.size))
     except (TypeError, ValueError):
-        when = each = np.full((1, 1), np.nan)
+        steps = each = np.full((1, 1), np.nan)
     units = np.rint(each * signal.one)
-    if not (when.ndim == 1 and np.all(when >= 0) and np.all(when % 1 == 0) and np.all(abs(units) < 2**31)):
+    if not (steps.ndim == 1 and np.all(steps >= 0) and np.all(steps % 1 == 0) and np.all(abs(units) < 2**31)):
         expected = f"expected arrays of steps, from 0, and values, one per step (and neuron, of {signal.size})"
         raise ModelError(f"given[{name!r}] = {rewards!r:.60}: {expected}")
-    order = np.argsort(when, kind="stable")
-    return when[order].astype(np.int64), units[order].astype(np.int64)
+    order = np.argsort(steps, kind="stable")
+    return steps[order].astype(np.int64), units[order].astype(np.int64)
 
 
 def _draw_rewards(signals: Mapping[str, Dopamine], steps: int) -> Rewards:
@@ -292,18 +292,18 @@ def _data(run: RecordedRun, name: str, signals: Mapping[str, Dopamine]) -> str:
     """Return the declarations of the recorded run, with which the test compares."""
     memory = Memory()
     for word, spikes in (("in", run.input_spikes), ("out", run.output_spikes)):
-        ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
-        memory.table(f"{word}_ends", ends, f"ends of the {word}put events of each step", True)
+        row_ends = np.searchsorted(spikes[0], np.arange(run.steps + 1), side="right")
+        memory.table(f"{word}_ends", row_ends, f"ends of the {word}put events of each step", True)
         events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
         memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
     sets = ["(void)step;"]
     for k, (signal, (when, values)) in enumerate(run.rewards.items()):
-        ends = np.searchsorted(when, np.arange(-1, run.steps), side="right")
-        memory.table(f"reward_ends_{k}", ends, f"ends of the values of {signal} before each step", True)
+        row_ends = np.searchsorted(when, np.arange(-1, run.steps), side="right")
+        memory.table(f"reward_ends_{k}", row_ends, f"ends of the values of {signal} before each step", True)
         memory.constants(f"reward_values_{k}", "int32_t", [*(number(each) for each in values.ravel().tolist()), "0"])
-        at = f"(reward_ends_{k}[step + 1u] - 1u) * {signals[signal].size}u"
+        first_value = f"(reward_ends_{k}[step + 1u] - 1u) * {signals[signal].size}u"
         is_set = f"reward_ends_{k}[step + 1u] > reward_ends_{k}[step]"
-        sets.append(f"if ({is_set}) {signals[signal].call}(reward_values_{k} + {at});")
+        sets.append(f"if ({is_set}) {signals[signal].call}(reward_values_{k} + {first_value});")
     memory.lines += function("static inline void reward(uint32_t step)", sets)
     for word, digests in (("spike", run.spike_digests), ("state", run.state_digests)):
         memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])
@@ -386,8 +386,8 @@ def with_recorded_spikes(net: Network, names: Container[str] = ()) -> Network:
 def _digest(sim: Simulation, source: Source) -> np.uint64:
     values = [sim.get(name, word, raw=True) for name, words in source.states.items() for word in words]
     flat = np.concatenate(values).astype(np.int64) if values else np.zeros(0, dtype=np.int64)
-    places = np.arange(flat.size, dtype=np.uint64) << np.uint64(32)
-    total: np.uint64 = keyed_random.mix(places | (flat & 0xFFFFFFFF).astype(np.uint64)).sum(dtype=np.uint64)
+    indices = np.arange(flat.size, dtype=np.uint64) << np.uint64(32)
+    total: np.uint64 = keyed_random.mix(indices | (flat & 0xFFFFFFFF).astype(np.uint64)).sum(dtype=np.uint64)
     return total
 
 
@@ -439,8 +439,8 @@ def refuse(fixed: FixedProgram) -> None:
 def _populations(fixed: FixedProgram) -> Iterator[Problem]:
     for part, cells in zip(fixed.program.populations, fixed.populations, strict=True):
         if part.model.role == "current":
-            why = "currents of generators are written by a host, which a program in C lacks"
-            yield _problem(part, part.model_name, why, "give the neurons a constant current, I_e, or spikes")
+            reason = "currents of generators are written by a host, which a program in C lacks"
+            yield _problem(part, part.model_name, reason, "give the neurons a constant current, I_e, or spikes")
         elif cells.kind not in STEPS and part.kind not in INPUTS:
             models = ", ".join(model.__name__ for model in arithmetic_of(fixed.chip).models)
             models += " or parrot_neuron"
@@ -452,17 +452,17 @@ def _populations(fixed: FixedProgram) -> Iterator[Problem]:
 def _projections(fixed: FixedProgram) -> Iterator[Problem]:
     for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
         if part.synapse.learns and (wires is None or wires.rule is None or fixed.chip.arithmetic == "loihi2"):
-            why = "the rule is applied by a host, which a program in C lacks"
+            reason = "the rule is applied by a host, which a program in C lacks"
             if wires is not None and wires.rule is not None:
-                why = f"learning of {fixed.chip.name} is not supported in C"
-            yield _problem(part, part.synapse.name, why, _FROZEN)
+                reason = f"learning of {fixed.chip.name} is not supported in C"
+            yield _problem(part, part.synapse.name, reason, _FROZEN)
         elif wires is not None and isinstance(wires.rule, sr.SpinnakerRule):
             if sr.TIMINGS[wires.rule.constants[sr.TIMING]] == "recurrent":
-                why = "random windows (timing: recurrent) are not supported in C"
-                yield _problem(part, part.synapse.name, why, "use another timing")
+                reason = "random windows (timing: recurrent) are not supported in C"
+                yield _problem(part, part.synapse.name, reason, "use another timing")
             if wires.delay.max(initial=0) > wires.rule.slots:
-                why = f"a delay of {wires.delay.max()} steps: a neuron has {wires.rule.slots} slots"
-                yield _problem(part, part.synapse.name, why, "use shorter delays")
+                reason = f"a delay of {wires.delay.max()} steps: a neuron has {wires.rule.slots} slots"
+                yield _problem(part, part.synapse.name, reason, "use shorter delays")
 
 
 def _problem(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
@@ -473,9 +473,9 @@ def _problem(part: Population | Projection, what: str, why: str, way_out: str) -
 def _groups(fixed: FixedProgram) -> Iterator[Problem]:
     for group in fixed.program.groups:
         if not supports(group.choice):
-            why = f"{group.choice.noun} is not supported in C"
+            reason = f"{group.choice.noun} is not supported in C"
             way_out = "use winner_take_all or lateral_reset"
-            yield Problem(True, f"group '{group.name}'", why, way_out, group.origin)
+            yield Problem(True, f"group '{group.name}'", reason, way_out, group.origin)
 
 
 def _probes(fixed: FixedProgram) -> Iterator[Problem]:

@@ -68,7 +68,7 @@ class Family(NamedTuple):
         field: second field of an event, after the neuron.
         kind: C type of the field.
         about: description of an event.
-        by_sign: negative words go to a second receptor.
+        by_sign: whether negative words go to a second receptor.
         learning: header with the functions for learning.
     """
 
@@ -174,9 +174,9 @@ class _Writer:
         self._inputs = [k for k, part in enumerate(self._program.populations) if part.kind in INPUTS]
 
     def _learner(self, q: int) -> Learning | Deferred:
-        words = self._program, q, self._wires(q), self._memory
+        arguments = self._program, q, self._wires(q), self._memory
         deferred = isinstance(self._wires(q).rule, spinnaker_rule.SpinnakerRule)
-        return Deferred(*words, self._histories) if deferred else Learning(*words)
+        return Deferred(*arguments, self._histories) if deferred else Learning(*arguments)
 
     def _cells_of(self, k: int) -> Cells:
         part, cells, wires = self._program.populations[k], self._fixed.populations[k], self._fixed.projections
@@ -239,7 +239,7 @@ class _Writer:
         parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opening), step]
         parts += [self._voltage(stepped), calls, self._digest(stepped)]
         family, upper = self._family, self._name.upper()
-        words = {
+        values = {
             "name": self._name,
             "NAME": upper,
             "about": f"network '{comment(self._program.name)}' in the integers of {self._fixed.chip.title}",
@@ -249,7 +249,7 @@ class _Writer:
         }
         code = filled(
             "c_code/network/network.c",
-            **words,
+            **values,
             chip=self._fixed.chip.arithmetic,
             learning=f'#include "{self._family.learning}"\n' if self._learning else "",
             memory="\n".join(memory.lines),
@@ -267,7 +267,7 @@ class _Writer:
             ]
         header = filled(
             "c_code/network/network.h",
-            **words,
+            **values,
             neurons="\n".join(neurons),
             most=sum(part.size for part in populations if part.name in self._outputs),
             ns=round(self._program.resolution * 1e6),
@@ -337,8 +337,8 @@ class _Writer:
             sends = [f"        send_{q}(i, times);" for q in self._sent_at_once(k)]
             sends = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sends]
             sends += [f"        {each.replace('TIMES', 'times')}" for each in self._learning_statements(k)]
-            about = comment(self._program.populations[k].name)
-            lines += [f"    if ({_inside(first, last)}) {{ /* {about} */", *sends, "    }"]
+            name = comment(self._program.populations[k].name)
+            lines += [f"    if ({_inside(first, last)}) {{ /* {name} */", *sends, "    }"]
         if not self._inputs:
             lines.append("    (void)neuron;")
         return [*lines, "}"]
@@ -364,13 +364,13 @@ class _Writer:
         once = f"if ({times} != 0) input(neuron, spikes((uint32_t){times}));"
         lines = [*(["now++;"] if self._needs_step_number else []), "out_at = out;"]
         if merge:
-            most = max(self._firsts[k + 1] for k in self._inputs)
-            bits = self._memory.state("seen", "uint32_t", -(-most // 32), "bit set of inputs that spiked in this step")
-            each += [f"if (neuron >= {most}u || ({bits}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
+            size = max(self._firsts[k + 1] for k in self._inputs)
+            bits = self._memory.state("seen", "uint32_t", -(-size // 32), "bit set of inputs that spiked in this step")
+            each += [f"if (neuron >= {size}u || ({bits}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
             once = f"if ({times} != 0) {bits}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
         lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}", *self._pour_calls(*self._inputs)]
         if merge:
-            clear = f"if (events[e].neuron < {most}u) {bits}[events[e].neuron / 32u] = 0;"
+            clear = f"if (events[e].neuron < {size}u) {bits}[events[e].neuron / 32u] = 0;"
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]
         for k, cells in self._cells.items():
             lines += [f"step_{k}();", *([f"decide_{k}();"] if cells.competes else []), *self._pour_calls(k)]
@@ -402,18 +402,18 @@ class _Writer:
             body = [line for part in learners for line in ("{", *indented(part.dopamine_statements(one)), "}")]
             loop = [f"for (uint32_t i = 0; i < {target.size}u; i++) {{", *indented(body), "}"]
             code += function(f"void NAME_{call}(const int32_t *values)", loop)
-            words = {
+            values = {
                 "signal": comment(signal.name),
                 "to": comment(target.name),
                 "size": target.size,
                 "one": number(one),
             }
-            declarations += filled("c_code/network/reward.h", call=call, CALL=call.upper(), **words)
+            declarations += filled("c_code/network/reward.h", call=call, CALL=call.upper(), **values)
         for call, q in _call_names("weights", [parts[q].name for q in self._learning], self._learning):
             kind = self._learning[q].kind
             code += function(f"{kind} *NAME_{call}(void)", [f"return w_{q};"])
-            words = {"of": comment(parts[q].name), "size": parts[q].size, "kind": kind}
-            declarations += filled("c_code/network/weights.h", call=call, CALL=call.upper(), **words)
+            values = {"of": comment(parts[q].name), "size": parts[q].size, "kind": kind}
+            declarations += filled("c_code/network/weights.h", call=call, CALL=call.upper(), **values)
         return signals, code, declarations
 
     def _digest(self, stepped: dict[int, StepCode]) -> list[str]:

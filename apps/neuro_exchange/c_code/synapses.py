@@ -31,7 +31,7 @@ class Delivery:
         wires: words and lags of the synapses.
         target: the target population.
         memory: declarations, to which tables are added.
-        by_sign: negative words go to a second receptor.
+        by_sign: whether negative words go to a second receptor.
         sums: offset of the projection's sums in the array `sums`, if its sum over a step is shifted or wrapped as a
             whole; else None.
     """
@@ -104,8 +104,8 @@ class Delivery:
     def _add(self, place: str) -> str:
         if self._target.fixed.kind == "relay":
             return f"count({place}, times);"
-        below = f"{self._target.slots * self._target.size}u, " if self._by_sign else ""
-        return f"add({place}, {below}{self._word}, times);"
+        offset = f"{self._target.slots * self._target.size}u, " if self._by_sign else ""
+        return f"add({place}, {offset}{self._word}, times);"
 
     def _into(self, lines: Sequence[str], place: str) -> list[str]:
         """Append the statement that adds the word to a target. Synapses with one lag share a pointer to the slot."""
@@ -114,8 +114,8 @@ class Delivery:
         return [*lines, self._add(f"into + {place}")]
 
     def _begin(self) -> list[str]:
-        full = [] if self._sums is None else [f"full_{self._index} = 1;"]
-        return full if self._has_lags_per_synapse else [*full, f"{self._target.slot_type} *into = {self._slot()};"]
+        flag = [] if self._sums is None else [f"full_{self._index} = 1;"]
+        return flag if self._has_lags_per_synapse else [*flag, f"{self._target.slot_type} *into = {self._slot()};"]
 
     def _dense(self) -> list[str]:
         n = self._target.size
@@ -146,11 +146,11 @@ class Delivery:
         lines = [f"uint32_t channel = i / {plane}u, rest = i % {plane}u;"]
         lines += [f"uint32_t y = rest / {grid.width}u + {grid.top}u, x = rest % {grid.width}u + {grid.left}u;"]
         axes = (("r", "y", grid.kernel_height, grid.rows), ("c", "x", grid.kernel_width, grid.columns))
-        for axis, at, side, places in axes:
-            begin = f"({at} - {side - 1}u + {stride - 1}u) / {stride}u"
-            lines += [f"uint32_t {axis}_begin = {at} < {side}u ? 0 : {begin};"]
-            lines += [f"uint32_t {axis}_last = {at} / {stride}u;"]
-            lines += [f"uint32_t {axis}_end = {axis}_last < {places}u ? {axis}_last + 1u : {places}u;"]
+        for axis, position, width, limit in axes:
+            begin = f"({position} - {width - 1}u + {stride - 1}u) / {stride}u"
+            lines += [f"uint32_t {axis}_begin = {position} < {width}u ? 0 : {begin};"]
+            lines += [f"uint32_t {axis}_last = {position} / {stride}u;"]
+            lines += [f"uint32_t {axis}_end = {axis}_last < {limit}u ? {axis}_last + 1u : {limit}u;"]
         lines += self._begin()
         first = f"channel / {depth}u * {grid.reach}u"
         word = [f"uint32_t e = line + x - c * {stride}u;"] if "[e]" in self._word else []
@@ -288,16 +288,16 @@ class Learning:
         q, (low, high, _) = self._q, bounds(self._wires.sign_mode)
         tag = f"t_{q}[e]" if self.rule.dt else "0"
         body = [f"int32_t w = w_{q}[e], t = {tag};", "(void)t;"]
-        words = {"w": self.rule.dw, "t": self.rule.dt}
-        body += [f"int32_t d{word} = d{word}_{q}(i, j, number, w, t);" for word, terms in words.items() if terms]
-        for word, grain, (least, most) in (("w", self._grain, (low, high)), ("t", 0, (-256, 255))):
-            if words[word]:
+        variables = {"w": self.rule.dw, "t": self.rule.dt}
+        body += [f"int32_t d{word} = d{word}_{q}(i, j, number, w, t);" for word, terms in variables.items() if terms]
+        for word, grain, (lowest, highest) in (("w", self._grain, (low, high)), ("t", 0, (-256, 255))):
+            if variables[word]:
                 base = f"step_word(UINT64_C({keyed_random.key(self._program.seed, word, self._part.name)}), now)"
-                by = f"rounded(d{word}, {grain}, {base}, e)"
+                change = f"rounded(d{word}, {grain}, {base}, e)"
                 if word == "w" and self.rule.rounding == "away":
-                    by = f"rounded_away(d{word}, {grain})"
-                new = f"(int16_t)clipped({word} + {by}, {least}, {most})"
-                body.append(f"if (d{word} != 0) {word}_{q}[e] = {new};")
+                    change = f"rounded_away(d{word}, {grain})"
+                result = f"(int16_t)clipped({word} + {change}, {lowest}, {highest})"
+                body.append(f"if (d{word} != 0) {word}_{q}[e] = {result};")
         return [
             *self._changes("w", self.rule.dw),
             *self._changes("t", self.rule.dt),
@@ -329,9 +329,9 @@ class Learning:
             side, neuron = name[0], "i" if name == "x0" else "j"
             text = f"({side}_last_{q}[{neuron}] != 0)"
         else:
-            at = {"x0": f"(x_last_{q}[i] - 1u)", "y0": f"(y_last_{q}[j] - 1u)", "u": end}[term.gate]
-            at = end if name in loihi_rule.MODULATORY else at
-            text = f"{name}_{q}[{at} * {self._count(name)}u + {'i' if name in loihi_rule.PRE else 'j'}]"
+            step = {"x0": f"(x_last_{q}[i] - 1u)", "y0": f"(y_last_{q}[j] - 1u)", "u": end}[term.gate]
+            step = end if name in loihi_rule.MODULATORY else step
+            text = f"{name}_{q}[{step} * {self._count(name)}u + {'i' if name in loihi_rule.PRE else 'j'}]"
         return f"({text} {'-' if add < 0 else '+'} {abs(add)})" if add else text
 
     def _learn(self) -> list[str]:

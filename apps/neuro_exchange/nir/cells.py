@@ -60,12 +60,12 @@ class Cell:
         i_gain: factor of the input that is added to the synaptic current; None without a synapse.
         offset: constant that is added to i; None means 0.
         threshold: None for neurons that never fire.
-        strict: a neuron fires at v > threshold instead of v >= threshold.
+        strict: whether a neuron fires at v > threshold instead of v >= threshold.
         reset: the potential after a spike. None: a spike lowers the potential by `fall`.
-        several: a neuron fires floor((v - threshold) / fall) + 1 times in a step.
+        several: whether a neuron fires floor((v - threshold) / fall) + 1 times in a step.
         lowest: lower bound of the potential after a spike; None without a bound.
         start: initial potential; None means `rest`.
-        rises: a neuron whose potential is still above the threshold after a spike needs twice the threshold to fire.
+        rises: whether a neuron that is still above the threshold after a spike needs twice the threshold to fire.
         spike_delay: steps from the crossing of the threshold to the spike in the tool.
         fall: decrease of the potential at a spike; None means the threshold.
         hold: steps after a spike in which the potential is constant and ignores input.
@@ -125,16 +125,16 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
     cell = convention(node, step)
     if cell.threshold is not None and reset in ("subtract", "subtract_next"):
         fall = cell.threshold / np.maximum(cell.keep, 1e-9) if reset == "subtract_next" else cell.threshold
-        when = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
+        step_text = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
         rises = tool == "snntorch" and reset == "subtract" and cell.i_keep is None
-        spikes = FALLS_AND_RISES if rises else f"fires by the rule of the tool, and V falls by V_th {when}"
+        spikes = FALLS_AND_RISES if rises else f"fires by the rule of the tool, and V falls by V_th {step_text}"
         how = f"{cell.how.rpartition('; ')[0]}; {spikes}, by `reset`"
         differs = "" if rises or tool != "snntorch" or reset == "subtract_next" else BEYOND
         cell = replace(cell, reset=None, fall=fall, hold=0, rises=rises, how=how, differs=differs)
     elif cell.threshold is not None and reset in ("to_value", "to_value_next"):
         hold = int(reset == "to_value_next")
-        when = "in the next step, which takes no input" if hold else "in the same step"
-        how = f"{cell.how.rpartition('; ')[0]}; fires by the rule of the tool, then V = v_reset {when}, by `reset`"
+        step_text = "in the next step, which takes no input" if hold else "in the same step"
+        how = f"{cell.how.rpartition('; ')[0]}; fires by the rule of the tool, then V = v_reset {step_text}, by `reset`"
         cell = replace(cell, reset=_reset_value(node), several=False, rises=False, fall=None, hold=hold, how=how)
     return cell
 
@@ -377,24 +377,24 @@ def model_of(cell: Cell, h: float) -> CellModel:
     endless = np.isinf(tau)
     # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak it adds 1 mV.
     capacity, push = np.where(endless, h, tau), np.where(endless, 1.0, 1.0 - cell.keep)
-    words = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
+    parameters = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
     if cell.lowest is not None:
-        words["V_min"] = cell.lowest
+        parameters["V_min"] = cell.lowest
     initial = {} if cell.start is None or np.all(cell.start == cell.rest) else {"V_m": one_or_all(cell.start)}
     offset = cell.gain * (0.0 if cell.offset is None else cell.offset) / push
     if cell.i_keep is None or cell.i_gain is None:
-        return CellModel(_model(iaf_psc_delta, words), cell.gain, cell.gain / push, offset, initial)
+        return CellModel(_model(iaf_psc_delta, parameters), cell.gain, cell.gain / push, offset, initial)
     tau_syn = time_constant(cell.i_keep, h)
     if np.any(np.isinf(tau_syn)):
         raise Unsupported("its current never decays, and no model here has such a current", "choose a finite tau_syn")
     p32 = np.vectorize(from_exponential)(tau, tau_syn, capacity, h)
-    words |= {"tau_syn_ex": tau_syn, "tau_syn_in": tau_syn}
-    return CellModel(_model(cuba_lif, words), cell.i_gain * cell.gain / p32, None, offset, initial)
+    parameters |= {"tau_syn_ex": tau_syn, "tau_syn_in": tau_syn}
+    return CellModel(_model(cuba_lif, parameters), cell.i_gain * cell.gain / p32, None, offset, initial)
 
 
 def _model(kind: type[Neuron], words: dict[str, Any]) -> Neuron:
-    plain = {word: one_or_all(v) if isinstance(v, (float, np.ndarray)) else v for word, v in words.items()}
-    return kind(**plain)
+    parameters = {word: one_or_all(v) if isinstance(v, (float, np.ndarray)) else v for word, v in words.items()}
+    return kind(**parameters)
 
 
 def _spike(cell: Cell) -> dict[str, Any]:
@@ -406,9 +406,9 @@ def _spike(cell: Cell) -> dict[str, Any]:
         if np.any(cell.threshold <= 0.0):
             raise Unsupported("v_threshold is not above 0, so no spike lowers the potential", "raise v_threshold")
         fall = cell.threshold if cell.fall is None else cell.fall
-        words = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
-        words |= {"threshold_rises": True} if cell.rises else {}
-        return words | ({"max_spikes": MOST_SPIKES} if cell.several else {})
+        parameters = {"V_th": v_th, "V_reset": v_th - fall, "reset_by_subtraction": True}
+        parameters |= {"threshold_rises": True} if cell.rises else {}
+        return parameters | ({"max_spikes": MOST_SPIKES} if cell.several else {})
     if np.any(cell.reset >= v_th):
         raise Unsupported("v_reset is not below v_threshold", "raise v_threshold")
     return {"V_th": v_th, "V_reset": cell.reset}

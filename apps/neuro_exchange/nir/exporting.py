@@ -75,18 +75,18 @@ def find_sheets(export: Export, spiking: Sequence[Projection]) -> None:
     export.sheets = {index for p in grids for index in (p.source, p.target)}
     for _ in range(len(export.sheets)):
         export.sheets -= {p.target for p in spiking if p.grid is None or p.source not in export.sheets}
-    between = [p for p in grids if is_convolution(export, p)]
+    convolutions = [p for p in grids if is_convolution(export, p)]
     in_rows = [
         p
-        for p in between
+        for p in convolutions
         if p.grid is not None
         and (p.grid.height == p.grid.rows == 1 and p.grid.top < p.grid.kernel_height)
         and _pool(export, p) is None
     ]
     export.lines = {index for p in in_rows for index in (p.source, p.target)}
     for _ in range(len(export.lines)):
-        others = [p for p in between if p not in in_rows or not {p.source, p.target} <= export.lines]
-        export.lines -= {index for p in others for index in (p.source, p.target)}
+        remaining = [p for p in convolutions if p not in in_rows or not {p.source, p.target} <= export.lines]
+        export.lines -= {index for p in remaining for index in (p.source, p.target)}
 
 
 def is_convolution(export: Export, part: Projection) -> bool:
@@ -142,7 +142,7 @@ def _pool(export: Export, part: Projection) -> tuple[str, Floats] | None:
         return None
     area, lacks = g.kernel_height * g.kernel_width, LACKS.get(export.tool, ())
     kinds = {"SumPool2d": factor, "AvgPool2d": factor * area}
-    unscaled = [kind for kind, rest in kinds.items() if kind not in lacks and np.allclose(rest, 1.0, rtol=1e-12)]
+    unscaled = [kind for kind, gain in kinds.items() if kind not in lacks and np.allclose(gain, 1.0, rtol=1e-12)]
     if unscaled and (export.tool == "nir" or not (g.top or g.left)):  # the tools treat a padding differently
         return unscaled[0], np.ones(g.maps)
     return None if "Scale" in lacks else ("SumPool2d", factor)
@@ -171,8 +171,8 @@ def convolution(export: Export, part: Projection, bias: Floats | None) -> tuple[
         border = (g.top, g.left) if has_even_border(g) else "same"
         node = nir.Conv2d((g.height, g.width), kernel, g.stride, border, 1, groups, bias)
     how = type(node).__name__
-    fits = np.array_equal(node.input_type["input"], export.shapes[part.source])
-    if not (fits and np.array_equal(node.output_type["output"], export.shapes[part.target])):
+    has_valid_shape = np.array_equal(node.input_type["input"], export.shapes[part.source])
+    if not (has_valid_shape and np.array_equal(node.output_type["output"], export.shapes[part.target])):
         how += "; the package nir computes a wrong shape: nir.read opens the graph with type_check=False only"
     return {part.name: node}, how
 
@@ -243,12 +243,12 @@ def export_graph(net: Network, dt: float | None, for_: str | None) -> tuple[Any,
         _add_projection(export, projection)
     sending = {p.source for p in _spiking(export) if p.source != p.target}
     probed = {probe.population for probe in export.program.probes}
-    ends = (
+    outputs = (
         [k for k in export.neurons if k not in sending]
         or [k for k in export.neurons if k in probed]
         or list(export.neurons)
     )
-    for index in ends:
+    for index in outputs:
         population = export.program.populations[index]
         name = "output" if "output" not in export.nodes else f"{population.name}_output"
         if export.neurons[index].kind == READOUT:
@@ -456,8 +456,8 @@ def _add_projection(export: Export, part: Projection) -> None:
         return
     bias = _bias_of(export, part)
     convolves = is_convolution(export, part)
-    if convolves and (what := difference_within_map(export, part, bias)):
-        export.add_verdict(part, REFUSED, f"{what} differs within a map of '{target.name}'", "give a map equal neurons")
+    if convolves and (word := difference_within_map(export, part, bias)):
+        export.add_verdict(part, REFUSED, f"{word} differs within a map of '{target.name}'", "give a map equal neurons")
         return
     if convolves and part.grid and not has_even_border(part.grid) and (part.grid.stride > 1 or export.tool == "sinabs"):
         export.add_verdict(
@@ -479,8 +479,8 @@ def _add_projection(export: Export, part: Projection) -> None:
         )
         return
     if lags.any() and "Delay" in LACKS.get(export.tool, ()):
-        why = f"its delay exceeds one step per layer by {some(int(lags.max()), 'step')}: {export.tool} has no Delay"
-        export.add_verdict(part, REFUSED, why, f"give it a delay of {export.program.resolution:g} ms")
+        reason = f"its delay exceeds one step per layer by {some(int(lags.max()), 'step')}: {export.tool} has no Delay"
+        export.add_verdict(part, REFUSED, reason, f"give it a delay of {export.program.resolution:g} ms")
     elif part.source == part.target and export.tool == "snntorch":
         how += "; snnTorch 1.0's importer fails with nirtorch 2.6, or sends the input through it, too"
         export.add_verdict(part, APPROXIMATE, how)
@@ -512,24 +512,24 @@ def _bias_of(export: Export, part: Projection) -> Floats | None:
     recurrent = next((p for p in incoming if p.source == p.target), None) if export.tool in BY_GRAPH_EXECUTOR else None
     node = export.neurons[part.target]
     total = node.bias * (part is first)
-    for other in _constants(export, part.target):
-        source = export.program.populations[other.source]
-        steps_late = _begin(export, other) - export.depths[part.target] - 1
+    for constant in _constants(export, part.target):
+        source = export.program.populations[constant.source]
+        steps_late = _begin(export, constant) - export.depths[part.target] - 1
         carrier = recurrent if recurrent is not None and steps_late == 1 else first
         if part is not carrier:
             continue
-        pre, post, slot = export.program.synapses(export.program.projections.index(other))
-        values = np.broadcast_to(other.weight, other.size)[slot]
-        if other.carries == "current" and node.per_pa is not None:
+        pre, post, slot = export.program.synapses(export.program.projections.index(constant))
+        values = np.broadcast_to(constant.weight, constant.size)[slot]
+        if constant.carries == "current" and node.per_pa is not None:
             values = values * np.broadcast_to(source.parameters["amplitude"], source.size)[pre] * node.per_pa[post]
-        elif other.carries == "current":
+        elif constant.carries == "current":
             export.add_verdict(
-                other, REFUSED, "acts behind the synapse of a CubaLIF, and a bias before it", "leave it out"
+                constant, REFUSED, "acts behind the synapse of a CubaLIF, and a bias before it", "leave it out"
             )
         else:
             values = values * node.factor[post]
         np.add.at(total, post, values)
         if steps_late - (carrier is recurrent):
             order = "later" if steps_late > 0 else "earlier"
-            export.add_verdict(other, APPROXIMATE, f"begins {some(abs(steps_late), 'step')} {order} here")
+            export.add_verdict(constant, APPROXIMATE, f"begins {some(abs(steps_late), 'step')} {order} here")
     return total if total.any() else None

@@ -57,7 +57,7 @@ class Node:
         kind: type in NIR, e.g. "LIF".
         fields: arrays and numbers by name.
         shape: shape of the output; () until `reading.read` has computed it.
-        recurrent: the node is part of a loop of two nodes, e.g. a neuron and its recurrent weights.
+        recurrent: whether the node is part of a loop of two nodes, e.g. a neuron and its recurrent weights.
         problem: reason why the node cannot be used, and the way out; ("", "") for a usable node.
     """
 
@@ -146,10 +146,10 @@ def shorten(depths: list[float], edges: Sequence[tuple[int, int, int]]) -> None:
         edges: (source, target, steps) of each edge.
     """
     for _ in depths:
-        before = list(depths)
+        old_depths = list(depths)
         for source, target, steps in edges:
             depths[target] = min(depths[target], depths[source] + steps)
-        if depths == before:
+        if depths == old_depths:
             break
 
 
@@ -179,7 +179,7 @@ class Kernel:
         weight: weights, shape (maps, channels per map, height, width).
         stride: strides along rows and columns.
         padding: width of the border before the first row and the first column.
-        depthwise: map m receives only from channel m // (maps / channels).
+        depthwise: whether map m receives only from channel m // (maps / channels).
     """
 
     weight: Floats
@@ -294,8 +294,8 @@ def _unfit(node: Node, shape: Shape, expected: str) -> ModelError:
 def _pair(node: Node, value: Any, word: str, least: int) -> Pair:
     """Return the numbers of a field for rows and columns. A single number of Conv1d is for the columns."""
     numbers = wholes(value)
-    first = 0 if word == "padding" else 1
-    pair = (first, *numbers) if node.kind == "Conv1d" else tuple(numbers * 2 if len(numbers) == 1 else numbers)
+    offset = 0 if word == "padding" else 1
+    pair = (offset, *numbers) if node.kind == "Conv1d" else tuple(numbers * 2 if len(numbers) == 1 else numbers)
     if len(pair) != 2 or min(pair) < least:
         raise ModelError(f"node '{node.name}': {word} = {as_text(value)}: expected whole numbers >= {least}")
     return pair[0], pair[1]
@@ -317,11 +317,11 @@ def _extent(node: Node, weight: NDArray[Any] | None) -> tuple[Pair, Pair, Pair, 
                 f"node '{node.name}': padding '{word}': expected numbers, 'valid', or 'same' with stride 1"
             )
         total = [d * (k - 1) if word == "same" else 0 for d, k in zip(dilation, kernel, strict=True)]
-        before = (total[0] // 2, total[1] // 2)
-        after = (total[0] - before[0], total[1] - before[1])
+        begin = (total[0] // 2, total[1] // 2)
+        end = (total[0] - begin[0], total[1] - begin[1])
     else:
-        before = after = _pair(node, padding, "padding", 0)
-    return kernel, dilation, stride, before, after
+        begin = end = _pair(node, padding, "padding", 0)
+    return kernel, dilation, stride, begin, end
 
 
 def _sliding_output_shape(node: Node, shape: Shape, weight: NDArray[Any] | None) -> Shape:
@@ -335,14 +335,14 @@ def _sliding_output_shape(node: Node, shape: Shape, weight: NDArray[Any] | None)
         maps = weight.shape[0]
         if weight.shape[1] * groups != shape[0] or maps % groups:
             raise _unfit(node, shape, f"weights of shape {list(weight.shape)} in {groups} groups")
-    kernel, dilation, stride, before, after = _extent(node, weight)
+    kernel, dilation, stride, begin, end = _extent(node, weight)
     _, *lengths = sheet(shape)
     sizes = []
-    for n, k, d, s, b, a in zip(lengths, kernel, dilation, stride, before, after, strict=True):
-        reach = d * (k - 1) + 1
-        if n + b + a < reach:
-            raise _unfit(node, shape, f"a kernel of {reach} lines")
-        sizes.append((n + b + a - reach) // s + 1)
+    for n, k, d, s, b, a in zip(lengths, kernel, dilation, stride, begin, end, strict=True):
+        extent = d * (k - 1) + 1
+        if n + b + a < extent:
+            raise _unfit(node, shape, f"a kernel of {extent} lines")
+        sizes.append((n + b + a - extent) // s + 1)
     return (maps, sizes[1]) if axes == 2 else (maps, *sizes)
 
 
@@ -374,9 +374,9 @@ def map_of(node: Node, source: Shape) -> Map:
             return Map(source, target, kernel=_kernel(node, source))
         case "SumPool2d" | "AvgPool2d":
             size, _, stride, padding, _ = _extent(node, None)
-            share = 1.0 / math.prod(size) if node.kind == "AvgPool2d" else 1.0
+            factor = 1.0 / math.prod(size) if node.kind == "AvgPool2d" else 1.0
             return Map(
-                source, target, kernel=Kernel(np.full((source[0], 1, *size), share), stride, padding, depthwise=True)
+                source, target, kernel=Kernel(np.full((source[0], 1, *size), factor), stride, padding, depthwise=True)
             )
     return Map(source, target, diagonal=np.ones(target))
 
@@ -387,19 +387,19 @@ def _kernel(node: Node, source: Shape) -> Kernel:
         weight = weight[:, :, None, :]
     _, (dy, dx), stride, before, _ = _extent(node, np.asarray(node.fields["weight"]))
     if (dy, dx) != (1, 1):  # a dilated kernel is a larger kernel with zeros, e.g. [a, b] dilated by 2 is [a, 0, b]
-        wide = np.zeros((*weight.shape[:2], dy * (weight.shape[2] - 1) + 1, dx * (weight.shape[3] - 1) + 1))
-        wide[:, :, ::dy, ::dx] = weight
-        weight = wide
+        dilated = np.zeros((*weight.shape[:2], dy * (weight.shape[2] - 1) + 1, dx * (weight.shape[3] - 1) + 1))
+        dilated[:, :, ::dy, ::dx] = weight
+        weight = dilated
     groups, depthwise = _groups(node), False
     if groups > 1:
         depthwise = weight.shape[1] == 1
         if not depthwise:  # `grid` has no groups, so channels of other groups get weights of 0
             maps, depth = weight.shape[:2]
-            full = np.zeros((maps, source[0], *weight.shape[2:]))
+            dense = np.zeros((maps, source[0], *weight.shape[2:]))
             for m in range(maps):
                 first = m // (maps // groups) * depth
-                full[m, first : first + depth] = weight[m]
-            weight = full
+                dense[m, first : first + depth] = weight[m]
+            weight = dense
     return Kernel(weight, stride, before, depthwise)
 
 
@@ -464,9 +464,9 @@ def _convolution_matrix(part: Map) -> Any:
     (channels, height, width), (maps, rows, columns) = sheet(part.source), sheet(part.target)
     m, r, c, k, i, j = np.indices((maps, rows, columns, *kernel.weight.shape[1:])).reshape(6, -1)
     y, x = r * kernel.stride[0] + i - kernel.padding[0], c * kernel.stride[1] + j - kernel.padding[1]
-    inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+    is_inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
     channel = k + m // (maps // channels) if kernel.depthwise else k
-    source = ((channel * height + y) * width + x)[inside]
-    target = ((m * rows + r) * columns + c)[inside]
-    weights = kernel.weight[m[inside], k[inside], i[inside], j[inside]]
+    source = ((channel * height + y) * width + x)[is_inside]
+    target = ((m * rows + r) * columns + c)[is_inside]
+    weights = kernel.weight[m[is_inside], k[is_inside], i[is_inside], j[is_inside]]
     return csr_array((weights, (target, source)), shape=(math.prod(part.target), math.prod(part.source)))

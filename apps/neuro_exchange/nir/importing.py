@@ -116,10 +116,10 @@ def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | N
     Returns:
         The analysis, and a note that names the defaults in use and compares the tools; "" without defaults.
     """
-    plain = read(path)
-    file_step, tool = plain.metadata.get(STEP), find_tool(from_, plain.metadata)
+    graph = read(path)
+    file_step, tool = graph.metadata.get(STEP), find_tool(from_, graph.metadata)
     step = dt if dt is not None else 1.0 if file_step is None else float(file_step)
-    analysis = examine(plain, step, tool or "nir", reset)
+    analysis = examine(graph, step, tool or "nir", reset)
     assumptions = []
     if tool is None:
         assumptions.append("the equations of NIR, since the file does not name its tool (--from TOOL)")
@@ -134,7 +134,7 @@ def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | N
     for name in TOOLS:
         if name != analysis.tool:
             try:
-                others[name] = judge(plain, step, name, reset)
+                others[name] = judge(graph, step, name, reset)
             except ModelError as error:
                 others[name] = error.message
     return analysis, f"{note}\n{differences(analysis, others)}"
@@ -167,8 +167,8 @@ def _network(analysis: Analysis) -> Network:
 
 def _name(name: str, used: Iterable[str]) -> str:
     """Return a valid name of a part that is not used yet, e.g. "conv_1_2" for "conv/1" if "conv_1" is used."""
-    plain = re.sub(r"[^\w.-]", "_", name)[:LONGEST] or "node"
-    names = (plain if k == 1 else f"{plain}_{k}" for k in range(1, MOST_PATHS))
+    valid_name = re.sub(r"[^\w.-]", "_", name)[:LONGEST] or "node"
+    names = (valid_name if k == 1 else f"{valid_name}_{k}" for k in range(1, MOST_PATHS))
     return next(each for each in names if each not in set(used))
 
 
@@ -216,12 +216,12 @@ def _connect_biases(net: Network, analysis: Analysis, names: dict[str, str], h: 
     every_step = iaf_psc_delta(tau_m=math.inf, C_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0, I_e=1.0)
     for name, cell_model in analysis.models.items():
         offset, depth = cell_model.offset, analysis.depths[name]
-        for bias, begin in ((analysis.bias[name], depth), (analysis.late_bias[name], depth + 1)):
+        for bias, start in ((analysis.bias[name], depth), (analysis.late_bias[name], depth + 1)):
             current = offset if cell_model.per_input is None else offset + bias * cell_model.per_input
             if current.any():
-                _connect_from_one(net, constant, dc_generator(amplitude=1.0), names[name], current, h * (begin - 1))
+                _connect_from_one(net, constant, dc_generator(amplitude=1.0), names[name], current, h * (start - 1))
             if cell_model.per_input is None and bias.any():
-                _connect_from_one(net, ticks, every_step, names[name], bias * cell_model.gain, h * begin)
+                _connect_from_one(net, ticks, every_step, names[name], bias * cell_model.gain, h * start)
             offset = np.zeros_like(offset)
 
 

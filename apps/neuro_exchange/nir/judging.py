@@ -153,9 +153,9 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
     if analysis.tool is None and any(node.kind in STATEFUL for node in plain.nodes.values()):
         raise ModelError(f"{plain.source}: does not name the tool that wrote it, and tools differ in spikes", hint=ASK)
     # NIR's times are in seconds, so dt=0.001 is a likely mistake for dt=1.
-    words = () if analysis.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
+    fields = () if analysis.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
     nodes = analysis.graph.nodes.values()
-    taus = [node.array(w).min() for node in nodes for w in words if w in node.fields and not node.problem[0]]
+    taus = [node.array(w).min() for node in nodes for w in fields if w in node.fields and not node.problem[0]]
     steps = float(min(taus)) / analysis.step if taus else 0.0
     if LONG < steps < math.inf:
         ms = analysis.step * 1e3
@@ -180,8 +180,8 @@ def _judge(analysis: Analysis, node: Node, reset: str | None) -> None:
     how = _HOW.get(node.kind, "")
     analysis.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, how)
     if node.kind in LACKS.get(str(analysis.tool), ()):
-        does = "runs only a part of the graph" if analysis.tool in BY_GRAPH_EXECUTOR else "refuses the file"
-        how = f"{how or 'as NIR defines it'}; {analysis.tool}'s own importer has no {node.kind}, and {does}"
+        behaviour = "runs only a part of the graph" if analysis.tool in BY_GRAPH_EXECUTOR else "refuses the file"
+        how = f"{how or 'as NIR defines it'}; {analysis.tool}'s own importer has no {node.kind}, and {behaviour}"
         analysis.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how, measured=NO_RUN)
     elif analysis.tool == "norse" and node.kind == "SumPool2d" and np.any(np.asarray(node.fields["padding"]) != 0):
         how = f"{how}; Norse's own importer ignores its padding, so the nodes behind it have other shapes"
@@ -222,8 +222,8 @@ def _find_links(analysis: Analysis) -> None:
                 raise ModelError(f"{graph.source}: more than {MOST_PATHS} paths lead to node '{name}'")
             _add_link(analysis, path, counted)
         links = analysis.links[first:]
-        plain = len(links) == 1 and _is_identity(analysis, links[0]) and not analysis.bias[name].any()
-        if node.kind == "Output" and not plain:
+        passes_on = len(links) == 1 and _is_identity(analysis, links[0]) and not analysis.bias[name].any()
+        if node.kind == "Output" and not passes_on:
             # An Output of weighted spikes is the potential of neurons without memory that never fire.
             zero = np.zeros(node.shape)
             cell = Cell(zero, zero, zero + 1.0, "V_m of neurons without memory that never fire")
@@ -244,8 +244,8 @@ def _find_links(analysis: Analysis) -> None:
     for link in analysis.links:
         silent = link.source in analysis.cells and analysis.cells[link.source].threshold is None
         if silent and link.target in analysis.cells:
-            why = "sends its potential to other neurons, and neurons here send only spikes"
-            analysis.refuse(link.source, why, "replace it by a neuron that fires")
+            reason = "sends its potential to other neurons, and neurons here send only spikes"
+            analysis.refuse(link.source, reason, "replace it by a neuron that fires")
 
 
 def _is_identity(analysis: Analysis, link: Link) -> bool:
@@ -267,38 +267,38 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
     nodes = [graph.nodes[name] for name in path]
     shape = nodes[0].shape
     maps: list[Map] = []
-    before, behind = np.zeros(shape), np.zeros(())  # delays in seconds before and behind the weights
+    source_delay, target_delay = np.zeros(shape), np.zeros(())  # delays in seconds before and behind the weights
     has_weights, differing = False, ""
     for node in nodes[1:-1]:
         maps.append(map_of(node, shape))
         shape = maps[-1].target
         if maps[-1].diagonal is None:
             if differing:
-                why = "its delays differ from neuron to neuron between two nodes of weights"
-                analysis.refuse(differing, why, "give all neurons one delay")
+                reason = "its delays differ from neuron to neuron between two nodes of weights"
+                analysis.refuse(differing, reason, "give all neurons one delay")
                 return
-            has_weights, behind = True, behind.reshape(-1)[0]
+            has_weights, target_delay = True, target_delay.reshape(-1)[0]
         elif node.kind == "Delay":
             delay = node.array("delay")
             if has_weights:
-                behind = (behind.reshape(delay.shape) if behind.size > 1 else behind) + delay
-                differing = node.name if np.unique(behind).size > 1 else ""
+                target_delay = (target_delay.reshape(delay.shape) if target_delay.size > 1 else target_delay) + delay
+                differing = node.name if np.unique(target_delay).size > 1 else ""
             else:
-                before = before + delay.reshape(before.shape)
+                source_delay = source_delay + delay.reshape(source_delay.shape)
     if path[0] in analysis.cells:
-        before = before + analysis.step * analysis.cells[path[0]].spike_delay
+        source_delay = source_delay + analysis.step * analysis.cells[path[0]].spike_delay
     identity = Map(shape, nodes[-1].shape, diagonal=np.ones(nodes[-1].shape))
     product = compose([*maps, identity])
-    times = np.unique(behind)
+    times = np.unique(target_delay)
     for time in times:  # one link for the targets of each delay
-        part = product if times.size == 1 else product.onto(behind.reshape(product.target) == time)
-        analysis.links.append(Link(path[0], path[-1], part, before + time))
+        part = product if times.size == 1 else product.onto(target_delay.reshape(product.target) == time)
+        analysis.links.append(Link(path[0], path[-1], part, source_delay + time))
     for k, node in enumerate(nodes[1:-1]):
-        rest = tuple(path[k + 1 :])
+        tail = tuple(path[k + 1 :])
         bias = node.fields.get("bias")
-        if bias is None or rest in counted:
+        if bias is None or tail in counted:
             continue
-        counted.add(rest)
+        counted.add(tail)
         convolves, target = node.kind.startswith("Conv"), maps[k].target
         values = spread(bias, target[:1] if convolves else target[-1:], f"node '{node.name}': bias")
         values = values.reshape(-1, *[1] * (len(target) - 1)) if convolves else values
@@ -323,11 +323,11 @@ def _find_depths(analysis: Analysis) -> None:
     inputs = [name for name, node in analysis.graph.nodes.items() if node.kind == "Input"]
     depths = analysis.depths
     names = [*inputs, *analysis.cells]
-    place = {name: k for k, name in enumerate(names)}
+    index = {name: k for k, name in enumerate(names)}
     hops = [math.inf if name in analysis.cells else 0.0 for name in names]
     spike_delays = {name: cell.spike_delay for name, cell in analysis.cells.items()}
     forward = [x for x in analysis.links if x.target in analysis.cells and x.source != x.target]
-    shorten(hops, [(place[x.source], place[x.target], 1 - spike_delays.get(x.source, 0)) for x in forward])
+    shorten(hops, [(index[x.source], index[x.target], 1 - spike_delays.get(x.source, 0)) for x in forward])
     depths.update((name, 0 if hop == math.inf else int(hop)) for name, hop in zip(names, hops, strict=True))
     # A current acts two steps after its generator starts, so a node with a constant current has a delay of 2 or more.
     for name, cell_model in analysis.models.items():
@@ -344,9 +344,9 @@ def _find_depths(analysis: Analysis) -> None:
             break
     else:
         for name in too_shallow:
-            why = "is in a loop of several layers, which takes one step in the tools, and here one per layer"
+            reason = "is in a loop of several layers, which takes one step in the tools, and here one per layer"
             way_out = "delay the way back in the tool, too, or leave out all but one layer of the loop"
-            analysis.refuse(name, why, way_out)
+            analysis.refuse(name, reason, way_out)
     for name in analysis.cells:
         old, later = analysis.verdicts[name], depths[name] - analysis.cells[name].spike_delay
         if old.verdict != REFUSED:
@@ -359,10 +359,10 @@ def grid_of(part: Map) -> grid | None:
     (_, *source_sides), (_, *target_sides) = sheet(part.source), sheet(part.target)
     size, border = part.kernel.weight.shape[2:], part.kernel.padding
     for stride in dict.fromkeys(part.kernel.stride):
-        words: dict[str, Any] = {"kernel": size, "stride": stride, "depthwise": part.kernel.depthwise}
+        settings: dict[str, Any] = {"kernel": size, "stride": stride, "depthwise": part.kernel.depthwise}
         if target_sides == [(n + 2 * b - k) // stride + 1 for n, b, k in zip(source_sides, border, size, strict=True)]:
             column_padding = None if border[0] == border[1] else border[1]
-            return grid(**words, padding=border[0], column_padding=column_padding)
+            return grid(**settings, padding=border[0], column_padding=column_padding)
         if stride == 1 and target_sides == source_sides:
-            return grid(**words, padding="same")
+            return grid(**settings, padding="same")
     return None

@@ -52,17 +52,17 @@ def measure(
     inputs = [name for name in names if analysis.graph.nodes[name].kind == "Input"]
     spikes = {name: names[name] for name in (*inputs, *(layer.name for layer in layers))}
     try:
-        here = run_here(net, spikes, depths)
+        counts_here = run_here(net, spikes, depths)
     except ModelError as error:
         return f"not measured: the network does not run: {error.message}"
-    there = run_there(layers, {name: here[name] for name in inputs})
-    pairs = [(there[layer.name], here[layer.name]) for layer in layers]
+    there = run_there(layers, {name: counts_here[name] for name in inputs})
+    pairs = [(there[layer.name], counts_here[layer.name]) for layer in layers]
     counts = [sum(int(one.sum()) for one in side) for side in zip(*pairs, strict=True)]
     if not any(counts):
         return f"not measured: no neuron fires in {STEPS} steps of random input"
-    same = 100.0 * sum(int(np.minimum(*pair).sum()) for pair in pairs) / max(counts)
+    percent = 100.0 * sum(int(np.minimum(*pair).sum()) for pair in pairs) / max(counts)
     spikes_text = f"{counts[0]:,} spikes in {analysis.tool} and {counts[1]:,} here"
-    return f"in {STEPS} steps of random input {spikes_text}, {same:.1f} % of them at the same step"
+    return f"in {STEPS} steps of random input {spikes_text}, {percent:.1f} % of them at the same step"
 
 
 def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str:
@@ -88,14 +88,14 @@ def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str
         for name, node in analysis.graph.nodes.items()
         if node.kind == "Input"
     }
-    own = _spikes_of(analysis, inputs)
-    total = sum(int(counts.sum()) for counts in own.values())
+    expected = _spikes_of(analysis, inputs)
+    total = sum(int(counts.sum()) for counts in expected.values())
     runs = []
     for tool, other in readers.items():
         spikes = _spikes_of(other, inputs)
-        same = sum(int(np.minimum(counts, spikes[name]).sum()) for name, counts in own.items())
+        n_same = sum(int(np.minimum(counts, spikes[name]).sum()) for name, counts in expected.items())
         runs.append(
-            f"{tool} {sum(int(counts.sum()) for counts in spikes.values()):,} spikes, {same:,} at the same step"
+            f"{tool} {sum(int(counts.sum()) for counts in spikes.values()):,} spikes, {n_same:,} at the same step"
         )
     if runs:
         lines.insert(0, f"In {STEPS} steps of random input {analysis.tool} has {total:,} spikes, {'; '.join(runs)}.")
@@ -137,9 +137,9 @@ def run_here(net: Network, names: Mapping[str, str], depths: Mapping[str, int]) 
     for name, population in names.items():
         times, ids = sim.spikes(population)
         steps = np.rint(times / h).astype(np.int64) - 1 - depths[name]
-        inside = (steps >= 0) & (steps < STEPS)
+        is_inside = (steps >= 0) & (steps < STEPS)
         counts[name] = np.zeros((STEPS, len(net.populations[population])), dtype=np.int64)
-        np.add.at(counts[name], (steps[inside], ids[inside]), 1)
+        np.add.at(counts[name], (steps[is_inside], ids[is_inside]), 1)
     return counts
 
 
@@ -173,10 +173,10 @@ class Layer:
         self.lags = [np.rint(link.lag.reshape(-1) / analysis.step).astype(int) for link, _ in self.inputs]
         self.bias, self.late_bias = analysis.bias[name].reshape(-1), analysis.late_bias[name].reshape(-1)
         # snnTorch's importer sends all input through the recurrent weights, and its neurons do not hold the reset.
-        back = [n for n in graph.before(name) if n in differing and graph.before(n) == [name]]
-        self.back = np.asarray(graph.nodes[back[0]].fields["weight"], dtype=float) if back else None
-        self.hold = 0 if back else cell.hold
-        bias = graph.nodes[back[0]].fields.get("bias") if back else None
+        recurrent = [n for n in graph.before(name) if n in differing and graph.before(n) == [name]]
+        self.back = np.asarray(graph.nodes[recurrent[0]].fields["weight"], dtype=float) if recurrent else None
+        self.hold = 0 if recurrent else cell.hold
+        bias = graph.nodes[recurrent[0]].fields.get("bias") if recurrent else None
         self.back_bias = np.zeros(self.bias.size) if bias is None else np.asarray(bias, dtype=float).reshape(-1)
         self.v = np.array((self.cell.rest if self.cell.start is None else self.cell.start), dtype=float)
         self.i, self.above = np.zeros(self.v.size), np.zeros(self.v.size, dtype=bool)
@@ -201,14 +201,14 @@ class Layer:
         if cell.i_keep is not None and cell.i_gain is not None:
             x = self.i = cell.i_keep * self.i + cell.i_gain * x
         x = x if cell.offset is None else x + cell.offset
-        free = self.steps_on_hold == 0
-        self.steps_on_hold -= ~free
-        self.v = np.where(free, cell.rest + cell.keep * (self.v - cell.rest) + cell.gain * x, self.v)
-        needed = cell.threshold * (1 + self.above)
-        fires = free & ((self.v > needed) if cell.strict else (self.v >= needed))
+        is_free = self.steps_on_hold == 0
+        self.steps_on_hold -= ~is_free
+        self.v = np.where(is_free, cell.rest + cell.keep * (self.v - cell.rest) + cell.gain * x, self.v)
+        limit = cell.threshold * (1 + self.above)
+        fires = is_free & ((self.v > limit) if cell.strict else (self.v >= limit))
         fall = cell.threshold if cell.fall is None else cell.fall
-        more = np.minimum(np.floor((self.v - cell.threshold) / fall), MOST) if cell.several else 0.0
-        counts = np.where(fires, 1.0 + more, 0.0).astype(np.int64)
+        multiples = np.minimum(np.floor((self.v - cell.threshold) / fall), MOST) if cell.several else 0.0
+        counts = np.where(fires, 1.0 + multiples, 0.0).astype(np.int64)
         self.v = self.v - counts * fall if cell.reset is None else np.where(fires, cell.reset, self.v)
         self.v = self.v if cell.lowest is None else np.maximum(self.v, cell.lowest)
         self.above = self.rises & (self.v > cell.threshold)

@@ -78,9 +78,9 @@ def neuron_of(part: Population, tool: str, h: float) -> ScaledNode:
     if fires:
         _check_spikes(p, tool)
     elif "tau_syn_ex" not in p and np.all(np.exp(-h / p["tau_m"]) == 0.0) and np.all(p["E_L"] == 0.0):
-        one = np.ones(part.size)
+        ones = np.ones(part.size)
         push = p["tau_m"] / p["C_m"]
-        return ScaledNode(READOUT, {}, one, push * p["I_e"], push, "an Output of the input of a step")
+        return ScaledNode(READOUT, {}, ones, push * p["I_e"], push, "an Output of the input of a step")
     elif tool != "nir":
         raise Unsupported(f"{tool} reads no neurons that never fire", "leave them out, or read V_m of the layer before")
     return _synaptic(p, tool, h, fires) if "tau_syn_ex" in p else _direct(p, tool, h, fires)
@@ -90,10 +90,10 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
     """Refuse parameters of threshold and reset that a tool does not support."""
     if np.any(p["t_ref"] > 0):
         raise Unsupported("t_ref is above 0: nodes of NIR have no refractory period", "give it t_ref: 0")
-    falls = p["reset_by_subtraction"] != 0.0
+    subtracts = p["reset_by_subtraction"] != 0.0
     if tool == "sinabs":
         several = p.get("max_spikes", np.ones(1)) < 255
-        if not falls.all() or np.any(p["V_reset"] != 0.0) or np.any(several) or np.any(p["E_L"] != 0.0):
+        if not subtracts.all() or np.any(p["V_reset"] != 0.0) or np.any(several) or np.any(p["E_L"] != 0.0):
             raise Unsupported(
                 "Sinabs's neurons fall by V_th at a spike, several times in a step, and rest at 0",
                 "give it reset_by_subtraction: true, max_spikes: 255, V_reset: 0 and E_L: 0; or another tool",
@@ -104,7 +104,7 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
                 "Sinabs's IF has the lowest potential -V_th, its LIF none", "set V_min: -V_th for IF, -inf for LIF"
             )
         return
-    if falls.any() or np.any(p.get("threshold_rises", 0.0)):
+    if subtracts.any() or np.any(p.get("threshold_rises", 0.0)):
         raise Unsupported(f"{tool} resets to a value where it reads NIR", "for_='sinabs', or reset to a value")
     if np.any(p.get("V_min", np.array(-np.inf)) > -np.inf):
         raise Unsupported("V_min: only Sinabs's IF has a lowest potential", "leave it out")
@@ -115,18 +115,18 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
 
 def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNode:
     """Return the node of neurons without a synapse: IF or LIF, or I or LI if they never fire."""
-    step, one = h / 1e3, np.ones(p["tau_m"].size)
+    step, ones = h / 1e3, np.ones(p["tau_m"].size)
     endless = np.isinf(p["tau_m"])
     keep = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
     finite = np.where(endless, 1.0, p["tau_m"])
     push = np.where(endless, h, -finite * np.expm1(-h / finite)) / p["C_m"]  # mV in a step per pA
     fields = _spike(p, tool) if fires else {}
     if endless.all() and tool != "snntorch":
-        r = one if tool in ("norse", "sinabs") else one / step
+        r = ones if tool in ("norse", "sinabs") else ones / step
         kind = "IF" if fires else "I"
-        return ScaledNode(kind, {"r": r, **fields}, one, push * p["I_e"], push, f"{kind}, as {_reader(tool)} reads it")
+        return ScaledNode(kind, {"r": r, **fields}, ones, push * p["I_e"], push, f"{kind}, as {_reader(tool)} reads it")
     share = _share(keep, tool, step)
-    r = one if tool in ("norse", "sinabs") else share.unity
+    r = ones if tool in ("norse", "sinabs") else share.unity
     factor = 1.0 / (share.gain * r)
     fields = {"tau": share.tau, "r": r, "v_leak": p["E_L"] - _zero(p, tool), **fields}
     kind = "LIF" if fires else "LI"
@@ -144,29 +144,29 @@ def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledN
         raise Unsupported("I_e: a constant current goes past the synapse, and no bias does", "leave it out")
     if np.isinf(p["tau_m"]).any() and tool == "nir":
         raise Unsupported("tau_m is infinite: CubaLIF has a leak", "give it a finite tau_m")
-    step, one = h / 1e3, np.ones(p["tau_m"].size)
+    step, ones = h / 1e3, np.ones(p["tau_m"].size)
     membrane, synapse = (_share(np.exp(-h / p[word]), tool, step) for word in ("tau_m", "tau_syn_ex"))
-    r, w_in = (one, one) if tool == "norse" else (membrane.unity, synapse.unity)
+    r, w_in = (ones, ones) if tool == "norse" else (membrane.unity, synapse.unity)
     factor = np.vectorize(from_exponential)(p["tau_m"], p["tau_syn_ex"], p["C_m"], h)
     factor = factor / (membrane.gain * r * synapse.gain * w_in)
-    fields = {"tau_syn": synapse.tau, "tau_mem": membrane.tau, "r": r, "v_leak": 0.0 * one, "w_in": w_in}
+    fields = {"tau_syn": synapse.tau, "tau_mem": membrane.tau, "r": r, "v_leak": 0.0 * ones, "w_in": w_in}
     kind = "CubaLIF" if fires else "CubaLI"
     fields |= _spike(p, tool) if fires else {}
-    return ScaledNode(kind, fields, factor, 0.0 * one, None, f"{kind}, as {_reader(tool)} reads it")
+    return ScaledNode(kind, fields, factor, 0.0 * ones, None, f"{kind}, as {_reader(tool)} reads it")
 
 
 def _share(keep: Floats, tool: str, step: float) -> Share:
     """Return the state of which the share `keep` is left after a step, in the tool's arithmetic. `step` is in s."""
-    one, endless = np.ones(keep.shape), keep >= 1.0
-    lost = np.where(endless, 1.0, 1.0 - keep)
+    ones, endless = np.ones(keep.shape), keep >= 1.0
+    loss = np.where(endless, 1.0, 1.0 - keep)
     with np.errstate(divide="ignore"):
         exact = np.where(endless, ENDLESS, -1.0 / np.log(keep))  # in steps
     if tool == "sinabs":
-        return Share(exact, one, one)
+        return Share(exact, ones, ones)
     if tool == "nir":
-        return Share(np.where(endless, ENDLESS, exact * step), lost, 1.0 / lost)
+        return Share(np.where(endless, ENDLESS, exact * step), loss, 1.0 / loss)
     unit = SNNTORCH_STEP if tool == "snntorch" else step
-    tau = np.where(endless, ENDLESS, unit / lost)
+    tau = np.where(endless, ENDLESS, unit / loss)
     return Share(tau, unit / tau, tau / unit)
 
 

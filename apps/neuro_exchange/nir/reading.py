@@ -121,29 +121,29 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
         raise ModelError("graph: subgraphs are nested more than 16 deep")
     ends: dict[str, tuple[str, str]] = {}
     for name, node in graph.nodes.items():
-        full = prefix + str(name)
+        full_name = prefix + str(name)
         kind = type(node).__name__
-        if full in nodes:
-            raise ModelError(f"node '{full}': found twice, in a subgraph and beside it: expected different names")
+        if full_name in nodes:
+            raise ModelError(f"node '{full_name}': found twice, in a subgraph and beside it: expected different names")
         if kind == "NIRGraph":
-            _gather(node, full + ".", nodes, edges, depth + 1)
+            _gather(node, full_name + ".", nodes, edges, depth + 1)
             inner = {
                 each: [n for n, m in node.nodes.items() if type(m).__name__ == each] for each in ("Input", "Output")
             }
             if len(inner["Input"]) != 1 or len(inner["Output"]) != 1:
-                raise ModelError(f"subgraph '{full}': expected one Input and one Output")
-            ends[str(name)] = f"{full}.{inner['Input'][0]}", f"{full}.{inner['Output'][0]}"
+                raise ModelError(f"subgraph '{full_name}': expected one Input and one Output")
+            ends[str(name)] = f"{full_name}.{inner['Input'][0]}", f"{full_name}.{inner['Output'][0]}"
         elif prefix and kind in ("Input", "Output"):
-            nodes[full] = Node(full, "Identity", {})
+            nodes[full_name] = Node(full_name, "Identity", {})
         else:
-            fields = {word: _plain(getattr(node, word, None), full, word) for word in FIELDS.get(kind, ())}
-            nodes[full] = Node(full, kind, fields)
+            fields = {word: _plain(getattr(node, word, None), full_name, word) for word in FIELDS.get(kind, ())}
+            nodes[full_name] = Node(full_name, kind, fields)
             if kind == "Input":
                 value = next(iter((node.input_type or {}).values()), None)
                 sizes = () if value is None else tuple(wholes(value))
                 if not sizes or min(sizes) < 1 or math.prod(sizes) > LARGEST:
-                    raise ModelError(f"node '{full}': shape {as_text(value)}: expected {SIZES}")
-                nodes[full].shape = sizes
+                    raise ModelError(f"node '{full_name}': shape {as_text(value)}: expected {SIZES}")
+                nodes[full_name].shape = sizes
     names = {str(name) for name in graph.nodes}
     for a, b in ((str(a), str(b)) for a, b in graph.edges):
         if missing := [end for end in (a, b) if end not in names]:
@@ -193,8 +193,8 @@ def _find_shapes(graph: Graph) -> None:
         pending = remaining
     for node in graph.nodes.values():
         if not node.shape:
-            why = "is not reached from an Input" if graph.before(node.name) else "receives nothing"
-            node.problem = why, "connect it, or leave it out"
+            reason = "is not reached from an Input" if graph.before(node.name) else "receives nothing"
+            node.problem = reason, "connect it, or leave it out"
             node.shape = (1,)
     for a, b in graph.edges:
         node = graph.nodes[b]

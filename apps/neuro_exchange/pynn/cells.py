@@ -27,7 +27,7 @@ class Cell:
         words: by parameter here, PyNN's parameter and the factor from PyNN's unit to the unit here.
         states: by PyNN's variable, the state here and the factor from PyNN's unit to the unit here.
         weight: factor from PyNN's unit of a weight to the unit here.
-        conductance: synapses are conductances. PyNN's weights are then positive at both receptors.
+        conductance: whether synapses are conductances. PyNN's weights are then positive at both receptors.
         leak: PyNN has the time constant of the membrane, and the model here has the leak conductance.
         fixed: values of parameters here that are constants of PyNN's cell.
     """

@@ -43,12 +43,12 @@ class Refused(PermissionError):
 
 def main() -> None:
     """Read the job from stdin, run the script, and write the report."""
-    words = json.load(sys.stdin)
-    _end_with(words["parent"])
-    folder = Path(words["folder"])
+    job = json.load(sys.stdin)
+    _end_with(job["parent"])
+    folder = Path(job["folder"])
     from neuro_exchange.pynn import gathered, session, stand_in  # before the limits, which imports would violate
 
-    script = Path(words["script"])
+    script = Path(job["script"])
     outcome = session.SESSION
     outcome.begin(folder / "networks", script, folder / "files", gathered.NetworkBuilder)
     here = folder / "files" / script.name
@@ -56,11 +56,11 @@ def main() -> None:
     if code is not None:
         stand_in.install()
         os.chdir(folder / "files")
-        sys.argv, sys.path[0:0] = [script.name, *words["arguments"]], [str(folder / "files")]
-        _limit(words["memory"], words["seconds"])
+        sys.argv, sys.path[0:0] = [script.name, *job["arguments"]], [str(folder / "files")]
+        _limit(job["memory"], job["seconds"])
         _confine(folder)
         _run(code, here, outcome)
-    outcome.report().write(words["report"])
+    outcome.report().write(job["report"])
     os._exit(0)  # without waiting for threads and exit functions of the script
 
 
@@ -85,8 +85,8 @@ def _run(code: CodeType, here: Path, outcome: Any) -> None:
     except MemoryError as error:
         outcome.fail("exceeds the memory limit", _line(error, code.co_filename), kind="memory")
     except BaseException as error:
-        first, is_refused = next(filter(str.strip, str(error).splitlines()), ""), isinstance(error, Refused)
-        message = first if is_refused else f"{type(error).__name__}: {first}" if first else type(error).__name__
+        text, is_refused = next(filter(str.strip, str(error).splitlines()), ""), isinstance(error, Refused)
+        message = text if is_refused else f"{type(error).__name__}: {text}" if text else type(error).__name__
         outcome.fail(message[:400], _line(error, code.co_filename), kind="refused" if is_refused else "raised")
 
 
@@ -117,7 +117,7 @@ def _confine(folder: Path) -> None:
     sys.dont_write_bytecode = True
     restrict(base)
 
-    def refuse(*args: Any, **words: Any) -> NoReturn:
+    def refuse(*args: Any, **options: Any) -> NoReturn:
         raise Refused("a script may not start programs")
 
     _posixsubprocess.fork_exec = refuse
@@ -163,7 +163,7 @@ def _confine(folder: Path) -> None:
 def _without_effect(name: str) -> Callable[..., None]:
     """Return a replacement for a function of `os` that raises the audit event and does nothing else."""
 
-    def call(path: Any, *args: Any, **words: Any) -> None:
+    def call(path: Any, *args: Any, **options: Any) -> None:
         sys.audit(f"os.{name}", path)
 
     return call

@@ -166,11 +166,11 @@ class NetworkBuilder:
     def _population(self, part: Any) -> None:
         label = part.label if part.named else f"population{len(self.names)}"
         name = self.names[part] = _unused_name(_name(label), {*self.names.values()})
-        kind, what = type(part.celltype).__name__, f"population '{name}'"
+        kind, part_text = type(part.celltype).__name__, f"population '{name}'"
         if kind == "Placeholder":
             return  # already a problem
         if kind.startswith("SpikeSource"):
-            model, initial = self._source(kind, part.values, what), {}
+            model, initial = self._source(kind, part.values, part_text), {}
         elif kind in BY_NAME:
             cell = BY_NAME[kind]
             parameters = {word: shared(value) for word, value in cell.from_pynn(part.values).items()}
@@ -181,7 +181,7 @@ class NetworkBuilder:
             model = getattr(neuro, cell.model)(**parameters)
             initial = self._initial(part, cell)
         else:
-            raise Incomplete(f"{what}: {kind} has no counterpart")
+            raise Incomplete(f"{part_text}: {kind} has no counterpart")
         positions = np.ascontiguousarray(part.positions.T) if part.laid_out else None
         self.net.population(name, part.size, model, initial=initial, positions=positions)
 
@@ -238,7 +238,7 @@ class NetworkBuilder:
             case "SpikeSourcePoissonVariable":
                 times = [np.asarray(sequence.value) for sequence in values["starts"]]
                 rates = np.array([sequence.value for sequence in values["rates"]])
-                if any(not np.array_equal(times[0], other) for other in times):
+                if any(not np.array_equal(times[0], row) for row in times):
                     raise Incomplete("SpikeSourcePoissonVariable: rates change at different times")
                 grid = np.maximum(self._rounded(times[0], "times", 0), self.step)
                 return inhomogeneous_poisson_generator(rate_times=grid, rate_values=rates)
@@ -367,9 +367,9 @@ class NetworkBuilder:
 
     def _triplet(self, bundle: Synapses, factor: float) -> Any:
         largest = bundle.number("w_max") * factor
-        words = {"Aplus": "A_plus", "Aminus": "A_minus", "Aplus_triplet": "A3_plus", "Aminus_triplet": "A3_minus"}
+        amplitudes = {"Aplus": "A_plus", "Aminus": "A_minus", "Aplus_triplet": "A3_plus", "Aminus_triplet": "A3_minus"}
         taus = {"tau_plus": "tau_plus", "tau_plus_triplet": "tau_x", "tau_minus_triplet": "tau_y"}
-        steps = {word: bundle.number(pynn_word) * abs(largest) for word, pynn_word in words.items()}
+        steps = {word: bundle.number(pynn_word) * abs(largest) for word, pynn_word in amplitudes.items()}
         times = {word: bundle.number(pynn_word) for word, pynn_word in taus.items()}
         return stdp_triplet(Wmax=largest, **steps, **times)
 
@@ -402,10 +402,10 @@ class NetworkBuilder:
 
     def _dopamine(self, bundle: Synapses, modulators: Sequence[Synapses], factor: float) -> Any:
         """Convert dopamine of sPyNNaker: a spike adds the weight of the synapse there, and 1 / tau_n here."""
-        modulator, words = self._dopamine_source(modulators, factor)
+        modulator, parameters = self._dopamine_source(modulators, factor)
         scale = modulator.number("weight") * modulator.number("tau_d") * factor
         steps: dict[str, Any] = {word: bundle.number(word) * scale for word in ("A_plus", "A_minus")}
-        return stdp_dopa(tau_plus=bundle.number("tau_plus"), c_min=0.0, **steps, **words)
+        return stdp_dopa(tau_plus=bundle.number("tau_plus"), c_min=0.0, **steps, **parameters)
 
     def _dopamine_source(self, modulators: Sequence[Synapses], factor: float) -> tuple[Synapses, dict[str, Any]]:
         """Return the synapses that release dopamine, and the parameters of a learning rule that follow from them."""
@@ -435,23 +435,23 @@ class NetworkBuilder:
             raise Incomplete(f"{kinds[0]} with {kinds[1]} has no counterpart")
         if "dual_fsm" in names and not bundle.number("dual_fsm"):
             raise Incomplete("'dual_fsm' = False: expected True, the program with two state machines")
-        words: dict[str, Any] = {w: bundle.number(w) for w in spinnaker_learning.numbers() if w in names}
-        words |= {word: int(words[word]) for word in words if word.startswith("accumulator")}
+        parameters: dict[str, Any] = {w: bundle.number(w) for w in spinnaker_learning.numbers() if w in names}
+        parameters |= {word: int(parameters[word]) for word in parameters if word.startswith("accumulator")}
         largest, least = bundle.number("w_max"), bundle.number("w_min")
         if "tau" in names:
-            words["tau_plus"] = bundle.number("tau")
+            parameters["tau_plus"] = bundle.number("tau")
         if dependence == "additive" and timing != "triplet":
-            words |= {word: words[word] / largest for word in ("A_plus", "A_minus")}
-        words |= {"Wmin": least * factor, "Wmax": largest * factor}
+            parameters |= {word: parameters[word] / largest for word in ("A_plus", "A_minus")}
+        parameters |= {"Wmin": least * factor, "Wmax": largest * factor}
         if modulators:
             modulator, dopamine = self._dopamine_source(modulators, factor)
             sign = 1.0 if modulator.projection.receptor_type == "reward" else -1.0
-            words |= dopamine | {
+            parameters |= dopamine | {
                 "concentration": sign * modulator.number("weight"),
                 "c_min": least * factor,
                 "c_max": largest * factor,
             }
-        return spinnaker_learning(timing=timing, dependence=dependence, **words)
+        return spinnaker_learning(timing=timing, dependence=dependence, **parameters)
 
     # -- currents and probes
 

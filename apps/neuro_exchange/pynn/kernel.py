@@ -66,12 +66,12 @@ def missing_restrictions() -> tuple[str, ...]:
         return ()
     warnings = []
     if _landlock() < _OLDEST:
-        why = "the kernel lacks Landlock of Linux 6.2 or later"
-        warnings.append(f"only Python keeps the script from writing into other folders: {why}")
+        reason = "the kernel lacks Landlock of Linux 6.2 or later"
+        warnings.append(f"only Python keeps the script from writing into other folders: {reason}")
     if _seccomp() is None:
         actions = "starting processes, signals, sockets, and changing modes, owners and times of files"
-        why = f"the filter of system calls needs pyseccomp and libseccomp.so.2 on {' or '.join(_MACHINES)}"
-        warnings.append(f"only Python keeps the script from {actions}: {why}")
+        reason = f"the filter of system calls needs pyseccomp and libseccomp.so.2 on {' or '.join(_MACHINES)}"
+        warnings.append(f"only Python keeps the script from {actions}: {reason}")
     return tuple(warnings)
 
 
@@ -105,10 +105,10 @@ def _restrict_files(folder: str, version: int) -> None:
     size = 24 if version >= 6 else 16 if version >= 4 else 8
     rules = _call("syscall", _CREATE_RULESET, ctypes.byref(handled), size, 0)
     for path, allowed in ((folder, changes & ~_MAKE_SPECIAL), (os.devnull, _WRITE_FILE)):
-        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
-        beneath = allowed.to_bytes(8, sys.byteorder) + place.to_bytes(4, sys.byteorder)
+        descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
+        beneath = allowed.to_bytes(8, sys.byteorder) + descriptor.to_bytes(4, sys.byteorder)
         _call("syscall", _ADD_RULE, rules, 1, beneath, 0)
-        os.close(place)
+        os.close(descriptor)
     _call("prctl", _NO_NEW_PRIVILEGES, 1, 0, 0, 0)
     _call("syscall", _RESTRICT_SELF, rules, 0)
     os.close(rules)

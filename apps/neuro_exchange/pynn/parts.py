@@ -26,7 +26,7 @@ class Recorder(recording.Recorder):
         if sampling_interval is not None:
             self.sampling_interval = sampling_interval
 
-    def write(self, *args: Any, **words: Any) -> None:
+    def write(self, *args: Any, **options: Any) -> None:
         """Do nothing, since there are no results."""
         SESSION.read = True
 
@@ -118,11 +118,11 @@ class _Neurons:
     def _get_view(self, selector: Any, label: Any = None) -> Any:
         return PopulationView(self, selector, label)
 
-    def record(self, variables: Any, *args: Any, **words: Any) -> None:
+    def record(self, variables: Any, *args: Any, **options: Any) -> None:
         """PyNN's `record`, with sPyNNaker's "all"."""
         if isinstance(variables, str) and variables == "all":
             variables = list(self.celltype.recordable)
-        super().record(variables, *args, **words)  # type: ignore[misc]
+        super().record(variables, *args, **options)  # type: ignore[misc]
 
     def __getattr__(self, name: str) -> Any:
         """Return a method of sPyNNaker's populations that does nothing."""
@@ -130,9 +130,9 @@ class _Neurons:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
         if name == "spinnaker_get_data":
             SESSION.read = True
-            return lambda variable, *args, **words: np.empty((0, 2 if variable == "spikes" else 3))
+            return lambda variable, *args, **options: np.empty((0, 2 if variable == "spikes" else 3))
         if name.startswith(("set_", "add_", "get_")) or name in ("requires_mapping",):
-            return lambda *args, **words: None
+            return lambda *args, **options: None
         raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
 
@@ -156,8 +156,8 @@ class Population(_Neurons, mock_populations.Population):
         initial: initial values of the states per neuron, in PyNN's units.
         rates: times and rates that are set while a Poisson source runs.
         where: line of the script that makes the population.
-        named: the script names the population.
-        laid_out: the script gives the neurons positions.
+        named: whether the script names the population.
+        laid_out: whether the script gives the neurons positions.
     """
 
     _simulator = SIMULATOR
@@ -172,10 +172,10 @@ class Population(_Neurons, mock_populations.Population):
         structure: Any = None,
         initial_values: Any = None,
         label: str | None = None,
-        **words: Any,
+        **extra: Any,
     ) -> None:
-        if words and not SESSION.experiment.spinnaker:
-            raise TypeError(f"Population.__init__() got an unexpected keyword argument '{next(iter(words))}'")
+        if extra and not SESSION.experiment.spinnaker:
+            raise TypeError(f"Population.__init__() got an unexpected keyword argument '{next(iter(extra))}'")
         SESSION.changed("a population is added")
         self.where, self.named = SESSION.where(), label is not None
         self.values: dict[str, Any] = {}
@@ -254,22 +254,22 @@ class Projection(common.Projection):
 
     Attributes:
         where: line of the script that makes the projection.
-        named: the script names the projection.
+        named: whether the script names the projection.
     """
 
     _simulator = SIMULATOR
     _static_synapse_class = SYNAPSES["StaticSynapse"]
 
-    def __init__(self, pre: Any, post: Any, connector: Any, synapse_type: Any = None, *args: Any, **words: Any) -> None:
+    def __init__(self, pre: Any, post: Any, connector: Any, synapse_type: Any = None, *args: Any, **extra: Any) -> None:
         SESSION.changed("a projection is added")
-        self.where, self.named = SESSION.where(), words.get("label") is not None
+        self.where, self.named = SESSION.where(), extra.get("label") is not None
         self._synapses: list[tuple[Ints, int, dict[str, Any]]] = []
         self._ends: tuple[Ints, Ints] | None = None
         self._columns: dict[str, NDArray[np.float64]] = {}
-        words.pop("partition", None)
+        extra.pop("partition", None)
         connector = present(connector, lambda: connectors.FixedProbabilityConnector(0.0))
         synapse_type = present(synapse_type, SYNAPSES["StaticSynapse"])
-        super().__init__(pre, post, connector, synapse_type, *args, **words)
+        super().__init__(pre, post, connector, synapse_type, *args, **extra)
         connector.connect(self)
         SESSION.experiment.projections.append(self)
 

@@ -91,7 +91,7 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         where = Where(path.name, failure.line)
         raise ModelError(f"the script fails: {failure.message}", where=where, hint=_HINTS.get(failure.kind, ""))
     if not networks:
-        raise ModelError(f"{path.name}: builds no network", hint="a network has at least one population of PyNN")
+        raise ModelError(f"{path.name}: builds no network", hint="make at least one population of PyNN")
     if number is not None and number > len(networks):
         raise ModelError(f"network = {number}: expected at most {len(networks)}, the networks of {path.name}")
     built = networks[-1 if number is None else number - 1]
@@ -184,13 +184,13 @@ def _mirror(source: Path, target: Path) -> None:
             (inside / name).symlink_to(Path(root) / name)
 
 
-def _run(words: dict[str, Any], folder: Path) -> Report:
+def _run(job: dict[str, Any], folder: Path) -> Report:
     """Run a script, and end all its processes.
 
     The report and the printed text are files without a name, so the script cannot replace them.
 
     Args:
-        words: the script, its arguments, and its limits in seconds and bytes.
+        job: the script, its arguments, and its limits in seconds and bytes.
         folder: the folder of `_folder`.
     """
     only_on_linux("running a script of PyNN")
@@ -218,17 +218,17 @@ def _run(words: dict[str, Any], folder: Path) -> Report:
         )
         assert process.stdin is not None
         try:
-            words |= {"parent": os.getpid(), "folder": str(folder), "report": report.fileno()}
+            job |= {"parent": os.getpid(), "folder": str(folder), "report": report.fileno()}
             with suppress(BrokenPipeError):
-                process.stdin.write(json.dumps(words).encode())
+                process.stdin.write(json.dumps(job).encode())
                 process.stdin.close()
-            code = process.wait(words["seconds"])
+            code = process.wait(job["seconds"])
         except subprocess.TimeoutExpired:
-            return _failed(f"exceeds the limit of {words['seconds']:g} s", "time")
+            return _failed(f"exceeds the limit of {job['seconds']:g} s", "time")
         finally:
             _end(process, mark)
         try:
-            return Report.read(report) or _report_of_exit(code, output, words["seconds"])
+            return Report.read(report) or _report_of_exit(code, output, job["seconds"])
         except Damaged as error:
             return _failed(f"its report is damaged: {error}", "")
 

@@ -68,7 +68,7 @@ class Failure:
     Attributes:
         message: message of the error.
         line: line of the script; 0 if unknown.
-        harmless: the networks are complete in spite of the error.
+        harmless: whether the networks are complete in spite of the error.
         kind: "raised", "exit", "memory", "refused", "time" or "".
     """
 
@@ -129,13 +129,13 @@ def _decoded(kind: Any, value: Any, place: str) -> Any:
         hints = get_type_hints(kind)
         if not isinstance(value, dict) or value.keys() != hints.keys():
             raise Damaged(f"{place}: expected {', '.join(sorted(hints))}")
-        inside = "" if kind is Report else f"{place}."
-        words = {name: _decoded(hint, value[name], inside + name) for name, hint in hints.items()}
+        prefix = "" if kind is Report else f"{place}."
+        fields = {name: _decoded(hint, value[name], prefix + name) for name, hint in hints.items()}
         if kind is BuiltNetwork and not (
-            _NETWORK.fullmatch(words["file"]) and bool(words["file"]) != bool(words["problems"])
+            _NETWORK.fullmatch(fields["file"]) and bool(fields["file"]) != bool(fields["problems"])
         ):
-            raise Damaged(f"{place}.file = {words['file'][:100]!r}: expected a number and .yaml, or problems")
-        return kind(**words)
+            raise Damaged(f"{place}.file = {fields['file'][:100]!r}: expected a number and .yaml, or problems")
+        return kind(**fields)
     if isinstance(kind, UnionType):
         return None if value is None else _decoded(get_args(kind)[0], value, place)
     expected, fits = {

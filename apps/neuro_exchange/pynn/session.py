@@ -34,7 +34,7 @@ class Experiment:
         where: line of `setup`.
         timestep: length of a step in ms.
         min_delay: shortest delay in ms.
-        spinnaker: the script is written for sPyNNaker, where weights have no sign.
+        spinnaker: whether the script is written for sPyNNaker, where weights have no sign.
         populations: populations in the order of their creation.
         projections: projections in the order of their creation.
         currents: current sources, ids of the neurons that receive them, and lines.
@@ -76,8 +76,8 @@ class Session(mock_simulator.State):
         script: the script's file.
         folder: folder for the networks.
         experiment: the network that is being built.
-        captured: the present network is in `networks`.
-        read: the script has read results.
+        captured: whether the present network is in `networks`.
+        read: whether the script has read results.
         networks: experiments that ran, each with the builder of its network.
         saved: names of the networks' files; "" for a network that cannot be converted.
         failure: the error of the script, if any.
@@ -194,13 +194,13 @@ def setup(timestep: Any = None, min_delay: Any = "auto", **extra: Any) -> int:
     """PyNN's `setup`, which begins a network."""
     SESSION.capture()
     SESSION.close()
-    before = SESSION.experiment
-    step = float((1.0 if before.spinnaker else 0.1) if timestep is None else timestep)
+    previous = SESSION.experiment
+    step = float((1.0 if previous.spinnaker else 0.1) if timestep is None else timestep)
     smallest = step if min_delay in ("auto", None) else float(min_delay)
     common.setup(step, min_delay if min_delay is not None else "auto", **extra)
-    SESSION.experiment = Experiment(SESSION.where(), step, max(smallest, step), before.spinnaker)
-    if not before.populations:
-        SESSION.experiment.problems, SESSION.experiment.notes = before.problems, before.notes
+    SESSION.experiment = Experiment(SESSION.where(), step, max(smallest, step), previous.spinnaker)
+    if not previous.populations:
+        SESSION.experiment.problems, SESSION.experiment.notes = previous.problems, previous.notes
     SESSION.captured = False
     SESSION.clear()
     SESSION.dt, SESSION.min_delay, SESSION.max_delay = step, min_delay, extra.get("max_delay", "auto")
@@ -240,6 +240,6 @@ def reset(annotations: Any = None) -> None:
     """PyNN's `reset`, which restarts the network. Changes after a reset make another network."""
     _reset(annotations or {})
     SESSION.close()
-    before = SESSION.experiment
-    SESSION.experiment = replace(before, where=SESSION.where(), runs=[], live=[])
-    SESSION.captured = SESSION.captured and not before.live
+    previous = SESSION.experiment
+    SESSION.experiment = replace(previous, where=SESSION.where(), runs=[], live=[])
+    SESSION.captured = SESSION.captured and not previous.live

@@ -2,7 +2,7 @@
 
 Results have no spikes. The classes are subclasses of PyNN's common classes, so names, checks, connectors and random
 numbers are PyNN's. A name without a counterpart gives a part that accepts every call. Each call is a problem of the
-calling line, and the script goes on, so all problems are found. Only the process of the script imports this module,
+calling line, and the script continues, so all problems are found. Only the process of the script imports this module,
 see `confined`.
 """
 
@@ -84,7 +84,7 @@ _SIMULATORS = ("nest", "neuron", "brian", "brian2", "arbor", "moose", "nengo", "
 """Packages that a script must not import: the networks that they build are not recorded."""
 
 
-def _no_operation(*args: Any, **words: Any) -> None:
+def _no_operation(*args: Any, **options: Any) -> None:
     """Replacement of functions that place neurons on a machine."""
 
 

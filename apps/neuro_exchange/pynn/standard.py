@@ -35,7 +35,7 @@ class Absent:
     def __init__(self, name: str) -> None:
         self._name = name
 
-    def __call__(self, *args: Any, **words: Any) -> Absent:
+    def __call__(self, *args: Any, **options: Any) -> Absent:
         """Add a problem for the line that calls the part."""
         SESSION.problem(f"{self._name} has no counterpart")
         return self
@@ -50,14 +50,14 @@ class Absent:
 
 
 def present(part: Any, replacement: Any) -> Any:
-    """Return the part. An absent part is a problem, and is replaced so that the script goes on."""
+    """Return the part. An absent part is a problem, and is replaced so that the script continues."""
     return replacement() if isinstance(part, Absent) and part() else part
 
 
-def _with_pynn_names(kind: Any, **words: Any) -> Any:
+def _with_pynn_names(kind: Any, **attributes: Any) -> Any:
     """Return a subclass of a class of PyNN that keeps PyNN's names and units of parameters."""
     names = build_translations(*((word, word) for word in kind.default_parameters))
-    return type(kind.__name__, (kind,), {"translations": names, "standard_receptor_type": True, **words})
+    return type(kind.__name__, (kind,), {"translations": names, "standard_receptor_type": True, **attributes})
 
 
 def _standard(module: Any, base: Any) -> dict[str, Any]:
@@ -75,7 +75,7 @@ PLACEHOLDER = type(
         "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
     },
 )
-"""Replacement of cells without a counterpart, so that the script goes on."""
+"""Replacement of cells without a counterpart, so that the script continues."""
 CELLS = {name: kind for name, kind in CELLS.items() if name not in ("PointNeuron", "MultiCompartmentNeuron")}
 
 
@@ -247,12 +247,12 @@ def spinnaker_names() -> dict[str, Any]:
     for name, kind in CELLS.items():
         if name not in parts:
             inputs = {"gsyn_exc": "uS", "gsyn_inh": "uS"}
-            words = {
+            attributes = {
                 "recordable": list(dict.fromkeys([*kind.recordable, *inputs])),
                 "units": {**inputs, **kind.units},
                 "receptor_types": ("excitatory", "inhibitory", "reward", "punishment"),
             }
-            parts[name] = type(name, (kind,), words)
+            parts[name] = type(name, (kind,), attributes)
     parts["Izhikevich"] = Absent("sPyNNaker's Izhikevich, whose synaptic currents are exponential,")
     parts["IFCurDelta"] = parts["IFCurrDelta"] = parts["IF_curr_delta"]
     unchecked = {**SYNAPSES, "STDPMechanism": STDPMechanism}
@@ -264,7 +264,7 @@ def spinnaker_names() -> dict[str, Any]:
 def converted(name: str) -> Any:
     """Return a function of `neo_convertor` for results without spikes."""
 
-    def convert(*args: Any, **words: Any) -> Any:
+    def convert(*args: Any, **options: Any) -> Any:
         SESSION.read = True
         if name in ("count_spikes", "convert_spiketrains_count"):
             return 0

@@ -255,22 +255,22 @@ class _Script:
         if part.kind == "listed" and part.stream is None:
             return self._spike_lists(part, part.spike_steps, part.spike_ids)
         if part.kind == "poisson" and part.schedule is None:
-            words = {"rate": self._value(f"{part.name}.rate", np.broadcast_to(part.parameters["rate"], part.size))}
-            words["start"] = repr(part.start * self.step)
+            parameters = {"rate": self._value(f"{part.name}.rate", np.broadcast_to(part.parameters["rate"], part.size))}
+            parameters["start"] = repr(part.start * self.step)
             if part.stop < 1e15:
-                words["duration"] = repr((part.stop - part.start) * self.step)
-            return "SpikeSourcePoisson", words
+                parameters["duration"] = repr((part.stop - part.start) * self.step)
+            return "SpikeSourcePoisson", parameters
         raise ModelError(
             f"{part.model_name} has no standard cell in PyNN",
             hint="duration=100.0 writes its spikes of 100 ms as lists",
         )
 
     def _spike_lists(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
-        if lost := int(np.count_nonzero(np.asarray(steps) == 1)):
-            how = f"pyNN.nest loses the {some(lost, 'spike')} of the first step, of {len(ids):,} spikes"
+        if n_lost := int(np.count_nonzero(np.asarray(steps) == 1)):
+            how = f"pyNN.nest loses the {some(n_lost, 'spike')} of the first step, of {len(ids):,} spikes"
             self._note(part.name, "population", how)
-        if twice := len(ids) - np.unique(np.column_stack((steps, ids)), axis=0).shape[0]:
-            how = f"pyNN.brian2 refuses several spikes of a neuron in a step: {some(twice, 'spike')} beyond the first"
+        if extra := len(ids) - np.unique(np.column_stack((steps, ids)), axis=0).shape[0]:
+            how = f"pyNN.brian2 refuses several spikes of a neuron in a step: {some(extra, 'spike')} beyond the first"
             self._note(part.name, "population", how)
         self.arrays[f"{part.name}.times"] = (np.asarray(steps, dtype=float) - _EARLY) * self.step
         self.arrays[f"{part.name}.ids"] = np.asarray(ids)
@@ -443,12 +443,12 @@ class _Script:
         if part.dopamine < 0:
             raise ModelError(f"{part.synapse.name} without 'dopamine': PyNN has no signals")
         source, target = self.program.populations[part.dopamine], self.program.populations[part.target]
-        words = {"weight": abs(step), "tau_c": p["tau_c"], "tau_d": p["tau_n"]}
+        parameters = {"weight": abs(step), "tau_c": p["tau_c"], "tau_d": p["tau_n"]}
         if part.dopamine_delay != 1:
             self._note(part.name, part.synapse.name, "dopamine has no delay in sPyNNaker")
         connector = "OneToOneConnector()" if part.dopamine_one_to_one else "AllToAllConnector()"
         ends = [f'populations["{source.name}"]', f'populations["{target.name}"]', f"sim.{connector}"]
-        synapse = f"{_EXTRA}.Neuromodulation({_words(words | bounds)})"
+        synapse = f"{_EXTRA}.Neuromodulation({_words(parameters | bounds)})"
         call = [*ends, synapse, f'receptor_type="{"reward" if step > 0 else "punishment"}"']
         if self.dopamine.setdefault(part.target, (", ".join(call), call))[1] != call:
             raise ModelError(_ONE_SOURCE)
@@ -459,9 +459,9 @@ class _Script:
         """Add a current source per generator and weight. PyNN's currents have no delay, so the sources start later."""
         part = self.program.projections[index]
         source, target = self.program.populations[part.source], self.program.populations[part.target]
-        pre, post, place = self.program.synapses(index)
-        weights = np.broadcast_to(part.weight, part.size)[place]
-        delays = np.broadcast_to(part.delay, part.size)[place]
+        pre, post, rows = self.program.synapses(index)
+        weights = np.broadcast_to(part.weight, part.size)[rows]
+        delays = np.broadcast_to(part.delay, part.size)[rows]
         groups = np.column_stack((pre, weights, delays))
         for row in np.unique(groups, axis=0):
             ids = post[(groups == row).all(axis=1)].tolist()
