@@ -384,7 +384,7 @@ def look(new, old, first, box, width, scale, t1, pixels):
         box: x0, y0, x1, y1: the part of the image that may have changed.
         width: width of the image, px.
         scale: factor from the image's values to shares of full scale.
-        t1: us.
+        t1: time of the image, us.
         pixels: `Pixels`; `blocks` and `changed` are written.
 
     Returns:
@@ -431,7 +431,7 @@ def pick(new, old, first, count, calm, curve, t1, pixels):
         count: number of blocks.
         calm: True if the pixels have no leak, noise, limit of the bandwidth and refractory period.
         curve: `Curve`.
-        t1: us.
+        t1: time of the image, us.
         pixels: `Pixels`; `index`, `logs` and `bright` are written.
 
     Returns:

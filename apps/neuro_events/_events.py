@@ -69,16 +69,16 @@ def first_fault(
     width, height = sensor_size
     faults: list[tuple[int, str]] = []
     for name, values, limit in (("x", x, width - 1), ("y", y, height - 1), ("p", p, 1)):
-        bad = (values < 0) | (values > limit)
-        if bad.any():
-            k = int(bad.argmax())
+        is_off = (values < 0) | (values > limit)
+        if is_off.any():
+            k = int(is_off.argmax())
             faults.append((k, f"{name} is {values[k]}, expected 0 to {limit} (sensor {width}x{height})"))
-    if t.dtype == np.uint64 and (far := t > np.uint64(T_MAX)).any():
-        k = int(far.argmax())
+    if t.dtype == np.uint64 and (is_late := t > np.uint64(T_MAX)).any():
+        k = int(is_late.argmax())
         faults.append((k, f"t is {t[k]}, expected at most {T_MAX} us"))
-    back = t[1:] < t[:-1]
-    if back.any():
-        k = int(back.argmax()) + 1
+    is_back = t[1:] < t[:-1]
+    if is_back.any():
+        k = int(is_back.argmax()) + 1
         faults.append((k, f"time runs back from {t[k - 1]} to {t[k]} us"))
     return min(faults, default=None, key=lambda fault: fault[0])
 
@@ -235,8 +235,8 @@ class Events:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Events):
             return NotImplemented
-        same = self.sensor_size == other.sensor_size and len(self) == len(other)
-        return same and bool(np.array_equal(self.records(), other.records()))
+        is_equal = self.sensor_size == other.sensor_size and len(self) == len(other)
+        return is_equal and bool(np.array_equal(self.records(), other.records()))
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -37,7 +37,7 @@ def supported(t, x, y, dt_us, last, keep):
         t: (n,) int64, us.
         x: (n,) uint16, columns.
         y: (n,) uint16, rows.
-        dt_us: us.
+        dt_us: longest time since that event, us.
         last: (height + 2, width + 2) int64, time of each pixel's last event, us, with a margin of one pixel.
         keep: (n,) bool, output.
     """
@@ -58,7 +58,7 @@ def rested(t, x, y, period_us, extend, last, keep):
         t: (n,) int64, us.
         x: (n,) uint16, columns.
         y: (n,) uint16, rows.
-        period_us: us.
+        period_us: refractory period, us.
         extend: restart the period at dropped events too.
         last: (height, width) int64, start of the pixel's refractory period, us.
         keep: (n,) bool, output.
@@ -95,8 +95,8 @@ def tar(t, x, y, tau_us, theta, radius, mask, last_update, keep):
         x: (n,) uint16, columns.
         y: (n,) uint16, rows.
         tau_us: decay time constant, us.
-        theta: threshold.
-        radius: px.
+        theta: threshold of the mask.
+        radius: radius of the neighbourhood, px.
         mask: (height + 2 radius, width + 2 radius) float64.
         last_update: int64 of the same shape, us.
         keep: (n,) bool, output.
@@ -133,9 +133,9 @@ def surfaces(columns, tau_us, theta, radius, cell, origin, values, counts, sums,
     Args:
         columns: t, x, y and p of the events.
         tau_us: decay time constant, us.
-        theta: threshold.
-        radius: px.
-        cell: px.
+        theta: threshold of the mask.
+        radius: radius of the neighbourhood, px.
+        cell: side of a cell, px.
         origin: (1,) int64, us.
         values: (height + 2 radius, width + 2 radius, 2) float64, leaky sum of each pixel and polarity.
         counts: (rows, columns) int64, events that passed in each cell.
@@ -181,7 +181,7 @@ def join(events, columns, rows, threshold, sums, out):
         events: columns t, x, y and p.
         columns: (width,) uint16, block column of each pixel column.
         rows: (height,) uint16, block row of each pixel row.
-        threshold: events.
+        threshold: sum that makes an event, events.
         sums: (block rows, block columns) int64.
         out: output columns t, x, y and p, of the same length as `events`.
 
@@ -257,8 +257,8 @@ def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
     """Write noise events with first <= t <= last.
 
     Args:
-        first: us.
-        last: us.
+        first: first time of the noise, us.
+        last: last time of the noise, us.
         key: uint64 of the random stream.
         mean_us: mean time between noise events of the whole sensor, us.
         pixels: number of pixels of the sensor.
@@ -302,7 +302,7 @@ def merge(noise_t, noise_pixel, noise_p, width, events, out):
         noise_t: (m,) int64, times of the noise, us.
         noise_pixel: (m,) int64, pixel numbers, row by row.
         noise_p: (m,) uint8, polarities of the noise.
-        width: px.
+        width: width of the sensor, px.
         events: columns t, x, y and p.
         out: output columns t, x, y and p, as long as both inputs together.
     """
@@ -394,8 +394,8 @@ def ages(last, now, tau, linear, out):
 
     Args:
         last: (pixels,) int64, time of each pixel's last event, `NEVER` without an event.
-        now: us.
-        tau: us.
+        now: time of the surface, us.
+        tau: decay time constant, us.
         linear: decay linearly instead of exponentially.
         out: (pixels,) float.
     """
@@ -444,8 +444,8 @@ def leaked(value, since, now, tau, linear, out):
     Args:
         value: (pixels,) float64.
         since: (pixels,) int64, time at which `value` was last updated.
-        now: us.
-        tau: us.
+        now: time of the surface, us.
+        tau: decay time constant, us.
         linear: decay linearly instead of exponentially.
         out: (pixels,) float.
     """
@@ -576,7 +576,7 @@ def msd(t, tau_us, threshold, v, last, cuts):
     Args:
         t: (n,) int64, us.
         tau_us: decay time constant, us.
-        threshold: events.
+        threshold: sum that makes an event, events.
         v: potential after the events so far.
         last: time of the last event so far, us.
         cuts: (n,) int64, output.

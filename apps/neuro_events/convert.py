@@ -51,8 +51,8 @@ def convert(
             events.
         strict: raise an error at damage. False converts the readable part, with an `EventFileWarning`.
         report: called with the number of events written so far.
-        replace: as for `neuro.events.save`.
-        keep: as for `neuro.events.save`.
+        replace: see `neuro.events.save`.
+        keep: see `neuro.events.save`.
 
     Returns:
         Number of events.
@@ -70,12 +70,12 @@ def read(
 
     Args:
         source: the file, ``-`` for standard input.
-        format: its name, if neither content nor ending shows it.
-        sensor_size: as for `neuro.events.load`.
-        strict: as for `neuro.events.load`.
+        format: name of the format, if neither content nor ending shows it.
+        sensor_size: see `neuro.events.load`.
+        strict: see `neuro.events.load`.
 
     Raises:
-        EventFileError: as for `neuro.events.stream`; also if standard input has no events.
+        EventFileError: see `neuro.events.stream`; also if standard input has no events.
     """
     file, name = named_input(source)
     parts = stream(file, format=format, sensor_size=sensor_size, name=name, strict=strict)
@@ -112,10 +112,10 @@ def write(
     Args:
         parts: the parts, in order.
         target: the file, ``-`` for standard output.
-        format: its name, if the ending does not decide it.
+        format: name of the format, if the ending does not decide it.
         report: called with the number of events written so far.
-        replace: as for `neuro.events.save`.
-        keep: as for `neuro.events.save`.
+        replace: see `neuro.events.save`.
+        keep: see `neuro.events.save`.
         left_out: called with the number of events in a part that the format cannot store. None: such an event is an
             error.
 
@@ -123,7 +123,7 @@ def write(
         Number of events.
 
     Raises:
-        EventFileError: as for `neuro.events.save`; also for standard output without a format.
+        EventFileError: see `neuro.events.save`; also for standard output without a format.
     """
     n_written = 0
     to_output = os.fspath(target) == STANDARD

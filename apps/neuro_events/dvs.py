@@ -149,7 +149,7 @@ class DVS:
         """Return all events of `watch` as one recording.
 
         Args:
-            images: as for `watch`.
+            images: see `watch`.
         """
         columns = joined_columns(e._columns for e in self.watch(images))
         return Events._trusted(*columns, self.sensor_size, {})
@@ -229,7 +229,7 @@ def dvs_events(
         All events, ordered by time.
 
     Raises:
-        ModelError: as for `DVS.see`.
+        ModelError: see `DVS.see`.
     """
     stack, times = np.asarray(images), np.asarray(t_us)
     if stack.ndim != 3 or times.shape != stack.shape[:1]:
@@ -308,7 +308,7 @@ class DVSParameters:
         if self.linear_below == 0.0 and self.floor < 1e-9:
             raise ModelError(
                 f"linear_below is 0 and floor is {self.floor}, expected at least 1e-9 of one",
-                hint="the log of black is not finite",
+                hint="raise one of them, because the log of black is infinite",
             )
 
     @classmethod
@@ -349,7 +349,7 @@ def shares(image: Image) -> npt.NDArray[np.float64]:
     """Convert an image's intensities to shares of full scale.
 
     Args:
-        image: as for `DVS.see`.
+        image: see `DVS.see`.
     """
     top = float(np.iinfo(str(image.dtype)).max) if image.dtype.kind == "u" else 1.0
     return np.asarray(image, np.float64) / top

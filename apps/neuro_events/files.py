@@ -79,11 +79,11 @@ def size_of(source: FileInput, *, format: str | None = None, name: str | None = 
 
     Args:
         source: a path, bytes, or an open binary file.
-        format: as for `load`.
-        name: as for `load`.
+        format: see `load`.
+        name: see `load`.
 
     Raises:
-        EventFileError: as for `load`, for the part that is read.
+        EventFileError: see `load`, for the part that is read.
     """
     with opened(source, format, name) as file:
         return file.sensor_size or file.scanned(BLOCK)
@@ -116,17 +116,17 @@ def stream(
         count: events per part; the last part may be shorter. With neither, the parts follow the blocks of the file.
         start_us: first time, us; earlier events are dropped.
         stop_us: end time, us; events at or after it are dropped.
-        format: as for `load`.
-        sensor_size: as for `load`.
-        name: as for `load`.
-        strict: as for `load`.
+        format: see `load`.
+        sensor_size: see `load`.
+        name: see `load`.
+        strict: see `load`.
 
     Yields:
         Events in the order of time.
 
     Raises:
         ModelError: an argument is invalid, or both `window_us` and `count` are given. Raised by the call itself.
-        EventFileError: as for `load`, when the damage is reached; also if time runs back, or if more than 10^6 windows
+        EventFileError: see `load`, when the damage is reached; also if time runs back, or if more than 10^6 windows
             in a row have no events.
     """
     check_input(source)

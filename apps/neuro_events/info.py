@@ -104,8 +104,8 @@ def info(
 
     Args:
         source: a path, the bytes of a file, or an open binary file such as standard input.
-        format: its name, if neither content nor ending shows it.
-        sensor_size: as for `neuro.events.load`.
+        format: name of the format, if neither content nor ending shows it.
+        sensor_size: see `neuro.events.load`.
         name: name of bytes or of an open file.
         report: called with the number of events read so far.
 
@@ -140,17 +140,17 @@ def info(
         out.active_pixels, hot = pixels.active(), pixels.hot()
         out.hot, out.hot_pixels = hot[:HOT], len(hot)
         out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
-        out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in caught]
+        out.damage = [str(warning.message).removeprefix(f"{file.name}: ") for warning in caught]
         out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in OWN_METADATA}
     return out
 
 
 def _add(out: Info, t: npt.NDArray[np.int64], p: npt.NDArray[np.uint8]) -> None:
-    before = np.concatenate((t[:1] if out.stop_us is None else np.array([out.stop_us], np.int64), t[:-1]))
-    pauses = t.view(np.uint64) - before.view(np.uint64)  # unsigned, so that gaps of more than 2^63 us are right
+    previous = np.concatenate((t[:1] if out.stop_us is None else np.array([out.stop_us], np.int64), t[:-1]))
+    pauses = t.view(np.uint64) - previous.view(np.uint64)  # unsigned, so that gaps of more than 2^63 us are right
     longest = np.argsort(~pauses, kind="stable")[:GAPS]
-    more = [(int(t[k]) - int(pauses[k]), int(pauses[k])) for k in longest if pauses[k]]
-    out.gaps = sorted(out.gaps + more, key=lambda gap: -gap[1])[:GAPS]
+    gaps = [(int(t[k]) - int(pauses[k]), int(pauses[k])) for k in longest if pauses[k]]
+    out.gaps = sorted(out.gaps + gaps, key=lambda gap: -gap[1])[:GAPS]
     out.start_us = int(t[0]) if out.start_us is None else out.start_us
     out.stop_us = int(t[-1])
     out.events += t.size
@@ -170,11 +170,11 @@ class _Pixels:
         self._grow(*size)
 
     def _grow(self, width: int, height: int) -> None:
-        more = max(0, height - self.height), max(0, width - self.width)
-        if any(more):
-            self.width, self.height = self.width + more[1], self.height + more[0]
-            after = ((0, more[0]), (0, more[1]))
-            self._counts = np.pad(self._counts, after) if self._counted else np.zeros((0, 0), np.int64)
+        growth = max(0, height - self.height), max(0, width - self.width)
+        if any(growth):
+            self.width, self.height = self.width + growth[1], self.height + growth[0]
+            padding = ((0, growth[0]), (0, growth[1]))
+            self._counts = np.pad(self._counts, padding) if self._counted else np.zeros((0, 0), np.int64)
 
     @property
     def _counted(self) -> bool:

@@ -94,8 +94,8 @@ class Checker:
 
     def _fault(self, piece: Piece, k: int, off: bool) -> str:
         if not off:
-            before = int(piece.t[k - 1]) if k else self._last
-            return f"time runs back from {before} to {piece.t[k]} us; load(..., sort=True) sorts the events"
+            previous = int(piece.t[k - 1]) if k else self._last
+            return f"time runs back from {previous} to {piece.t[k]} us; load(..., sort=True) sorts the events"
         assert self.size is not None
         width, height = self.size
         name, value, limit = ("x", piece.x[k], width) if piece.x[k] >= width else ("y", piece.y[k], height)
@@ -104,8 +104,8 @@ class Checker:
     def warn(self) -> None:
         """Warn about the number of dropped events."""
         if self._n_dropped:
-            what = f"dropped {self._n_dropped} of {self._n_events} events: off the sensor or back in time"
-            warnings.warn(f"{self.path}: {what}", EventFileWarning, stacklevel=3)
+            message = f"dropped {self._n_dropped} of {self._n_events} events: off the sensor or back in time"
+            warnings.warn(f"{self.path}: {message}", EventFileWarning, stacklevel=3)
 
 
 def joined(pieces: list[Columns], sort: bool) -> Columns:
@@ -193,8 +193,8 @@ class Opened:
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             if self.format.open.__module__.startswith("neuro."):
                 raise  # a defect of this library, not of a third-party format
-            what = f"its format '{self.format.name}' fails: {type(error).__name__}: {error}"
-            raise EventFileError(self.name, what) from error
+            message = f"its format '{self.format.name}' fails: {type(error).__name__}: {error}"
+            raise EventFileError(self.name, message) from error
 
     def can_seek(self) -> bool:
         """Return whether the reader can start at a time without reading the events before."""
@@ -207,8 +207,8 @@ class Opened:
             EventFileError: the source can be read only once, and the caller reads the file again.
         """
         if self.source.size is None:
-            what = "the file does not state its sensor, and a pipe cannot be read twice to determine the sensor"
-            raise EventFileError(self.name, f"{what}: give sensor_size=(width, height), or --sensor WxH")
+            message = "the file does not state its sensor, and a pipe cannot be read twice to determine the sensor"
+            raise EventFileError(self.name, f"{message}: give sensor_size=(width, height), or --sensor WxH")
         checker = Checker(self.name, None, strict=False, sort=False)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", EventFileWarning)  # the second reading reports the damage
@@ -221,7 +221,7 @@ def opened(source: FileInput, format: str | None, name: str | None, size: tuple[
 
     Args:
         source: a path, bytes, or an open binary file.
-        format: its name, if neither content nor ending shows it.
+        format: name of the format, if neither content nor ending shows it.
         name: name for messages.
         size: width and height of the sensor from the user, px.
 

@@ -99,21 +99,21 @@ def windowed(
     Raises:
         ModelError: more than `MAX_OUTSIDE` of the events in the time span lie outside the window.
     """
-    since = events.t - (events.t[0] if len(events.t) else 0) - round(1000.0 * start)
-    in_span = (since >= 0) & (since < round(1000.0 * duration))
+    elapsed = events.t - (events.t[0] if len(events.t) else 0) - round(1000.0 * start)
+    in_span = (elapsed >= 0) & (elapsed < round(1000.0 * duration))
     first_column, first_row = at or (
         _first_line(each[in_span], side) for each, side in zip((events.x, events.y), size, strict=True)
     )
     x, y = events.x.astype(np.int64) - first_column, events.y.astype(np.int64) - first_row
-    inside = (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1])
-    outside, total = int((in_span & ~inside).sum()), int(in_span.sum())
-    if outside > MAX_OUTSIDE * total:
+    is_inside = (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1])
+    n_outside, total = int((in_span & ~is_inside).sum()), int(in_span.sum())
+    if n_outside > MAX_OUTSIDE * total:
         window = f"the window of {size[0]}x{size[1]} px at {first_column},{first_row}"
-        message = f"{name}: {outside} of {total} events lie outside of {window}"
+        message = f"{name}: {n_outside} of {total} events lie outside of {window}"
         hint = "another window, a larger scale or population of pixels, or recordings without noise"
         raise ModelError(f"{message}: expected at most {MAX_OUTSIDE:.0%}", hint=hint)
-    places = x[inside].astype(np.uint16), y[inside].astype(np.uint16)
-    return Events(events.t[inside], *places, events.p[inside], size)
+    positions = x[is_inside].astype(np.uint16), y[is_inside].astype(np.uint16)
+    return Events(events.t[is_inside], *positions, events.p[is_inside], size)
 
 
 def _first_line(lines: npt.NDArray[np.uint16], side: int) -> int:

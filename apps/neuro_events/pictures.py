@@ -106,9 +106,9 @@ def gif(
     width, height = first[0].sensor_size
     scale = scale or max(1, -(-TALL // max(width, height)))
     if max(width, height) * scale > (LARGEST if scale == 1 else LARGEST_SCALED):
-        most = f"{LARGEST} px, or {LARGEST_SCALED} px enlarged"
+        limit = f"{LARGEST} px, or {LARGEST_SCALED} px enlarged"
         raise ModelError(
-            f"scale = {scale}: the picture has {width * scale}x{height * scale} px, expected at most {most}"
+            f"scale = {scale}: the picture has {width * scale}x{height * scale} px, expected at most {limit}"
         )
     frames = _Frames(windows(chain(first, remaining), window_us, path=name), (width, height))
 
@@ -266,16 +266,16 @@ def page(events: Events, title: str, total: int, step: int) -> str:
         total: number of events in the recording.
         step: one of every `step` events is shown.
     """
-    since = events.t - events.t[0]
-    unit = 1 + int(since[-1]) // (1 << 32)
-    bars, _ = np.histogram(since, BARS, (0, max(1, int(since[-1]))))
+    elapsed = events.t - events.t[0]
+    unit = 1 + int(elapsed[-1]) // (1 << 32)
+    bars, _ = np.histogram(elapsed, BARS, (0, max(1, int(elapsed[-1]))))
     data: dict[str, Any] = {
         "width": events.sensor_size[0], "height": events.sensor_size[1], "unit": unit, "start": str(events.t[0]),
-        "t": _base64(since // unit, "<u4"), "x": _base64(events.x, "<u2"), "y": _base64(events.y, "<u2"),
+        "t": _base64(elapsed // unit, "<u4"), "x": _base64(events.x, "<u2"), "y": _base64(events.y, "<u2"),
         "p": _base64(events.p, "u1"), "bars": bars.tolist(), "step": step,
     }  # fmt: skip
     width, height = events.sensor_size
-    seconds = int(since[-1]) / 1e6
+    seconds = int(elapsed[-1]) / 1e6
     summary = f"{total:,} events, {width}×{height} px, {seconds:,.3f} s"
     if step > 1:
         summary += f" · 1 of every {step:,} events is shown ({len(events):,})"

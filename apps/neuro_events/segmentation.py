@@ -166,7 +166,7 @@ class TimeWindows(Cutter):
         if n > MOST:
             raise ModelError(
                 f"window_us is {self._window}: {n} windows from {begin} to {t[-1]} us, expected at most {MOST}",
-                hint="is the window in us, and are the times those of one recording?",
+                hint="check that the window is in us, and that all times are from one recording",
             )
         ends = self._n_events + np.searchsorted(t, begin + self._window * np.arange(1, n + 1)).astype(np.int64)
         self._begin = begin + n * self._window

@@ -84,8 +84,8 @@ class Source:
         """Return up to `count` bytes from the beginning without consuming them."""
         if self._file is None:
             return self._bytes[:count].tobytes()
-        while len(self._head) < count and (more := self._file.read(count - len(self._head))):
-            self._head += more
+        while len(self._head) < count and (chunk := self._file.read(count - len(self._head))):
+            self._head += chunk
         return self._head[:count]
 
     def all(self) -> Bytes:
@@ -115,11 +115,11 @@ class Source:
             yield start, self.all()[start:]
             return
         self.head(start)
-        rest, at = self._read(self._head[start:], size), start
-        while rest:
-            yield at, np.frombuffer(rest[:size], np.uint8)
-            at += min(size, len(rest))
-            rest = self._read(rest[size:], size)
+        unread, at = self._read(self._head[start:], size), start
+        while unread:
+            yield at, np.frombuffer(unread[:size], np.uint8)
+            at += min(size, len(unread))
+            unread = self._read(unread[size:], size)
 
     def samples(self, start: int, step: int, size: int) -> Iterator[tuple[int, Bytes]]:
         """Yield samples of the bytes at equal distances, each with its offset. The size of the file must be known.
@@ -150,8 +150,8 @@ class Source:
     def _read(self, data: bytes, size: int) -> bytes:
         """Extend `data` to `size` bytes, or to the end of the file."""
         assert self._file is not None
-        while len(data) < size and (more := self._file.read(size - len(data))):
-            data += more
+        while len(data) < size and (chunk := self._file.read(size - len(data))):
+            data += chunk
         return data
 
 
@@ -209,8 +209,8 @@ def check_input(source: object) -> None:
     if isinstance(source, str | os.PathLike):
         file_path(source, "source")
     elif not isinstance(source, bytes | bytearray | memoryview) and not callable(getattr(source, "read", None)):
-        what = "expected a path, the bytes of a file, or an open binary file"
-        raise ModelError(f"source is {source!r:.60}, {what}")
+        expected = "expected a path, the bytes of a file, or an open binary file"
+        raise ModelError(f"source is {source!r:.60}, {expected}")
 
 
 class EventFileWarning(UserWarning):

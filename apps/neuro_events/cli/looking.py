@@ -110,8 +110,8 @@ def _counts(summary: Info, pixels: int) -> list[tuple[str, str]]:
         return [*rows, ("pixels", f"not counted, since there are {pixels:,}")]
     rows.append(("pixels", f"{summary.active_pixels:,} of {pixels:,} have events"))
     hot = ", ".join(f"({x}, {y}): {n:,}" for x, y, n in summary.hot) or "none"
-    more = summary.hot_pixels - len(summary.hot)
-    rows.append(("hot pixels", hot + (f" and {more} more" if more > 0 else "")))
+    n_more = summary.hot_pixels - len(summary.hot)
+    rows.append(("hot pixels", hot + (f" and {n_more} more" if n_more > 0 else "")))
     return rows
 
 
@@ -170,7 +170,7 @@ def _summarise_generic(source: FileInput, name: str) -> tuple[dict[str, Any], li
     facts: dict[str, Any] = {
         "path": name, "format": "event_stream", "type": "generic", "events": len(events), "start_us": start,
         "stop_us": stop, "smallest_bytes": min(sizes, default=None), "largest_bytes": max(sizes, default=None),
-        "total_bytes": sum(sizes), "damage": [str(one.message).removeprefix(f"{name}: ") for one in damage],
+        "total_bytes": sum(sizes), "damage": [str(fault.message).removeprefix(f"{name}: ") for fault in damage],
     }  # fmt: skip
     rows = [("file", name), ("format", "Event Stream, generic: a time and some bytes per event, no pixels")]
     rows.append(("events", f"{len(events):,}"))
@@ -184,9 +184,9 @@ def _summarise_generic(source: FileInput, name: str) -> tuple[dict[str, Any], li
 
 def _excerpt(content: bytes) -> str:
     """Return the beginning of the content, as text if printable, else in hexadecimal."""
-    more = " ..." if len(content) > SHOWN else ""
+    ellipsis = " ..." if len(content) > SHOWN else ""
     text = content[:SHOWN].decode("utf-8", "replace")
-    return (repr(text) if text.isprintable() and "\ufffd" not in text else content[:SHOWN].hex(" ")) + more
+    return (repr(text) if text.isprintable() and "\ufffd" not in text else content[:SHOWN].hex(" ")) + ellipsis
 
 
 def formats() -> None:

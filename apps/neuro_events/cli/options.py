@@ -118,12 +118,12 @@ def parameters_of(part: Any) -> dict[str, str]:
     """Return each parameter but the first as text: name, default, and unit unless in the name, e.g. "tau=0.08 s"."""
     from dataclasses import fields, is_dataclass
 
-    own = fields(part) if is_dataclass(part) else ()
-    units = {f.name: f.metadata["quantity"].unit for f in own if "quantity" in f.metadata}
+    names = fields(part) if is_dataclass(part) else ()
+    units = {f.name: f.metadata["quantity"].unit for f in names if "quantity" in f.metadata}
     units |= dict(getattr(part, "units", {}))
     _, *others = inspect.signature(part).parameters.values()
-    words = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
-    documented = {name: text for name, text in words.items() if name not in _ONLY_IN_PYTHON}
+    texts = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
+    documented = {name: text for name, text in texts.items() if name not in _ONLY_IN_PYTHON}
     return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in documented.items()}
 
 

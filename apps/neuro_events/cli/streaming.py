@@ -100,8 +100,8 @@ def listen(
 
         def left_out(count: int) -> None:
             if not dropped:
-                what = "cannot store the time or position of an event; such events are dropped and counted"
-                typer.echo(f"{target}: the format {what}. .aedat4 and .h5 have wider ranges", err=True)
+                problem = "cannot store the time or position of an event; such events are dropped and counted"
+                typer.echo(f"{target}: the format {problem}. .aedat4 and .h5 have wider ranges", err=True)
             dropped.append(count)
 
         parts = _received_parts(stopped, stream, math.inf if duration is None else begin + duration / 1000.0, bar)
@@ -131,8 +131,8 @@ def _print_counts(stream: Listener, seconds: float, err: bool, no_room: int = 0)
     pieces = "pieces" if stream.format == "aedat4" else "datagrams"
     received = f"{counts.events:,} events in {counts.datagrams:,} {pieces}, {seconds:.1f} s"
     lost_counts = counts.lost | ({"no_room": no_room} if no_room else {})
-    lost = "".join(f"; {name.replace('_', ' ')}: {count:,}" for name, count in lost_counts.items())
-    typer.echo(f"{stream.url}: {received}{lost}", err=err)
+    losses = "".join(f"; {name.replace('_', ' ')}: {count:,}" for name, count in lost_counts.items())
+    typer.echo(f"{stream.url}: {received}{losses}", err=err)
 
 
 Speed = Annotated[

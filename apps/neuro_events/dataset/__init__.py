@@ -95,9 +95,9 @@ class Dataset(Sequence[tuple[Any, int]]):
             self.classes, self.samples, self.layout = listing.classes, tuple(listing), listing.layout
 
     def _with(self, **changed: Any) -> Self:
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__ | changed)
-        return other
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__ | changed)
+        return copy
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -220,8 +220,8 @@ class Dataset(Sequence[tuple[Any, int]]):
         Args:
             transform: function of events, such as a representation. Applied after earlier transforms.
         """
-        before = self._transform
-        return self._with(_transform=transform if before is None else _Composed(before, transform))
+        previous = self._transform
+        return self._with(_transform=transform if previous is None else _Composed(previous, transform))
 
     def cached(self, path: str | os.PathLike[str] | None = None, *, jobs: int | None = None) -> Self:
         """Return the same samples with a cache, so that each is decoded once.

@@ -189,7 +189,7 @@ class LayoutItem:
         file: file that contains the recording.
         label: name of its class.
         span_us: first us and end (exclusive) of the recording. None: the complete file.
-        part: its part, in lower case, if a list states it.
+        part: part of the recording, in lower case, if a list states it.
     """
 
     name: str
@@ -225,8 +225,8 @@ def recordings_in(files: Files) -> list[str]:
     """Return the names of event files, of tables only if there are no others."""
     endings = tuple(suffix for f in FORMATS.values() for suffix in f.suffixes)
     events = [name for name in files if name.lower().endswith(endings)]
-    others = [name for name in events if not name.lower().endswith(TABLES)]
-    return others or [name for name in events if PurePosixPath(name).parent.name]
+    other_files = [name for name in events if not name.lower().endswith(TABLES)]
+    return other_files or [name for name in events if PurePosixPath(name).parent.name]
 
 
 def _find_in_folders(where: str, files: Files) -> list[LayoutItem]:
@@ -325,7 +325,7 @@ def gestures(where: str, files: Files) -> list[LayoutItem]:
 
     Args:
         where: the folder or zip, for messages.
-        files: its files.
+        files: files of the folder or zip.
 
     Raises:
         EventFileError: a table is invalid; the message names the line.
@@ -403,7 +403,7 @@ def layout_of(where: str, files: Files, name: str | None = None) -> Layout:
 
     Args:
         where: the folder or zip, for messages.
-        files: its files.
+        files: files of the folder or zip.
         name: name of the layout. None: detected.
 
     Raises:

@@ -213,9 +213,9 @@ class Recordings(Sequence[Sample]):
                 first = next(item.path for item in self if item.label == UNKNOWN)
                 raise ModelError(f"folds({n}): the class of {first} is unknown, expected one for each")
             if count < n:
-                has = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
+                found = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
                 hint = "every fold needs at least one recording of each class"
-                raise ModelError(f"folds({n}): {has}, expected at least {n}", hint=hint)
+                raise ModelError(f"folds({n}): {found}, expected at least {n}", hint=hint)
 
     def sensor_size(self, *, setting: str = "sensor_size=(width, height), or --sensor WxH") -> tuple[int, int]:
         """Return the width and height of the largest sensor of the recordings, px.
@@ -235,8 +235,8 @@ class Recordings(Sequence[Sample]):
             raise ModelError(f"{self!r}: has no recording, expected at least one to determine the sensor")
         sensors = [(*item.sensor(), item.name) for item in self]
         width, height = (max(size[axis] for size, _, _ in sensors) for axis in (0, 1))
-        if what := _sensor_doubt(sensors):
-            text = f"{self.path}: {what}: assuming {_size_text((width, height))}, which contains every event"
+        if doubt := _sensor_doubt(sensors):
+            text = f"{self.path}: {doubt}: assuming {_size_text((width, height))}, which contains every event"
             warnings.warn(f"{text}; {setting} sets another", EventFileWarning, stacklevel=2)
         return width, height
 
@@ -407,12 +407,12 @@ def _items_of_part(
     if part is None:
         return items
     name_of_part = part.lower()
-    if inside := [item for item in items if layout.in_part(item, name_of_part)]:
-        return inside
+    if members := [item for item in items if layout.in_part(item, name_of_part)]:
+        return members
     by_part = {name: [item for item in items if layout.in_part(item, name)] for name in PARTS}
-    only = [name for name in PARTS if len(by_part[name]) == len(items)]
-    if only and whole:
-        warnings.warn(f"{where}: has only the part '{only[0]}', used as {part!r}", EventFileWarning, stacklevel=4)
+    present = [name for name in PARTS if len(by_part[name]) == len(items)]
+    if present and whole:
+        warnings.warn(f"{where}: has only the part '{present[0]}', used as {part!r}", EventFileWarning, stacklevel=4)
         return items
     if any(by_part.values()):
         raise EventFileError(where, f"no recordings in a folder {part!r}")

@@ -114,9 +114,9 @@ class Filter(ABC):
 
     def finish(self) -> Events:
         """End the recording: return the remaining events, and reset the filter."""
-        rest = self._rest()
+        remaining = self._rest()
         self.reset()
-        return rest
+        return remaining
 
     def apply(self, events: Events) -> Events:
         """Reset the filter, and filter a complete recording.
@@ -126,8 +126,8 @@ class Filter(ABC):
         """
         self.reset()
         first = self(events)
-        rest = self.finish()
-        return joined_parts([first, rest]) if len(rest) else first
+        remaining = self.finish()
+        return joined_parts([first, remaining]) if len(remaining) else first
 
     def stream(self, parts: Iterable[Events]) -> Iterator[Events]:
         """Reset the filter, and filter the parts of one recording.
@@ -141,9 +141,9 @@ class Filter(ABC):
         self.reset()
         for part in parts:
             yield self(part)
-        rest = self.finish()
-        if len(rest):
-            yield rest
+        remaining = self.finish()
+        if len(remaining):
+            yield remaining
 
     def fresh(self) -> Self:
         """Return a new filter with the same parameters and an empty state, for another recording at the same time."""
@@ -189,9 +189,9 @@ def complete(kind: type[Filter]) -> type[Filter]:
     """
     if missing := sorted(kind.__abstractmethods__):
         raise TypeError(f"filter '{kind.called()}' has no method '{missing[0]}'")
-    parameters = {one.name for one in fields(kind)}
-    own = (name for name, what in get_annotations(kind).items() if "ClassVar" not in str(what))
-    if undeclared := [name for name in own if name not in parameters]:
+    parameters = {field.name for field in fields(kind)}
+    annotated = (name for name, what in get_annotations(kind).items() if "ClassVar" not in str(what))
+    if undeclared := [name for name in annotated if name not in parameters]:
         above = "expected @dataclass(frozen=True, eq=False) above the class"
         raise TypeError(f"filter '{kind.called()}': '{undeclared[0]}' is no parameter: {above}")
     return kind
@@ -254,13 +254,13 @@ class Chain(Filter):
     def _check(self) -> None:
         self._expect(len(self.filters) > 0, "filters", self.filters, "at least one")
         size = self.sensor_size
-        for k, one in enumerate(self.filters):
-            if not isinstance(one, Filter):
-                raise FilterError(f"Chain: filter {k} is {one!r}, expected a filter such as TAR((346, 260))")
-            if one.sensor_size != size:
-                (w, h), (width, height) = one.sensor_size, size
-                raise FilterError(f"Chain: filter {k}, {type(one).__name__}, is for {w}x{h}, expected {width}x{height}")
-            size = one.out_size
+        for k, f in enumerate(self.filters):
+            if not isinstance(f, Filter):
+                raise FilterError(f"Chain: filter {k} is {f!r}, expected a filter such as TAR((346, 260))")
+            if f.sensor_size != size:
+                (w, h), (width, height) = f.sensor_size, size
+                raise FilterError(f"Chain: filter {k}, {type(f).__name__}, is for {w}x{h}, expected {width}x{height}")
+            size = f.out_size
 
     @property
     def out_size(self) -> Size:
@@ -268,20 +268,20 @@ class Chain(Filter):
         return self.filters[-1].out_size
 
     def _fresh(self) -> State:
-        return tuple(one.fresh() for one in self.filters)
+        return tuple(part.fresh() for part in self.filters)
 
     def _part(self, events: Events) -> Events:
-        for one in self._state:
-            events = one(events)
+        for part in self._state:
+            events = part(events)
         return events
 
     def _rest(self) -> Events:
-        rest: Events | None = None
+        remaining: Events | None = None
         for one in self._state:
-            filtered = [] if rest is None else [one(rest)]
+            filtered = [] if remaining is None else [one(remaining)]
             parts = [part for part in (*filtered, one.finish()) if len(part)]
-            rest = joined_parts(parts) if parts else None
-        return super()._rest() if rest is None else rest
+            remaining = joined_parts(parts) if parts else None
+        return super()._rest() if remaining is None else remaining
 
 
 def chain(*filters: Filter) -> Chain:

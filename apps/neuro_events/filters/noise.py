@@ -85,10 +85,10 @@ class HotPixels(Sieve):
         object.__setattr__(self, "pixels", positions)
 
     def _fresh(self) -> State:
-        good = np.ones((self.sensor_size[1], self.sensor_size[0]), np.bool_)
+        is_good = np.ones((self.sensor_size[1], self.sensor_size[0]), np.bool_)
         x, y = np.asarray(self.pixels).T
-        good[y, x] = False
-        return (good,)
+        is_good[y, x] = False
+        return (is_good,)
 
     def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
         kernels.look_up(events.x, events.y, self._state[0], keep)
@@ -131,7 +131,7 @@ def busier_than_neighbours(counts: npt.NDArray[np.int64], times: float = 10.0) -
 
     Args:
         counts: (height, width) events of each pixel.
-        times: as for `hot_pixels`.
+        times: see `hot_pixels`.
 
     Returns:
         (height, width) True for hot pixels.

@@ -120,13 +120,13 @@ class Crop(Sieve):
                 keep &= values < sides[1]
 
     def _part(self, events: Events) -> Events:
-        inside = super()._part(events)
+        cropped = super()._part(events)
         if not self.move:
-            return inside
+            return cropped
         assert self.x is not None
         assert self.y is not None
-        x, y = inside.x - np.uint16(self.x[0]), inside.y - np.uint16(self.y[0])
-        return self._of(events, (inside.t, x, y, inside.p))
+        x, y = cropped.x - np.uint16(self.x[0]), cropped.y - np.uint16(self.y[0])
+        return self._of(events, (cropped.t, x, y, cropped.p))
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,15 +197,15 @@ class Shift(Filter):
         return (self.by_us if self.to_us is None else None,)
 
     def _part(self, events: Events) -> Events:
-        (by,) = self._state
-        if by is None:
+        (offset,) = self._state
+        if offset is None:
             assert self.to_us is not None
-            by = self.to_us - int(events.t[0])
-            self._hold(by)
+            offset = self.to_us - int(events.t[0])
+            self._hold(offset)
         for end in (int(events.t[0]), int(events.t[-1])):
-            if not -(1 << 63) <= end + by < 1 << 63 or abs(by) >= 1 << 63:
-                raise FilterError(f"Shift: {end} us moved by {by} us, expected a time within 64 bits")
-        return self._of(events, (events.t + np.int64(by), events.x, events.y, events.p))
+            if not -(1 << 63) <= end + offset < 1 << 63 or abs(offset) >= 1 << 63:
+                raise FilterError(f"Shift: {end} us moved by {offset} us, expected a time within 64 bits")
+        return self._of(events, (events.t + np.int64(offset), events.x, events.y, events.p))
 
 
 EXACT = 1 << 53

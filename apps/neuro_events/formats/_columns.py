@@ -75,13 +75,13 @@ def find_names(names: Iterable[str]) -> Names | None:
     matches: dict[str, str] = {}
     unit = None
     for name in names:
-        words = [word for word in re.findall("[a-zµ]+", name.lower().replace("µ", "u")) if not word.startswith("ev")]
-        field = next((key for key, all_ in NAMES.items() if words and words[0] in all_), None)
-        if field is None or field in matches or (len(words) > 1 and not (field == "t" and words[-1] in UNITS)):
+        parts = [word for word in re.findall("[a-zµ]+", name.lower().replace("µ", "u")) if not word.startswith("ev")]
+        field = next((key for key, all_ in NAMES.items() if parts and parts[0] in all_), None)
+        if field is None or field in matches or (len(parts) > 1 and not (field == "t" and parts[-1] in UNITS)):
             continue
         matches[field] = name
-        if len(words) > 1:
-            unit = UNITS[words[-1]]
+        if len(parts) > 1:
+            unit = UNITS[parts[-1]]
     return Names(**matches, unit=unit) if len(matches) == len(NAMES) else None
 
 
@@ -219,16 +219,16 @@ Fault = tuple[int, str]
 def _time_fault(t: Array, unit: int) -> Fault | None:
     limit = _LIMIT / 10.0 ** max(unit, 0)
     if t.dtype.kind == "f":
-        bad = ~(np.abs(t) < limit) | ((t != np.rint(t)) & (unit == US))
+        is_bad = ~(np.abs(t) < limit) | ((t != np.rint(t)) & (unit == US))
     elif t.dtype.kind in "iu":
         if unit <= 0 and np.can_cast(t.dtype, np.int64):
             return None
-        bad = (t >= int(limit)) | (t <= -int(limit) if t.dtype.kind == "i" else False)
+        is_bad = (t >= int(limit)) | (t <= -int(limit) if t.dtype.kind == "i" else False)
     else:
         return (0, f"t has type {t.dtype}, expected numbers") if t.size else None
-    if not bad.any():
+    if not is_bad.any():
         return None
-    k = int(bad.argmax())
+    k = int(is_bad.argmax())
     return k, f"t is {t[k]}, expected {'a whole number of us' if unit == US else 'a time'} below 2^63 us"
 
 
@@ -252,7 +252,7 @@ def _first_outside(values: Array, low: int, high: int) -> int | None:
         return 0
     if values.dtype.kind != "f" and low <= int(values.min()) and int(values.max()) <= high:
         return None
-    bad = ~((values >= low) & (values <= high))
+    is_bad = ~((values >= low) & (values <= high))
     if values.dtype.kind == "f":
-        bad |= values != np.rint(values)
-    return int(bad.argmax()) if bad.any() else None
+        is_bad |= values != np.rint(values)
+    return int(is_bad.argmax()) if is_bad.any() else None

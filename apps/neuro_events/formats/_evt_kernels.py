@@ -264,14 +264,14 @@ def decode21(upper, data, state, t, x, y, p):
         upper: position of the half of a word with kind, time, column and row, 0 or 1. The other half is the bit mask of
             pixels with an event.
         data: (n,) uint8.
-        state: as for the layout of EVT 2.0.
+        state: see the layout of EVT 2.0.
         t: (`capacity21`,) int64, output, as are the other columns.
         x: uint16.
         y: uint16.
         p: uint8.
 
     Returns:
-        As the decoder of a layout, see `Decoder.decode`.
+        See `Decoder.decode`.
     """
     n = 0
     x_max = U(0)

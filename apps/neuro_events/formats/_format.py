@@ -106,11 +106,11 @@ class Seeker(Reader, Protocol):
         """Yield the pieces of `pieces` without some at the beginning.
 
         Args:
-            block: as for `pieces`.
+            block: see `pieces`.
             start_us: in an intact file all events of the omitted pieces are earlier than this time, us.
 
         Raises:
-            Damage: as `pieces`, for the part that is read.
+            Damage: see `pieces`, for the part that is read.
         """
 
 
@@ -146,8 +146,8 @@ class Format:
         write: function that writes the parts of one recording to a new path; raises `Unsavable`. None: read only.
         usual: sensor to assume if the file states none and all events fit.
         larger: sensors to try after `usual`, in this order.
-        inside: as `open`, for one of several recordings in a file. The second argument is the place of the recording:
-            the part after the colon in ``load(..., format="hdf5:/davis/left")``. None: no places.
+        inside: function like `open` for one of several recordings in a file. The second argument is the place of the
+            recording: the part after the colon in ``load(..., format="hdf5:/davis/left")``. None: no places.
         guesses: True if `knows` has no signature to check, as for plain text. Such formats are tried last.
         holds: function (events, time of the event before them or None) -> (n,) bool, True for the events that `write`
             can store. None: all events.
@@ -176,16 +176,16 @@ def complete(part: Format) -> Format:
     Raises:
         TypeError: an attribute is unusable.
     """
-    what = f"event format {part.name!r:.40}"
+    label = f"event format {part.name!r:.40}"
     if not isinstance(part.name, str) or not part.name or set(part.name) & set(": /"):
-        raise TypeError(f"{what}: expected a name without ':', '/' and spaces")
+        raise TypeError(f"{label}: expected a name without ':', '/' and spaces")
     endings = part.suffixes
     if not isinstance(endings, tuple) or not all(isinstance(e, str) and e[:1] == "." for e in endings):
-        raise TypeError(f"{what}: suffixes = {endings!r:.60}: expected endings with a dot, such as ('.mine',)")
+        raise TypeError(f"{label}: suffixes = {endings!r:.60}: expected endings with a dot, such as ('.mine',)")
     if any(ending != ending.lower() for ending in endings):
-        raise TypeError(f"{what}: suffixes = {endings!r:.60}: expected lower case, which matches names in any case")
+        raise TypeError(f"{label}: suffixes = {endings!r:.60}: expected lower case, which matches names in any case")
     if not callable(part.knows) or not callable(part.open):
-        raise TypeError(f"{what}: expected two functions, knows(head) and open(source)")
+        raise TypeError(f"{label}: expected two functions, knows(head) and open(source)")
     return part
 
 
@@ -284,8 +284,8 @@ def in_order(parts: Iterator[Events]) -> Iterator[tuple[int, Events]]:
     for part in parts:
         size = size or part.sensor_size
         if part.sensor_size != size:
-            has, had = (f"{width}x{height}" for width, height in (part.sensor_size, size))
-            raise Unsavable(f"its sensor is {has}, expected {had} as in the first part", n_before)
+            actual, expected = (f"{width}x{height}" for width, height in (part.sensor_size, size))
+            raise Unsavable(f"its sensor is {actual}, expected {expected} as in the first part", n_before)
         if len(part):
             if part.t[0] < last:
                 raise Unsavable(f"time runs back from {last} to {part.t[0]} us", n_before)
@@ -304,9 +304,9 @@ def held(parts: Iterable[Events], format: Format, left_out: Callable[[int], None
     """
     last = None
     for part in parts:
-        if format.holds is not None and len(part) and not (fits := format.holds(part, last)).all():
-            left_out(int(np.count_nonzero(~fits)))
-            part = part[fits]
+        if format.holds is not None and len(part) and not (is_storable := format.holds(part, last)).all():
+            left_out(int(np.count_nonzero(~is_storable)))
+            part = part[is_storable]
         if len(part):
             last = int(part.t[-1])
         yield part
@@ -333,8 +333,8 @@ class Limits(NamedTuple):
 
     def outside(self, events: Events) -> npt.NDArray[np.bool_]:
         """Return True for events at positions that cannot be stored."""
-        off: npt.NDArray[np.bool_] = (events.x >= self.columns) | (events.y >= (self.rows or self.columns))
-        return off if self.reserved < 0 else off | (events.y == self.reserved)
+        is_off: npt.NDArray[np.bool_] = (events.x >= self.columns) | (events.y >= (self.rows or self.columns))
+        return is_off if self.reserved < 0 else is_off | (events.y == self.reserved)
 
     def holds(self, events: Events, last: int | None = None) -> npt.NDArray[np.bool_]:
         """Return True for events that can be stored; see `Format.holds`."""
@@ -351,12 +351,12 @@ class Limits(NamedTuple):
         Raises:
             Unsavable: an event cannot be stored.
         """
-        when = f"t 0 to {self.times - 1} us" if self.times else "t from 0 us on"
-        where = (
+        times = f"t 0 to {self.times - 1} us" if self.times else "t from 0 us on"
+        positions = (
             f"x 0 to {self.columns - 1}, y 0 to {self.rows - 1}" if self.rows else f"x and y 0 to {self.columns - 1}"
         )
         reserved = f", y not {self.reserved}" if self.reserved >= 0 else ""
-        refuse(events, ~self.holds(events), n_before, f"{when}, {where}{reserved}", self.outside(events))
+        refuse(events, ~self.holds(events), n_before, f"{times}, {positions}{reserved}", self.outside(events))
 
 
 def refuse(

@@ -72,8 +72,8 @@ class OpenRecording:
                 if step > chunk:
                     step = chunk
                     continue
-                what = f"the events from {at} on cannot be read: {one_line(error)}"
-                raise Damage(what, place(self.datasets[0], at)) from None
+                message = f"the events from {at} on cannot be read: {one_line(error)}"
+                raise Damage(message, place(self.datasets[0], at)) from None
             unit = unit_of(columns["t"][:chunk]) if unit is None else unit
             piece, fault = to_piece(columns, unit, at, None)
             yield self._with_offset(piece, at)
@@ -190,16 +190,16 @@ def order_of_table(table: Any) -> str:
         Damage: no order or several orders fit, or the table cannot be read.
     """
     rows, likely = _first_rows(table), _usual_order(table)
-    possible = [one for one in ORDERS if fits(rows, one, in_time=False)]
-    certain = [one for one in possible if fits(rows, one, in_time=True)] or possible
+    possible = [order for order in ORDERS if fits(rows, order, in_time=False)]
+    certain = [order for order in possible if fits(rows, order, in_time=True)] or possible
     if likely in certain:
         return likely
     if len(certain) == 1 or not len(rows):
         return certain[0]
     if not certain:
-        what = "expected t x y p, x y t p or x y p t, with whole coordinates and polarities -1, 0 or 1"
-        raise Damage(f"{table.name} has rows such as {rows[0].tolist()}, {what}", None)
-    names = " or ".join(" ".join(one) for one in certain)
+        message = "expected t x y p, x y t p or x y p t, with whole coordinates and polarities -1, 0 or 1"
+        raise Damage(f"{table.name} has rows such as {rows[0].tolist()}, {message}", None)
+    names = " or ".join(" ".join(order) for order in certain)
     name = f"hdf5:{table.name}:{certain[0]}"
     hint = f"name the order, as in format={name!r} or --from {name}"
     raise Damage(f"the rows of {table.name} may be {names}: {hint}", None)
@@ -474,9 +474,9 @@ def _chunk_fault(dataset: Any) -> Callable[[Any], str]:
     size = math.prod(dataset.chunks) * dataset.dtype.itemsize
 
     def fault(chunk: Any) -> str:
-        used = [kind for k, kind in enumerate(kinds) if not chunk.filter_mask >> k & 1]
-        expected = size + 4 * used.count(FLETCHER)
-        if chunk.byte_offset is not None and set(used) <= {SHUFFLE, FLETCHER} and chunk.size != expected:
+        applied = [kind for k, kind in enumerate(kinds) if not chunk.filter_mask >> k & 1]
+        expected = size + 4 * applied.count(FLETCHER)
+        if chunk.byte_offset is not None and set(applied) <= {SHUFFLE, FLETCHER} and chunk.size != expected:
             return f"a chunk of {dataset.name} has {chunk.size} bytes, expected {expected}"
         return ""
 

@@ -76,8 +76,8 @@ class _Chip:
         is_sample = addresses & np.uint32(layout.first) != 0
         bits = sum(((1 << field.bits) - 1) << field.shift for field in (layout.x, layout.y, layout.p))
         external = layout.odd.mask & ~(layout.first | layout.none)
-        free = ~np.uint32(bits | external)
-        return np.asarray(addresses & np.where(is_sample, np.uint32(layout.none), free) != 0)
+        impossible = ~np.uint32(bits | external)
+        return np.asarray(addresses & np.where(is_sample, np.uint32(layout.none), impossible) != 0)
 
 
 def _layout(x: Field, y: Field, p: Field, sample: int, external: int, none: int = 0) -> Layout:
@@ -232,9 +232,9 @@ class Aedat2(SeekingReader):
 
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
         """Yield the byte and the first event's time of each block with an event; times of other words may run back."""
-        other = np.uint32(self.layout.odd.mask & ~self.layout.none)
+        mask = np.uint32(self.layout.odd.mask & ~self.layout.none)
         for place, data in self.source.samples(self.start, step, min(step, LOOK)):
-            events = np.flatnonzero((_addresses(data) & other) == 0)
+            events = np.flatnonzero((_addresses(data) & mask) == 0)
             if events.size:
                 at = WORD * int(events[0])
                 yield place, int.from_bytes(data[at + 4 : at + 8].tobytes(), "big")

@@ -60,10 +60,10 @@ class Hdf5:
             self._recording = find(self._file, where)
             self._bytes = source.all()
             self._heaps = heaps_are_intact(self._bytes)
-            own, of_file = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
-            self._sizes = own, of_file, _calibration(self._recording.node)
-            self.metadata: Mapping[str, Any] = metadata_of(own) | self._recording.column_order()
-            self.untested = "" if {"sensor_size", "metadata"} <= own.keys() else UNTESTED
+            of_node, of_file = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
+            self._sizes = of_node, of_file, _calibration(self._recording.node)
+            self.metadata: Mapping[str, Any] = metadata_of(of_node) | self._recording.column_order()
+            self.untested = "" if {"sensor_size", "metadata"} <= of_node.keys() else UNTESTED
         except Damage:
             self.close()
             raise
@@ -130,7 +130,7 @@ def sample_size(dataset: Any) -> Size | None:
     """Return the width and height that a sample states, or None.
 
     Args:
-        dataset: as for `read_sample`.
+        dataset: see `read_sample`.
 
     Raises:
         Damage: the size is impossible, or its order is ambiguous.
@@ -159,8 +159,8 @@ def heaps_are_intact(data: Bytes) -> bool:
 
     Source: "HDF5 File Format Specification 3.0", section III.E, "Disk Format: Level 1E - Global Heap".
     """
-    near = [data] if data.size <= 2 * NEAR else [data[:NEAR], data[-NEAR:]]
-    return all(_is_filled(part[match.start() :]) for part in near for match in _HEAP.finditer(part.data))
+    areas = [data] if data.size <= 2 * NEAR else [data[:NEAR], data[-NEAR:]]
+    return all(_is_filled(part[match.start() :]) for part in areas for match in _HEAP.finditer(part.data))
 
 
 def _is_filled(heap: Bytes) -> bool:
@@ -240,8 +240,8 @@ def _resolution(values: list[Any]) -> list[Any]:
 def metadata_of(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Convert attributes to metadata. Metadata that this library stored as JSON are restored."""
     text = facts.get("metadata", "{}")
-    rest = {key: value for key, value in facts.items() if key not in ("sensor_size", "metadata")}
-    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in rest.items()}
+    others = {key: value for key, value in facts.items() if key not in ("sensor_size", "metadata")}
+    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in others.items()}
     return plain | (from_json(text) if isinstance(text, str) else {})
 
 

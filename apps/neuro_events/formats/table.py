@@ -156,8 +156,8 @@ class Table:
         if fault == kernels.NOT_A_NUMBER:
             return f"{message}, expected a number"
         if name == "t":
-            whole = "whole us, as before; --from csv:s or format='csv:s' reads seconds, csv:ms and csv:ns ms and ns"
-            return f"{message}, expected {whole if fault == kernels.NOT_WHOLE else 'less than 2^63 us'}"
+            unit = "whole us, as before; --from csv:s or format='csv:s' reads seconds, csv:ms and csv:ns ms and ns"
+            return f"{message}, expected {unit if fault == kernels.NOT_WHOLE else 'less than 2^63 us'}"
         expected = "1 for ON, and 0 or -1 for OFF" if name == "p" else "a whole number from 0 to 65535"
         return f"{message}, expected {expected}"
 
@@ -279,9 +279,9 @@ def _order_of_rows(lines: list[list[str]], at: int) -> str:
         return order_of(rows, _pointed(lines, range(4)))
     except Ambiguous as several:
         first, *others = several.orders
-        what = f"columns without names may be {first}, where {several.why}, or {' or '.join(others)}"
+        text = f"columns without names may be {first}, where {several.why}, or {' or '.join(others)}"
         word = first.replace(" ", "")
-        raise _AmbiguousOrder(f"{what}: expected the order, as --from csv:{word} or format='csv:{word}'", at) from None
+        raise _AmbiguousOrder(f"{text}: expected the order, as --from csv:{word} or format='csv:{word}'", at) from None
 
 
 def _unit_of_rows(lines: list[list[str]], where: Mapping[str, int]) -> int:

@@ -93,7 +93,7 @@ def binary_frame(
     Args:
         events: the events.
         polarity: ``"separate"`` or ``"ignored"``.
-        segments: as for `event_frame`.
+        segments: see `event_frame`.
         as_torch: return a torch tensor.
 
     Returns:
@@ -126,9 +126,9 @@ def _ranges(segments: npt.ArrayLike, n: int) -> npt.NDArray[np.int64]:
             hint="bounds = msd_segments(events.t), or another function of neuro.events.segmentation",
         )
     ranges = (bounds if are_pairs else np.stack([bounds[:-1], bounds[1:]], axis=1)).astype(np.int64)
-    bad = (ranges[:, 0] < 0) | (ranges[:, 1] < ranges[:, 0]) | (ranges[:, 1] > n)
-    if bad.any():
-        k = int(bad.argmax())
+    is_bad = (ranges[:, 0] < 0) | (ranges[:, 1] < ranges[:, 0]) | (ranges[:, 1] > n)
+    if is_bad.any():
+        k = int(is_bad.argmax())
         first, last = ranges[k]
         raise ModelError(f"segment {k} is events {first} to before {last}, expected 0 <= first <= last <= {n}")
     return np.ascontiguousarray(ranges)

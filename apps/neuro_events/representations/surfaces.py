@@ -375,7 +375,7 @@ def hats(
         events: the recording, or the part to classify.
         cell: side of a cell, px. Cells at the right and lower edges may be smaller.
         radius: radius of the surface around an event, px; rho in the paper.
-        window_us: how long an event counts, us; Delta t in the paper.
+        window_us: time for which an event counts, us; Delta t in the paper.
         tau_us: time constant, us.
         itself: include the event in its own surface, which adds 1 in the middle.
         normalise: number of events to divide by: of the ``"cell"`` as in the paper, of the cell and ``"polarity"``, or

@@ -66,10 +66,10 @@ class Address:
 
     def as_model_error(self, error: OSError) -> ModelError:
         """Convert a socket's error to one about this address."""
-        low = "ports below 1024 are for administrators; use a higher one, such as 3333"
+        advice = "ports below 1024 are for administrators; use a higher one, such as 3333"
         messages = {
             errno.EADDRINUSE: ("another program listens at this port", "port 0 selects a free one"),
-            errno.EACCES: ("this user may not use this port", low if self.place[1] < 1024 else ""),
+            errno.EACCES: ("this user may not use this port", advice if self.place[1] < 1024 else ""),
             errno.EADDRNOTAVAIL: ("no interface of this machine has this address", "0.0.0.0 stands for all interfaces"),
             errno.ECONNREFUSED: ("no program listens at this port", "start the sender first"),
         }
@@ -130,8 +130,8 @@ def format_for(scheme: str, format: object, udp_formats: Iterable[str]) -> str:
         raise ModelError(f"format is missing: expected one of {', '.join(names)}")
     if not isinstance(format, str) or format not in names:
         if isinstance(format, str) and format in ("aedat4", *by_udp):
-            other = "tcp" if scheme == "udp" else "udp"
-            raise ModelError(f"format '{format}' requires {other}://: found {scheme}://")
+            required = "tcp" if scheme == "udp" else "udp"
+            raise ModelError(f"format '{format}' requires {required}://: found {scheme}://")
         raise unknown("format of a stream", format, names)
     return str(format)
 
@@ -355,10 +355,10 @@ def receive_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[in
 def _exactly(sock: socket.socket, count: int, url: str) -> bytes:
     data = b""
     while len(data) < count:
-        more = sock.recv(count - len(data))
-        if not more:
+        chunk = sock.recv(count - len(data))
+        if not chunk:
             raise ModelError(f"{url}: does not send AEDAT 4: the connection ended within its header")
-        data += more
+        data += chunk
     return data
 
 

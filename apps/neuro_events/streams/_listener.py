@@ -336,11 +336,11 @@ class OfStream:
     """A stream as input of an event camera; see `neuro.events.playing.Played`.
 
     Attributes:
-        url: as for `listen`.
-        format: as for `listen`.
+        url: see `listen`.
+        format: see `listen`.
         sensor_size: width and height, px.
-        until_silent: as for `listen`, s.
-        first_within: as for `listen`, s.
+        until_silent: see `listen`, s.
+        first_within: see `listen`, s.
         repeatable: False, since a stream cannot be played again.
         no_sensor: "", since its sensor is known.
     """
@@ -365,7 +365,7 @@ class OfStream:
         """Start listening.
 
         Raises:
-            ModelError: as for `listen`.
+            ModelError: see `listen`.
         """
         return listen(
             self.url, format=self.format, sensor=self.sensor_size, until_silent=self.until_silent,
@@ -376,6 +376,6 @@ class OfStream:
         """Yield the events as they arrive. Warn at the end if events were lost."""
         with self.opened() as stream:
             yield from stream
-            lost = ", ".join(f"{name.replace('_', ' ')} {count:,}" for name, count in stream.counts.lost.items())
-        if lost:
-            warnings.warn(f"{self.url}: {lost}", EventFileWarning, stacklevel=2)
+            losses = ", ".join(f"{name.replace('_', ' ')} {count:,}" for name, count in stream.counts.lost.items())
+        if losses:
+            warnings.warn(f"{self.url}: {losses}", EventFileWarning, stacklevel=2)

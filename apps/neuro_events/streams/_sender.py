@@ -115,8 +115,8 @@ class Server:
 
     def close(self) -> None:
         """Close the server and all connections."""
-        for each in (self._server, *self._readers):
-            each.close()
+        for sock in (self._server, *self._readers):
+            sock.close()
 
 
 Channel = Datagrams | Server
@@ -154,7 +154,7 @@ def send(
         url: ``udp://HOST:PORT``, the address of a receiver. Or ``tcp://HOST:PORT``, an address of this machine that
             serves AEDAT 4 as dv-processing does; sending begins when the first receiver connects.
         events: path of a recording, `Events`, or an iterable of parts in the order of time, which may be a stream.
-        format: as for `listen`. For TCP "aedat4". "spif" contains no times, so the receiver uses the time of receipt;
+        format: see `listen`. For TCP "aedat4". "spif" contains no times, so the receiver uses the time of receipt;
             "spif-timed" contains times.
         speed: speed relative to real time; infinite: as fast as possible.
         datagram: size limit of a datagram, bytes. None: 512 for SPIF, as in aestream, else 1,400.
@@ -182,7 +182,7 @@ def _parts(events: Any) -> Iterable[Events]:
     return played(iter(events) if is_iterable else events).parts()
 
 
-def paced(parts: Iterable[Events], to: Channel, speed: float, report: Callable[[int], None] | None = None) -> Sent:
+def paced(parts: Iterable[Events], sink: Channel, speed: float, report: Callable[[int], None] | None = None) -> Sent:
     """Send each event at its time; see `send`."""
     events = datagrams = 0
     latest, begin, zero = 0.0, time.monotonic(), None
@@ -191,7 +191,7 @@ def paced(parts: Iterable[Events], to: Channel, speed: float, report: Callable[[
             zero, begin = int(part.t[0]), time.monotonic()
         for send_at, piece in _timed_pieces(part, zero or 0, begin, speed):
             if len(piece):
-                datagrams += to.put(piece)
+                datagrams += sink.put(piece)
                 latest = max(latest, time.monotonic() - send_at)
         events += len(part)
         if report is not None:
