@@ -1,6 +1,6 @@
 "use strict";
-// The graph: populations in rows by their way from the inputs, at the size of their text; what does not fit is scrolled.
-// Of very many populations only the chosen one with its neighbours.
+// The graph: rows of populations, ordered by their distance from the inputs. A graph that does not fit can be scrolled.
+// With very many populations, the graph shows only the chosen population and its neighbours.
 const MOST_BOXES = 60, MOST_NEAR = 24, FEW_EDGES = 40, TALL = 44, ACROSS = 14, DOWN = 40;
 const nodes = new Map(), edges = [];
 let rowsShown = [], centre = "";

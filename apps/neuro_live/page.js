@@ -1,5 +1,5 @@
 "use strict";
-// Everything that is shown comes by one WebSocket: texts that hold until another of their key, frames, answers, files.
+// One WebSocket carries everything: texts that are valid until a text with the same key, frames, answers and files.
 const get = id => document.getElementById(id);
 const MOST_SHOWN = 24, FIRST_SHOWN = 12, DASHES = [[], [7, 3], [2, 2]], KEPT_MS = 10000, SIDE = 8, LEFT = 46, FOOT = 20;
 let about = null, state = {}, kept = {}, history = [], rates = [], colours = {}, now = 0, span = 1000, asked = false, socket = null, tries = 0;
@@ -189,7 +189,7 @@ function showLegend() {
 const place = index => shown.indexOf(index);
 const hue = index => place(index) < 0 ? "soft" : "item" + place(index) % 8;
 
-// --- one part: what it is, and what can be set
+// --- one part: its properties and settings
 
 function choose(name) {
   part = name;
@@ -630,7 +630,7 @@ function picture() {
   sheet.toBlob(blob => download(blob, `${about.name}-${now}ms.png`));
 }
 
-// --- what is pressed
+// --- buttons and keys
 
 for (const value of [0.001, 0.01, 0.05, 0.1, 0.25, 0.5, 1, 2, 5, 10, 100]) get("speed").add(new Option((value < 0.01 ? "1/1000" : value) + " ×", value));
 get("speed").add(new Option("no limit", 1e9));
