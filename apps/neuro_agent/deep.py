@@ -106,7 +106,7 @@ def counting_macs(policy: Any) -> Iterator[Counter[str]]:
     import torch
 
     macs: Counter[str] = Counter()
-    parameters = sum(one.numel() for group in policy.optimizer.param_groups for one in group["params"])
+    parameters = sum(array.numel() for group in policy.optimizer.param_groups for array in group["params"])
 
     def multiplied(layer: Any, inputs: Any, output: Any) -> None:
         once = output.numel() * layer.weight[0].numel()

@@ -79,7 +79,7 @@ def _arrays_of(agent: Learner) -> dict[str, dict[str, Any]]:
 def _put_arrays(agent: Learner, arrays: dict[str, dict[str, Any]]) -> None:
     """Restore what an agent has learnt from `_arrays_of`."""
     scales = arrays["scales"]
-    agent.explored, has_scale = (bool(each) for each in scales["explored"])
+    agent.explored, has_scale = (bool(flag) for flag in scales["explored"])
     agent.begun = (int(scales["begun"][0]), int(scales["begun"][1]))
     teacher = {"scale": np.array([*scales["rewards"], has_scale]), "visits": scales.get("visits")}
     agent.put({**arrays, "encoder.places": scales, "teacher.error": teacher})

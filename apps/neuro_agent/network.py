@@ -183,8 +183,8 @@ def network(
         "gain": GAIN,
         "worth": settings.reward_scale,
     }
-    same = TEACHERS["same"](as_="error", size=TYPICAL if settings.errors == "normalised" else None)
-    errors = {"error": TEACHERS["td"](**td, **novelty), **{f"error{k}": same for k in range(len(circuits))}}
+    teacher = TEACHERS["same"](as_="error", size=TYPICAL if settings.errors == "normalised" else None)
+    errors = {"error": TEACHERS["td"](**td, **novelty), **{f"error{k}": teacher for k in range(len(circuits))}}
     net.world(
         environment=environment,
         step=float(STEP),

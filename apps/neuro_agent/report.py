@@ -32,8 +32,8 @@ def as_json(test: Test, about: Mapping[str, Any]) -> str:
     """Return all results of a test as JSON."""
     interval = list(test.interval) if len(test.returns) > 1 else None
     figures = {"episodes": len(test.returns), "mean": test.mean, "interval": interval}
-    each = {"returns": test.returns.tolist(), "lengths": test.lengths.tolist()}
-    return json.dumps({**about, **figures, **each}, indent=1)
+    episodes = {"returns": test.returns.tolist(), "lengths": test.lengths.tolist()}
+    return json.dumps({**about, **figures, **episodes}, indent=1)
 
 
 def show_controls(tests: Mapping[str, Test], about: str) -> None:

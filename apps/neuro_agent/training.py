@@ -54,7 +54,7 @@ class Acting:
 
     def __init__(self, agent: Learner, pilot: Any, control: str = "") -> None:
         self._agent, self._pilot, self._control = agent, pilot, control
-        self._shown: deque[Floats] = deque(maxlen=SEEN)
+        self._last_observations: deque[Floats] = deque(maxlen=SEEN)
         self._errors = np.zeros(0)
         self._rng = np.random.default_rng([agent.seed, 1])
         self._taught = pilot.taught["error"].values
@@ -69,12 +69,12 @@ class Acting:
 
     def begin(self, copies: int, block: int) -> None:
         """Begin a block with everything learnt so far."""
-        self._shown.clear()
+        self._last_observations.clear()
         self._pilot.begin(copies, block)
 
     def act(self, observations: Floats, infos: Any) -> npt.NDArray[Any]:
         """Compute values and choose actions."""
-        self._shown.append(observations[0])
+        self._last_observations.append(observations[0])
         actions: npt.NDArray[Any] = self._pilot.act(observations, infos)
         if self._control == "random":
             draws = [self._rng.integers(n, size=len(observations)) for n in self._agent.actions.sizes]
@@ -93,12 +93,12 @@ class Acting:
 
     def arrays(self) -> dict[str, Any]:
         """Return everything that a resumed training needs."""
-        observations = np.array(self._shown).reshape(-1, len(self._agent.places.dimensions))
+        observations = np.array(self._last_observations).reshape(-1, len(self._agent.places.dimensions))
         return {**self._pilot.arrays(), "seen": {"vectors": observations}}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
         """Resume from `arrays`."""
-        self._shown.extend(arrays["seen"]["vectors"])
+        self._last_observations.extend(arrays["seen"]["vectors"])
         self._pilot.put(arrays)
 
 

@@ -67,7 +67,7 @@ class Episode:
         blank: reason why there are no frames.
         weights: weights of the policy by control step, (places, actions of all circuits).
         learning: whether the agent learnt.
-        end: how the episode ended.
+        end: reason for the end of the episode.
         name: name of the environment.
     """
 
@@ -359,7 +359,7 @@ def _observation(agent: Learner, episode: Episode, name: str) -> player.Track:
 def _actors(agent: Learner) -> tuple[list[str], list[str]]:
     """Return names and colours of the actors of all circuits."""
     labels = _labels(agent)
-    names = [f"{k}: {each}" if len(labels) > 1 else each for k, circuit in enumerate(labels) for each in circuit]
+    names = [f"{k}: {action}" if len(labels) > 1 else action for k, circuit in enumerate(labels) for action in circuit]
     return names, [COLOURS[k % len(COLOURS)] for circuit in labels for k in range(len(circuit))]
 
 

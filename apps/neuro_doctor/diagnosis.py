@@ -32,7 +32,7 @@ def page(network: str, lead: str, findings: Sequence[Finding], run: Observation 
     parts = (
         html.tag("header", html.tag("h1", network), html.tag("p", lead, class_="lead")),
         html.table(_HEADS, [(e.severity, e.name, e.what, e.where or "-") for e in findings]) if findings else None,
-        *(part for each in findings for part in _finding(each, run)),
+        *(part for finding in findings for part in _finding(finding, run)),
         *(() if run is None else _run(run)),
         html.tag("footer", f"Written by neuro {neuro.__version__} (neuro doctor)."),
     )
@@ -136,12 +136,12 @@ class Diagnosis:
     @property
     def faults(self) -> tuple[Finding, ...]:
         """The findings that are faults."""
-        return tuple(each for each in self.findings if each.severity == "fault")
+        return tuple(finding for finding in self.findings if finding.severity == "fault")
 
     @property
     def verdict(self) -> str:
         """Number of findings of each severity, e.g. "net: 1 fault, 2 notes"."""
-        counts = [(sum(each.severity == word for each in self.findings), word) for word in SEVERITIES]
+        counts = [(sum(finding.severity == word for finding in self.findings), word) for word in SEVERITIES]
         return f"{self.network}: {', '.join(some(n, word) for n, word in counts if n) or 'nothing is wrong'}"
 
     def __str__(self) -> str:
@@ -150,12 +150,12 @@ class Diagnosis:
     def _lines(self) -> Iterator[str]:
         """Yield the first findings of each name in full, and the parts of the others."""
         by_name: dict[tuple[str, str], list[Finding]] = {}
-        for each in self.findings:
-            by_name.setdefault((each.severity, each.name), []).append(each)
+        for finding in self.findings:
+            by_name.setdefault((finding.severity, finding.name), []).append(finding)
         for group in by_name.values():
             yield from map(str, group[:MOST_ALIKE])
             if others := group[MOST_ALIKE:]:
-                names = ", ".join(each.what for each in others[:MOST_ALIKE])
+                names = ", ".join(finding.what for finding in others[:MOST_ALIKE])
                 yield f"  the same for {names}{', ...' * (len(others) > MOST_ALIKE)} ({len(others)} more)"
 
     def _repr_html_(self) -> str:
@@ -168,7 +168,7 @@ class Diagnosis:
             "network": self.network,
             "about": self.about,
             "faults": len(self.faults),
-            "findings": [each.as_dict() for each in self.findings],
+            "findings": [finding.as_dict() for finding in self.findings],
         }
 
     def page(self) -> str:
@@ -179,6 +179,6 @@ class Diagnosis:
 def sort_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Sort findings by severity, else in their order, with only the first of the same name about the same part."""
     first: dict[tuple[str, str], Finding] = {}
-    for each in findings:
-        first.setdefault((each.name, each.what), each)
-    return tuple(sorted(first.values(), key=lambda each: SEVERITIES.index(each.severity)))
+    for finding in findings:
+        first.setdefault((finding.name, finding.what), finding)
+    return tuple(sorted(first.values(), key=lambda finding: SEVERITIES.index(finding.severity)))

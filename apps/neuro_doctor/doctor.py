@@ -91,7 +91,7 @@ def add_world_findings(diagnosis: Diagnosis, net: Network, options: Options, see
         return diagnosis
     from neuro_doctor import world
 
-    remaining = [each for each in diagnosis.findings if not world.resolves(net, each)]
+    remaining = [finding for finding in diagnosis.findings if not world.resolves(net, finding)]
     return replace(diagnosis, findings=sort_findings([*remaining, *world.findings(net, options.backend, seed)]))
 
 
@@ -125,7 +125,7 @@ def backend_of_copy(name: str) -> str:
 
 def diagnose_errors(name: str, errors: list[ModelError]) -> Diagnosis:
     """Return the diagnosis of a network that cannot be compiled: each error is a fault."""
-    errors_of_file = [each for error in errors for each in (error.but(others=()), *error.others)]
+    errors_of_file = [single for error in errors for single in (error.but(others=()), *error.others)]
     return Diagnosis(name, tuple(map(_mistake, errors_of_file)), "Nothing ran: the description is refused.")
 
 

@@ -70,7 +70,7 @@ class Drift:
             gap = np.sqrt(np.where((self.push < 0.0) & (discriminant >= 0.0), discriminant, np.nan))
         no_drift = (self.push == 0.0) & (self.lift == 0.0)
         ends = [np.where(np.isnan(gap), end, (1.0 + sign * gap) / 2.0) for sign, end in ((-1.0, 1.0), (1.0, 0.0))]
-        low, high = (np.where(no_drift, np.nan, each) for each in ends)
+        low, high = (np.where(no_drift, np.nan, point) for point in ends)
         return low, high
 
     def after(self, weight: ArrayLike, trials: ArrayLike) -> Floats:
@@ -150,7 +150,7 @@ def shares_of(
             rescued neurons.
     """
     program = sim.program
-    part = next((each for each in program.projections if each.name == projection), None)
+    part = next((p for p in program.projections if p.name == projection), None)
     grid, trials = None if part is None else part.grid, program.trials
     rule = None if part is None else part.synapse
     if part is None or grid is None or trials is None or not isinstance(rule, neuro.r_stdp) or rule.rescue:
@@ -172,7 +172,7 @@ def shares_of(
         span = slice(starts[k], starts[k + 1])
         np.minimum.at(sheet, np.asarray(ids)[span], steps[span] + int(part.delay[0]))
         winning_map, position = divmod(winner, grid.rows * grid.columns)
-        y, x = (grid.stride * each for each in divmod(position, grid.columns))
+        y, x = (grid.stride * side for side in divmod(position, grid.columns))
         field = sheet.reshape(grid.channels, grid.height, grid.width)[:, y : y + height, x : x + width]
         order = 1 + np.sign(field - results.step[k]).astype(np.int64)
         punished = int(trials.reward[0 if hit else 1] < 0.0)
@@ -194,7 +194,7 @@ def required_share(rule: neuro.r_stdp, weight: Floats, before: float, per_label:
         per_label: maps per label.
     """
     drifts = _outcome_drifts(rule, before)
-    right, wrong = (float(np.mean(each.push * weight * (1.0 - weight))) / per_label for each in drifts)
+    right, wrong = (float(np.mean(drift.push * weight * (1.0 - weight))) / per_label for drift in drifts)
     gain = wrong + rule.epsilon
     return 0.0 if gain <= 0.0 else gain / (gain - right) if right < 0.0 else 1.0
 
@@ -202,14 +202,14 @@ def required_share(rule: neuro.r_stdp, weight: Floats, before: float, per_label:
 def sufficient_epsilon(rule: neuro.r_stdp, weight: Floats, before: float, per_label: int, share: float) -> float:
     """Return the epsilon for which `required_share` is `share`; 0 if there is none."""
     drifts = _outcome_drifts(rule, before)
-    right, wrong = (float(np.mean(each.push * weight * (1.0 - weight))) / per_label for each in drifts)
+    right, wrong = (float(np.mean(drift.push * weight * (1.0 - weight))) / per_label for drift in drifts)
     return max(0.0, -right * share / (1.0 - share) - wrong)
 
 
 def _outcome_drifts(rule: neuro.r_stdp, before: float) -> list[Drift]:
     """Return the drift in a rewarded trial, and in a punished trial."""
     shares, zeros = np.array([before, 0.0, 1.0 - before]), np.zeros(3)
-    return [drift_of(rule, Shares(*each)) for each in ((shares, zeros, zeros[0]), (zeros, shares, zeros[0]))]
+    return [drift_of(rule, Shares(*arguments)) for arguments in ((shares, zeros, zeros[0]), (zeros, shares, zeros[0]))]
 
 
 def findings(wiring: Wiring) -> Iterator[Finding]:

@@ -45,13 +45,13 @@ def chip_findings(wiring: Wiring, run: Observation, name: str) -> Iterator[Findi
     program, chip = wiring.program, chip_of(name)
     measured = [*_weights(program, chip), *_merged(program, chip, run)]
     yield from measured
-    measured_parts = {each.what for each in measured}
+    measured_parts = {problem.what for problem in measured}
     problems = _problems(program, chip)
-    for each in problems:
+    for problem in problems:
         # A problem that the run measured is not reported again from the computation.
-        if each.refused or each.what.partition(":")[0] not in measured_parts:
-            yield _problem(each, chip)
-    if not any(each.refused for each in problems):
+        if problem.refused or problem.what.partition(":")[0] not in measured_parts:
+            yield _problem(problem, chip)
+    if not any(problem.refused for problem in problems):
         yield from _slower_than_real_time(program, chip, run)
         if chip.arithmetic in ARITHMETICS:
             yield from _compare_runs(program, chip, run)

@@ -75,7 +75,7 @@ _EXCITATORY = re.compile(r"(^|_)(?i:exc|pyr)|(^|_|\d)E(_|\d|$)")
 
 def _name(program: Program, part: Population) -> str:
     """Return the name of a population; upper case for a pair of populations named e and i."""
-    pair = {"e", "i"} <= {each.name for each in program.populations}
+    pair = {"e", "i"} <= {population.name for population in program.populations}
     return part.name.upper() if pair and part.name in ("e", "i") else part.name
 
 
@@ -243,16 +243,16 @@ def _unreached(wiring: Wiring) -> Iterator[Finding]:
 def _thresholds(wiring: Wiring) -> Iterator[Finding]:
     """Yield findings about populations that cannot reach their threshold with any input spikes."""
     program = wiring.program
-    most = {k: _most(part, program.resolution) for k, part in enumerate(program.populations)}
+    n_most = {k: _most(part, program.resolution) for k, part in enumerate(program.populations)}
     for k, part in enumerate(program.populations):
         cell, onto = wiring.cell(k), wiring.onto(k)
         if cell is None or not onto or any(program.projections[q].synapse.learns for q in onto):
             continue
-        if can_fire_alone(wiring, k) or any(math.isinf(most[program.projections[q].source]) for q in onto):
+        if can_fire_alone(wiring, k) or any(math.isinf(n_most[program.projections[q].source]) for q in onto):
             continue
         if any(v.size > 1 for w, v in part.parameters.items() if w != "tau_minus"):
             continue  # neurons differ, so the first is not representative
-        largest = wiring.strongest(k, most)
+        largest = wiring.strongest(k, n_most)
         if largest is None or not largest.any():
             continue
         v, fired = cell.follow(largest, current=wiring.current(k))

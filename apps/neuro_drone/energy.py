@@ -166,9 +166,9 @@ def show(bills: Bills, sources: bool = False) -> None:
     if counts:
         typer.echo(f"per control step: {counts}\n")
     layers = dict.fromkeys(
-        f"{one.target}: {item.of}, {item.count:,} mac" + (f": {_source(item)}" if sources else "")
-        for one in bills.dense
-        for item in one.items
+        f"{dense_bill.target}: {item.of}, {item.count:,} mac" + (f": {_source(item)}" if sources else "")
+        for dense_bill in bills.dense
+        for item in dense_bill.items
     )
     console().print(table(columns, rows, title=title))
     for line in (*footnotes(bills.spiking, sources), *layers, *notes(bills)):

@@ -248,8 +248,8 @@ def list_controllers() -> None:
     """Print the controllers and their settings."""
     rows = []
     for name, kind in CONTROLLERS.items():
-        own = {word: getattr(kind.settings, word) for word in kind.settings.own()}
-        texts = {word: f"{v:g}" if isinstance(v, float) else v for word, v in own.items() if not isinstance(v, Mapping)}
+        raw = {word: getattr(kind.settings, word) for word in kind.settings.own()}
+        texts = {word: f"{v:g}" if isinstance(v, float) else v for word, v in raw.items() if not isinstance(v, Mapping)}
         numbers = ", ".join(f"{word} {value}" for word, value in texts.items())
         rows.append((name, kind.what, kind.taught, numbers))
     console().print(table(("name", "what", "learns from", "settings"), rows))
@@ -297,7 +297,7 @@ def density(model: Model, test: FlightTest) -> Figure:
     from matplotlib.colors import LogNorm
 
     line = model.scenario.kind == "line"
-    track = np.concatenate([one.track for one in test.each])
+    track = np.concatenate([lap.track for lap in test.each])
     x, y = AIM + track[:, 0], (90.0 - track[:, 1] if line else AIM + track[:, 1])
     edges = np.arange(-0.5, 128.0, 1.0), np.linspace(0.0, 180.0, 121) if line else np.arange(-0.5, 128.0, 1.0)
     visits, _, _ = np.histogram2d(x, y, bins=edges)

@@ -195,7 +195,7 @@ def _file(name: str | Path) -> Path:
 
 def _scenario(root: Node, name: str = "") -> Scenario:
     """Return the scenario that a document describes."""
-    nodes = words(root, [one.name for one in fields(Scenario)], "a scenario")
+    nodes = words(root, [f.name for f in fields(Scenario)], "a scenario")
     values = {word: _plain(word, node) for word, node in nodes.items()}
     with about(root):
         for word, kind in PARTS.items():
@@ -222,7 +222,7 @@ def _plain(word: str, node: Node) -> Any:
 
 
 def _words(part: type[WorldPart], node: Node, what: str) -> dict[str, Any]:
-    names = [one.name for one in fields(part)]  # type: ignore[arg-type]
+    names = [f.name for f in fields(part)]  # type: ignore[arg-type]
     return {word: plain(inner) for word, inner in words(node, names, what).items()}
 
 
@@ -252,7 +252,7 @@ def errors(what: str, value: Any, axes: int) -> tuple[float, ...]:
             "two numbers, the error on both axes" if axes == 2 else "two or three numbers, the error on each axis"
         )
         raise ModelError(f"{what} = {value!r}: expected {expected}", path=("start",))
-    return tuple(check(ERROR, one, what) for one in value)
+    return tuple(check(ERROR, number, what) for number in value)
 
 
 def _merge(values: dict[str, Any], changes: Mapping[str, Any]) -> None:

@@ -248,9 +248,9 @@ def _write_at_the_end(parts: Iterator[Events], part: Path, chosen: Format) -> No
     metadata: dict[str, Any] = {}
 
     def with_metadata() -> Iterator[Events]:
-        for each in parts:
-            metadata.update(each.metadata)
-            yield each
+        for part in parts:
+            metadata.update(part.metadata)
+            yield part
 
     _write(TABLE, with_metadata(), part)
     written_parts = stream(part, format=TABLE.name)

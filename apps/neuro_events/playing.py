@@ -171,8 +171,8 @@ def played(events: Any) -> Played:
     if isinstance(events, Events | np.ndarray | Event):
         return OfEvents((_part(events),))
     if isinstance(events, list | tuple | deque):
-        if events and all(isinstance(each, Event) for each in events):
-            return OfEvents((np.array([tuple(each) for each in events], dtype=_WIDE),))
+        if events and all(isinstance(event, Event) for event in events):
+            return OfEvents((np.array([tuple(event) for event in events], dtype=_WIDE),))
         return OfEvents(tuple(_part(part) for part in events))
     if isinstance(events, Iterator):
         return OfIterator(lambda: events, repeatable=False)

@@ -260,7 +260,7 @@ def convert(
         if net is not None:
             table = write(net, destination, options) or table
         if table is not None:
-            nodes = tuple(replace(each, way_out=_as_option(each.way_out)) for each in table)
+            nodes = tuple(replace(verdict, way_out=_as_option(verdict.way_out)) for verdict in table)
             table = replace(table, nodes=nodes)
             typer.echo(table.to_json() if options.as_json else str(table))
             table.check()
@@ -288,7 +288,7 @@ def _messages_for_command_line() -> Iterator[None]:
     """Name options instead of Python's arguments in errors."""
 
     def translate(error: ModelError) -> ModelError:
-        other_errors = tuple(translate(each) for each in error.others)
+        other_errors = tuple(translate(inner) for inner in error.others)
         return error.but(message=_as_option(error.message), hint=_as_option(error.hint), others=other_errors)
 
     try:

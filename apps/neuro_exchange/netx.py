@@ -381,7 +381,7 @@ def _value(item: h5py.Dataset, word: str, place: str) -> Any:
         raise ModelError(f"{place}: {word} has no value: expected {expected}")
     value: NDArray[Any] = np.asarray(item[()])
     elements: list[Any] = [
-        each.decode("ascii") if isinstance(each, bytes) else each for each in value.ravel()[:20].tolist()
+        element.decode("ascii") if isinstance(element, bytes) else element for element in value.ravel()[:20].tolist()
     ]
     if word in PRESENT:
         return True
@@ -389,7 +389,7 @@ def _value(item: h5py.Dataset, word: str, place: str) -> Any:
         return elements[0]
     if word in ARRAYS and value.dtype.kind in "iuf":
         return value.astype(np.float64)
-    are_whole = all(is_number(each) and least <= each <= MOST and each == int(each) for each in elements)
+    are_whole = all(is_number(element) and least <= element <= MOST and element == int(element) for element in elements)
     if word in WHOLE and 1 <= len(elements) <= largest and are_whole:
         return int(elements[0]) if largest == 1 else tuple(map(int, elements))
     raise ModelError(f"{place}: {word} = {elements if value.shape else elements[0]!r:.60}: expected {expected}")

@@ -53,12 +53,12 @@ class Verdicts:
     @property
     def exact(self) -> bool:
         """True if every node is exact."""
-        return all(each.verdict == EXACT for each in self.nodes)
+        return all(verdict.verdict == EXACT for verdict in self.nodes)
 
     @property
     def refused(self) -> tuple[Verdict, ...]:
         """The verdicts of the refused nodes."""
-        return tuple(each for each in self.nodes if each.verdict == REFUSED)
+        return tuple(verdict for verdict in self.nodes if verdict.verdict == REFUSED)
 
     def __iter__(self) -> Iterator[Verdict]:
         return iter(self.nodes)
@@ -67,14 +67,14 @@ class Verdicts:
         return len(self.nodes)
 
     def __getitem__(self, node: str) -> Verdict:
-        for each in self.nodes:
-            if each.node == node:
-                return each
-        raise unknown("node", node, [each.node for each in self.nodes])
+        for verdict in self.nodes:
+            if verdict.node == node:
+                return verdict
+        raise unknown("node", node, [verdict.node for verdict in self.nodes])
 
     def to_json(self) -> str:
         """Return the heading, the list of nodes and the note as JSON."""
-        content = {"heading": self.heading, "exact": self.exact, "nodes": [asdict(each) for each in self.nodes]}
+        content = {"heading": self.heading, "exact": self.exact, "nodes": [asdict(verdict) for verdict in self.nodes]}
         content |= {"note": self.note} if self.note else {}
         return json.dumps(content, indent=1)
 
@@ -86,15 +86,13 @@ class Verdicts:
         """
         if self.refused:
             first, *others = (
-                ModelError(f"node '{each.node}' ({each.kind}): {each.how}", hint=each.way_out, path=(each.node,))
-                for each in self.refused
+                ModelError(f"node '{v.node}' ({v.kind}): {v.how}", hint=v.way_out, path=(v.node,)) for v in self.refused
             )
             raise first.but(others=tuple(others))
 
     def _tables(self) -> list[tables.Table]:
         rows = tuple(
-            (each.node, each.kind, each.verdict, "; ".join(filter(None, (each.how, each.way_out, each.measured))))
-            for each in self.nodes
+            (v.node, v.kind, v.verdict, "; ".join(filter(None, (v.how, v.way_out, v.measured)))) for v in self.nodes
         )
         return [tables.Table("", ("node", "type", "verdict", "how"), rows)]
 

@@ -167,7 +167,7 @@ def _placements(path: str, seed: int) -> tuple[Program, list[tuple[Chip, Placeme
 
 def _price(job: Job) -> list[dict[str, Any]]:
     program, placements = _placements(job["path"], job["seed"])
-    return [_bill(program, job["counts"], job["host"], *each) for each in placements]
+    return [_bill(program, job["counts"], job["host"], *priced) for priced in placements]
 
 
 def _bill(

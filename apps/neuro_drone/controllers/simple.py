@@ -120,7 +120,7 @@ def pattern(scenario: Scenario, shape: str) -> npt.NDArray[np.float64]:
     axes = [RIGHT, second]
     if scenario.axes == 3 and isinstance(scenario.task, Ball):
         axes.append(AWAY - 0.5 * scenario.task.tall / UNIT)
-    distance = np.stack([one.ravel() for one in axes], axis=1)
+    distance = np.stack([axis.ravel() for axis in axes], axis=1)
     return np.sign(distance) if shape == "sign" else distance / np.abs(distance).max(axis=0)
 
 

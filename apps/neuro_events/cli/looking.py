@@ -95,9 +95,9 @@ def _rows(summary: Info) -> list[tuple[str, str]]:
 
 
 def _counts(summary: Info, pixels: int) -> list[tuple[str, str]]:
-    on = summary.on / summary.events
+    on_share = summary.on / summary.events
     seconds = f"{summary.duration_us / 1e6:,.6f}".rstrip("0").rstrip(".")
-    rows = [("polarity", f"{on:.1%} ON, {1 - on:.1%} OFF")]
+    rows = [("polarity", f"{on_share:.1%} ON, {1 - on_share:.1%} OFF")]
     rows.append(("time", f"{summary.start_us} to {summary.stop_us} us, {seconds} s"))
     if summary.rate_hz is not None:
         peak = f", at most {summary.peak_hz:,.0f} in 10 ms" if summary.peak_hz > summary.rate_hz else ""

@@ -506,7 +506,7 @@ def _loaded(job: ConversionJob, sample: Any) -> tuple[Any, str]:
             events = sample.load(sensor_size=job.sensor_size, strict=False)
         except EventFileError as error:
             return None, _fault_text(error)
-    return events, "; ".join(str(one.message).removeprefix(f"{sample.path}: ") for one in caught)
+    return events, "; ".join(str(warning.message).removeprefix(f"{sample.path}: ") for warning in caught)
 
 
 def _fault_text(error: EventFileError) -> str:

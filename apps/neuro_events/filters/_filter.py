@@ -277,9 +277,9 @@ class Chain(Filter):
 
     def _rest(self) -> Events:
         remaining: Events | None = None
-        for one in self._state:
-            filtered = [] if remaining is None else [one(remaining)]
-            parts = [part for part in (*filtered, one.finish()) if len(part)]
+        for f in self._state:
+            filtered = [] if remaining is None else [f(remaining)]
+            parts = [part for part in (*filtered, f.finish()) if len(part)]
             remaining = joined_parts(parts) if parts else None
         return super()._rest() if remaining is None else remaining
 

@@ -313,7 +313,7 @@ def _at(file: Any, place: str, order: str) -> OpenRecording:
     elif isinstance(node, h5py.Dataset) and not _rows(node) and not is_table(node):
         raise Damage(f"{node.name} has items of {node.dtype} in shape {node.shape}, expected rows of events", None)
     if node is None or (isinstance(node, h5py.Group) and not _columns(node)):
-        names = ", ".join(one.name for one in islice(_candidates(file), 4))
+        names = ", ".join(candidate.name for candidate in islice(_candidates(file), 4))
         raise Damage(f"has no recording at {place}, expected {names or 'another file: it has none'}", None)
     return _recording(file, node, order)
 

@@ -292,7 +292,7 @@ def _connected(
         raise where.as_model_error(error) from None
     try:
         if size is not None and size != sensor:
-            actual, expected = ("{}x{}".format(*each) for each in (sensor, size))
+            actual, expected = ("{}x{}".format(*sensor_size) for sensor_size in (sensor, size))
             raise ModelError(f"{where.url}: sends events of a {actual} sensor: expected {expected}")
         decoder = PacketDecoder(header.compression, number, lambda: receiver.hang_up())
     except Damage as damage:

@@ -168,13 +168,13 @@ def send(
     if report is not None and not callable(report):
         raise ModelError(f"report = {report!r:.60}: expected a function of the number of events")
     parts = stream(events) if isinstance(events, str | os.PathLike) else _parts(events)
-    to = channel(url, format, datagram)
+    sink = channel(url, format, datagram)
     try:
-        if isinstance(to, Server):
-            to.wait()
-        return paced(parts, to, speed, report)
+        if isinstance(sink, Server):
+            sink.wait()
+        return paced(parts, sink, speed, report)
     finally:
-        to.close()
+        sink.close()
 
 
 def _parts(events: Any) -> Iterable[Events]:

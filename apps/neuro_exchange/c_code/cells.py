@@ -302,9 +302,9 @@ def _integrated(cells: Cells, code: PopulationCode) -> tuple[list[str], list[str
     u = code.state("u") if keep.any() else ""
     begins, interval = [input_declaration(cells)], shared(registers, "reset_interval")
     if interval:
-        arrays = [each.removesuffix("[i]") for each in (v, u) if each]
+        arrays = [array.removesuffix("[i]") for array in (v, u) if array]
         test = f"if (now % {interval}u == {shared(registers, 'reset_offset') % interval}u) {{"
-        begins += [test, *(f"    memset({each}, 0, sizeof {each});" for each in arrays), "}"]
+        begins += [test, *(f"    memset({array}, 0, sizeof {array});" for array in arrays), "}"]
     bias = code.text("bias", registers["bias_mant"] << registers["bias_exp"])
     leak = code.text("keep_v", 4096 - registers["dv"])
     body = [f"int32_t u = next_u({u or '0'}, {code.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]

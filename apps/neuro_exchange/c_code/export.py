@@ -144,7 +144,7 @@ def save_c(
     if not isinstance(net, Network):
         raise ModelError(f"save_c: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
     limits = {"flash": check(_BYTES, flash, "flash"), "RAM": check(_BYTES, ram, "ram")}
-    reserved = {Path(each.name).stem for each in _TEMPLATES.iterdir()}
+    reserved = {Path(path.name).stem for path in _TEMPLATES.iterdir()}
     if not (isinstance(name, str) and _WORD.fullmatch(name)) or name in reserved or name.endswith(("_run", "_test")):
         hint = f"reserved: {', '.join(sorted(reserved))}, and names that end in _run or _test"
         raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
@@ -189,7 +189,7 @@ def save_c(
             parts.enter_context(output(place / file, KIND)).write_text(KIND.seal(text), "utf-8")
     graded = values["field"] == "payload"
     spikes = (run.input_spikes, run.output_spikes)
-    input_spikes, output_spikes = (each.shape[1] if graded else int(each[2].sum()) for each in spikes)
+    input_spikes, output_spikes = (array.shape[1] if graded else int(array[2].sum()) for array in spikes)
     sets = sum(when.size for when, _ in rewards.values())
     sizes = source.flash, code, source.ram
     return CCode(place, name, fixed.chip.title, *sizes, steps, random_input, input_spikes, output_spikes, sets)
@@ -220,8 +220,8 @@ def _check_given(given: InputSpikes | None, signals: Mapping[str, Dopamine]) -> 
         if name in signals:
             rewards[name] = _check_rewards(name, spikes, signals[name])
             continue
-        inputs[name] = arrays = [np.asarray(each) for each in spikes] if isinstance(spikes, Sequence) else []
-        if not 2 <= len(arrays) <= 3 or any(each.shape != (arrays[0].size,) for each in arrays):
+        inputs[name] = arrays = [np.asarray(array) for array in spikes] if isinstance(spikes, Sequence) else []
+        if not 2 <= len(arrays) <= 3 or any(array.shape != (arrays[0].size,) for array in arrays):
             expected = "expected arrays of steps, neurons, and payloads if the input has payloads"
             raise ModelError(f"given[{name!r}] = {spikes!r:.60}: {expected}")
     return inputs, rewards
@@ -230,11 +230,11 @@ def _check_given(given: InputSpikes | None, signals: Mapping[str, Dopamine]) -> 
 def _check_rewards(name: str, rewards: Any, signal: Dopamine) -> tuple[Ints, Ints]:
     """Return the steps after which a signal is set, in order, and integers for its neurons, (steps, neurons)."""
     try:
-        steps, values = (np.asarray(each, dtype=np.float64) for each in rewards)
-        each = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (steps.size, signal.size))
+        steps, values = (np.asarray(array, dtype=np.float64) for array in rewards)
+        array = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (steps.size, signal.size))
     except (TypeError, ValueError):
-        steps = each = np.full((1, 1), np.nan)
-    units = np.rint(each * signal.one)
+        steps = array = np.full((1, 1), np.nan)
+    units = np.rint(array * signal.one)
     if not (steps.ndim == 1 and np.all(steps >= 0) and np.all(steps % 1 == 0) and np.all(abs(units) < 2**31)):
         expected = f"expected arrays of steps, from 0, and values, one per step (and neuron, of {signal.size})"
         raise ModelError(f"given[{name!r}] = {rewards!r:.60}: {expected}")
@@ -300,7 +300,7 @@ def _data(run: RecordedRun, name: str, signals: Mapping[str, Dopamine]) -> str:
     for k, (signal, (when, values)) in enumerate(run.rewards.items()):
         row_ends = np.searchsorted(when, np.arange(-1, run.steps), side="right")
         memory.table(f"reward_ends_{k}", row_ends, f"ends of the values of {signal} before each step", True)
-        memory.constants(f"reward_values_{k}", "int32_t", [*(number(each) for each in values.ravel().tolist()), "0"])
+        memory.constants(f"reward_values_{k}", "int32_t", [*(number(value) for value in values.ravel().tolist()), "0"])
         first_value = f"(reward_ends_{k}[step + 1u] - 1u) * {signals[signal].size}u"
         is_set = f"reward_ends_{k}[step + 1u] > reward_ends_{k}[step]"
         sets.append(f"if ({is_set}) {signals[signal].call}(reward_values_{k} + {first_value});")

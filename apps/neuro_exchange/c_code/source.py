@@ -359,16 +359,16 @@ class _Writer:
 
     def _step(self) -> list[str]:
         merge = arithmetic_of(self._fixed.chip).one_bit and bool(self._inputs)
-        each = ["uint32_t neuron = events[e].neuron;"]
+        body = ["uint32_t neuron = events[e].neuron;"]
         times = f"events[e].{self._family.field}"
         once = f"if ({times} != 0) input(neuron, spikes((uint32_t){times}));"
         lines = [*(["now++;"] if self._needs_step_number else []), "out_at = out;"]
         if merge:
             size = max(self._firsts[k + 1] for k in self._inputs)
             bits = self._memory.state("seen", "uint32_t", -(-size // 32), "bit set of inputs that spiked in this step")
-            each += [f"if (neuron >= {size}u || ({bits}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
+            body += [f"if (neuron >= {size}u || ({bits}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
             once = f"if ({times} != 0) {bits}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
-        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*each, once]), "}", *self._pour_calls(*self._inputs)]
+        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*body, once]), "}", *self._pour_calls(*self._inputs)]
         if merge:
             clear = f"if (events[e].neuron < {size}u) {bits}[events[e].neuron / 32u] = 0;"
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]

@@ -271,7 +271,7 @@ def export_graph(net: Network, dt: float | None, for_: str | None) -> tuple[Any,
         raise ModelError(f"to_nir: the package nir rejects the graph: {error}") from None
     if not table.exact:
         measured = _measure(export, net, graph)
-        parts = (replace(each, measured=measured) if each.verdict == APPROXIMATE else each for each in table)
+        parts = (replace(v, measured=measured) if v.verdict == APPROXIMATE else v for v in table)
         table = replace(table, nodes=tuple(parts))
     graph.metadata = {CONVENTION: tool, STEP: net.resolution, "neuro_verdicts": table.to_json()}
     return graph, table
@@ -284,7 +284,7 @@ def _measure(export: Export, net: Network, graph: Any) -> str:
         return "not measured: the graph cannot be read back"
     parts = {part.name: index for index, part in enumerate(export.program.populations) if part.name in graph.nodes}
     depths = {name: export.depths[index] for name, index in parts.items()}
-    differing = [each.node for each in analysis.table() if each.verdict == APPROXIMATE]
+    differing = [verdict.node for verdict in analysis.table() if verdict.verdict == APPROXIMATE]
     return measure(analysis, net, {name: name for name in parts}, depths, differing)
 
 

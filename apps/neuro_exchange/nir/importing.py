@@ -169,7 +169,7 @@ def _name(name: str, used: Iterable[str]) -> str:
     """Return a valid name of a part that is not used yet, e.g. "conv_1_2" for "conv/1" if "conv_1" is used."""
     valid_name = re.sub(r"[^\w.-]", "_", name)[:LONGEST] or "node"
     names = (valid_name if k == 1 else f"{valid_name}_{k}" for k in range(1, MOST_PATHS))
-    return next(each for each in names if each not in set(used))
+    return next(candidate for candidate in names if candidate not in set(used))
 
 
 def _population_shape(shape: Shape) -> Shape:

@@ -57,7 +57,7 @@ def measure(
         return f"not measured: the network does not run: {error.message}"
     there = run_there(layers, {name: counts_here[name] for name in inputs})
     pairs = [(there[layer.name], counts_here[layer.name]) for layer in layers]
-    counts = [sum(int(one.sum()) for one in side) for side in zip(*pairs, strict=True)]
+    counts = [sum(int(array.sum()) for array in side) for side in zip(*pairs, strict=True)]
     if not any(counts):
         return f"not measured: no neuron fires in {STEPS} steps of random input"
     percent = 100.0 * sum(int(np.minimum(*pair).sum()) for pair in pairs) / max(counts)
@@ -75,7 +75,7 @@ def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str
     refused = {
         tool: other
         if isinstance(other, str)
-        else next((f"node '{each.node}' ({each.kind}): {each.how}" for each in other.table().refused), "")
+        else next((f"node '{verdict.node}' ({verdict.kind}): {verdict.how}" for verdict in other.table().refused), "")
         for tool, other in others.items()
     }
     readers = {tool: other for tool, other in others.items() if isinstance(other, Analysis) and not refused[tool]}
@@ -165,7 +165,7 @@ class Layer:
     def __init__(self, analysis: Analysis, name: str, differing: Container[str]) -> None:
         cell, graph = analysis.cells[name], analysis.graph
         self.name = name
-        values = ((each.name, getattr(cell, each.name)) for each in fields(cell))
+        values = ((f.name, getattr(cell, f.name)) for f in fields(cell))
         flat: dict[str, Any] = {word: v.reshape(-1) if isinstance(v, np.ndarray) else v for word, v in values}
         self.cell = Cell(**flat)
         self.rises = cell.rises or name in differing

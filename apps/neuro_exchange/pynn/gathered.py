@@ -124,11 +124,11 @@ class NetworkBuilder:
         self.tau_minus: dict[Any, float] = {}
         self.bundles = [bundle for projection in experiment.projections for bundle in self._bundles(projection)]
         self.modulators = [bundle for bundle in self.bundles if _kind(bundle) == "Neuromodulation"]
-        self._each((bundle.projection.where, self._learning, bundle) for bundle in self.bundles)
-        self._each((part.where, self._population, part) for part in experiment.populations)
-        self._each((bundle.projection.where, self._projection, bundle) for bundle in self.bundles)
-        self._each((where, self._current, (source, ids)) for source, ids, where in experiment.currents)
-        self._each((part.where, self._probes, part) for part in experiment.populations)
+        self._try_all((bundle.projection.where, self._learning, bundle) for bundle in self.bundles)
+        self._try_all((part.where, self._population, part) for part in experiment.populations)
+        self._try_all((bundle.projection.where, self._projection, bundle) for bundle in self.bundles)
+        self._try_all((where, self._current, (source, ids)) for source, ids, where in experiment.currents)
+        self._try_all((part.where, self._probes, part) for part in experiment.populations)
 
     def close(self) -> Network:
         """Return the network, with the rates that the script set during its run as a schedule."""
@@ -262,7 +262,7 @@ class NetworkBuilder:
             np.array(part.all_cells, dtype=np.int64)[end]
             for part, end in zip((projection.pre, projection.post), ends, strict=True)
         ]
-        sources, targets = (np.searchsorted(self.first, each, side="right") - 1 for each in ids)
+        sources, targets = (np.searchsorted(self.first, side, side="right") - 1 for side in ids)
         for source, target in sorted(set(zip(sources.tolist(), targets.tolist(), strict=True))):
             rows = np.flatnonzero((sources == source) & (targets == target))
             pre, post = ids[0][rows] - self.first[source], ids[1][rows] - self.first[target]
@@ -346,7 +346,7 @@ class NetworkBuilder:
             raise Incomplete("'dendritic_delay_fraction' is not 1: delays here are dendritic")
         mechanism = bundle.projection.synapse_type
         timing, dependence = type(mechanism.timing_dependence).__name__, type(mechanism.weight_dependence).__name__
-        modulators = [each for each in self.modulators if each.target is bundle.target]
+        modulators = [m for m in self.modulators if m.target is bundle.target]
         least = bundle.number("w_min")
         if modulators and factor > 0:
             rewards = len(modulators) == 1 and modulators[0].projection.receptor_type == "reward"
@@ -410,7 +410,7 @@ class NetworkBuilder:
     def _dopamine_source(self, modulators: Sequence[Synapses], factor: float) -> tuple[Synapses, dict[str, Any]]:
         """Return the synapses that release dopamine, and the parameters of a learning rule that follow from them."""
         if len(modulators) > 1:
-            kinds = " and ".join(sorted({f"'{each.projection.receptor_type}'" for each in modulators}))
+            kinds = " and ".join(sorted({f"'{m.projection.receptor_type}'" for m in modulators}))
             raise Incomplete(f"dopamine by {len(modulators)} projections to {kinds}: expected one")
         modulator, rule = modulators[0], _rule(modulators[0])
         if not isinstance(rule, all_to_all | one_to_one):

@@ -76,7 +76,7 @@ class Assembly(common.Assembly):
     def receptor_types(self) -> list[str]:
         """The receptors that all populations have, in a fixed order; PyNN's order differs from run to run."""
         types = [set(part.celltype.receptor_types) for part in self.populations]
-        return [each for each in self.populations[0].celltype.receptor_types if all(each in names for names in types)]
+        return [name for name in self.populations[0].celltype.receptor_types if all(name in names for names in types)]
 
 
 class _Neurons:

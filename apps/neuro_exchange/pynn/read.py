@@ -96,7 +96,7 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         raise ModelError(f"network = {number}: expected at most {len(networks)}, the networks of {path.name}")
     built = networks[-1 if number is None else number - 1]
     if built.problems:
-        others = tuple(ModelError(each.message, where=each.where) for each in built.problems)
+        others = tuple(ModelError(remark.message, where=remark.where) for remark in built.problems)
         count = f"{len(others)} problem" + "s" * (len(others) > 1)
         raise ModelError(f"{path.name}: the network cannot be converted ({count})", others=others)
     if not _are_plain_files(folder):
@@ -108,7 +108,7 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         times = ", ".join(f"{ms:g}" for ms in runs[:5]) + (", ..." if len(runs) > 5 else "")
         heading.append(f"runs for {sum(runs):g} ms" + (f" ({times})" if len(runs) > 1 else ""))
     if len(networks) > 1:
-        lines = ", ".join(str(each.line) for each in networks)
+        lines = ", ".join(str(entry.line) for entry in networks)
         which = "the last" if number is None else f"number {number}"
         heading.append(f"builds {len(networks)} networks, at lines {lines}: this is {which}")
     if built.notes:
@@ -249,7 +249,7 @@ def _report_of_exit(code: int, output: BinaryIO, seconds: float) -> Report:
     """Return the report of a process that ended without writing one, from its exit code and its printed text."""
     if code == -signal.SIGXCPU:
         return _failed(f"exceeds the limit of {seconds:g} s", "time")
-    names = {each.value: each.name for each in signal.Signals}
+    names = {s.value: s.name for s in signal.Signals}
     how = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
     size = os.fstat(output.fileno()).st_size
     printed = os.pread(output.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace")

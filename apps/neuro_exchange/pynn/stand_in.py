@@ -146,7 +146,7 @@ class Finder(MetaPathFinder, Loader):
 
 def _get_simulator(*arguments: Any) -> Any:
     """PyNN's `get_simulator`. A missing argument gets the first of the choices that its help names."""
-    required = [each for each in arguments if not each[0].startswith("-") and len(each) == 2]
+    required = [argument for argument in arguments if not argument[0].startswith("-") and len(argument) == 2]
     for name, text in required[len(sys.argv) - 2 :] if len(sys.argv) > 1 else []:
         choices = re.search(r"either (\w+) or \w+", text)
         if choices is None:
