@@ -147,7 +147,7 @@ class NetworkBuilder:
                 part.rates = []
         return self.net
 
-    def _each(self, parts: Iterable[tuple[Where | None, Callable[[Any], None], Any]]) -> None:
+    def _try_all(self, parts: Iterable[tuple[Where | None, Callable[[Any], None], Any]]) -> None:
         for where, add, part in parts:
             self.net.place = where
             try:
