@@ -249,7 +249,7 @@ class Silence:
         inputs = [self._thirds(j) for j in {self.program.projections[q].source for q in onto} - after]
         if self.run.ms < SHORT_MS or n_first < EARLY or self.wiring.onto(k, "current"):
             return
-        if not inputs or any(late < KEPT * early or not late for early, late in inputs):
+        if not inputs or any(n_end < KEPT * n_begin or not n_end for n_begin, n_end in inputs):
             return
         learning = {q: self.run.learning[q] for q in onto if q in self.run.learning}
         shrunk = [q for q, w in learning.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]

@@ -240,17 +240,17 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
         share = required_share(rule, weight, p_pre, trials.maps_per_label)
         if share <= limit:
             continue
-        early = chance + EARLY_AT_MOST * (1.0 - chance)
+        reach = chance + EARLY_AT_MOST * (1.0 - chance)
         soon = (1.0 - float(weight.mean())) / (rule.epsilon * chance * (1.0 - chance))
         by_chance = (
             f"by chance epsilon brings a mean weight to Wmax in {figure(soon)} trials, and then all maps decide alike"
         )
-        saturation = f"at this chance ReMuS on N-MNIST has {limit:.0%} to {early:.0%} right early: weights may saturate"
+        saturation = f"at this chance ReMuS on N-MNIST has {limit:.0%} to {reach:.0%} right early: weights may saturate"
         evidence = (
             f"epsilon = {rule.epsilon:g} outweighs rewards and punishments until {share:.0%} of the trials are right, "
-            f"of which chance is {chance:.0%}; {by_chance if share > early else saturation}"
+            f"of which chance is {chance:.0%}; {by_chance if share > reach else saturation}"
         )
-        least, upper = (sufficient_epsilon(rule, weight, p_pre, trials.maps_per_label, end) for end in (limit, early))
+        least, upper = (sufficient_epsilon(rule, weight, p_pre, trials.maps_per_label, end) for end in (limit, reach))
         lower = f"lower epsilon to about {figure(least)}" if least > 0.0 else "set epsilon to 0"
         lower += f", or at most {figure(upper)} if decisions are right early" if upper > 0.0 else ""
         yield warning("weights-saturate", part, evidence, f"{lower}, or set rescue: true")

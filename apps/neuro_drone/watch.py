@@ -344,10 +344,10 @@ def _raster(flight: Flight, window: float) -> player.Track:
         [0.4 if pilot else 0.6 * root / (sum(roots) or 1.0) for pilot, root in zip(pilots, roots, strict=True)]
     )
     for part, pilot, share in zip(flight.spikes, pilots, weights / weights.sum(), strict=True):
-        shown = player.evenly(len(part.times), MOST)
+        sample = player.evenly(len(part.times), MOST)
         strip = {
             "name": part.name, "size": part.size, "height": share * (TALL + 8) - 8,
-            "times": part.times[::shown] / world.step, "ids": part.ids[::shown],
+            "times": part.times[::sample] / world.step, "ids": part.ids[::sample],
         }  # fmt: skip
         strips.append(strip | ({"labels": names, "colours": COLOURS} if pilot else {}))
     return player.Track("raster", "raster", "spikes", {"strips": strips, "window": window, "edge": EDGE})

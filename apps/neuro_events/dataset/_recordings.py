@@ -213,9 +213,9 @@ class Recordings(Sequence[Sample]):
                 first = next(item.path for item in self if item.label == UNKNOWN)
                 raise ModelError(f"folds({n}): the class of {first} is unknown, expected one for each")
             if count < n:
-                found = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
+                shortage = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
                 hint = "every fold needs at least one recording of each class"
-                raise ModelError(f"folds({n}): {found}, expected at least {n}", hint=hint)
+                raise ModelError(f"folds({n}): {shortage}, expected at least {n}", hint=hint)
 
     def sensor_size(self, *, setting: str = "sensor_size=(width, height), or --sensor WxH") -> tuple[int, int]:
         """Return the width and height of the largest sensor of the recordings, px.
