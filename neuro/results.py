@@ -19,9 +19,9 @@ __all__ = ["Results", "Trace", "Train", "Weights", "read"]
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Results(files.Results):
-    """The results of a run.
+    """Results of a run.
 
-    Spikes, traces and weights are read as from a simulation, see `neuro.files.results.Results`.
+    Spikes, traces and weights are read with the methods of a simulation, see `neuro.files.results.Results`.
     """
 
     def plot(self, of: Any = None, window: Any = None) -> Figure:
@@ -32,7 +32,7 @@ class Results(files.Results):
             window: begin and end in ms; default: the whole run.
 
         Raises:
-            ModelError: nothing of this was recorded.
+            ModelError: no spikes of these populations were recorded.
         """
         from neuro.plots import overview
 
@@ -42,12 +42,12 @@ class Results(files.Results):
         """Return the energy bill of the run on a chip, as `neuro.Simulation.energy` does.
 
         Args:
-            target: the name of a chip, or the file of a table of your own.
-            step_s: duration of a step on the chip in s; default: the chip's own time.
-            chips: number of chips that are on; default: the number that the network needs.
+            target: name of a chip, or path of a table file.
+            step_s: duration of a step on the chip in s; by default the chip's own time.
+            chips: number of chips that are on; by default the number that the network needs.
 
         Raises:
-            ModelError: as for a simulation.
+            ModelError: see `neuro.Simulation.energy`.
         """
         from neuro.files.finished_runs import energy
 
@@ -55,7 +55,7 @@ class Results(files.Results):
 
 
 def read(path: str | PathLike[str]) -> Results:
-    """Read the results of a run from a file, also if the run ended while it wrote. Arrays are read on first access.
+    """Read the results of a run from a file, also of an interrupted run. Arrays are read on first access.
 
     Raises:
         ModelError: there is no such file, or the file has another format.

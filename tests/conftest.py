@@ -138,7 +138,7 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """What a test registers, also by files that it runs and that begin with my_, is forgotten."""
     from neuro.core import extension, registry
 
-    for room in registry._ROOMS:
+    for room in registry._REGISTRY_MODULES:
         import_module(room)
     for one in registry._REGISTRIES:
         for name in ("_parts", "_registered"):

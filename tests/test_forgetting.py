@@ -58,6 +58,6 @@ def test_pictures_are_of_what_is_held():
     sim.run(20.0)
     sim.forget(10.0)
     assert neuro.plots.raster(sim).axes[0].get_xlim() == (10.0, 20.0)
-    expected = "window = [5, 20]: what was recorded up to 10 ms is not held any more: expected a begin >= 10 ms"
+    expected = "window = [5, 20]: records up to 10 ms were forgotten: expected a begin >= 10 ms"
     assert without_place(neuro.plots.raster, sim, window=(5.0, 20.0)) == expected
     assert without_place(neuro.plots.trace, sim, "v", window=(5.0, 20.0)) == expected

@@ -59,7 +59,7 @@ def test_spikes_that_were_forgotten_are_refused_and_counts_are_not(sim):
     sim.run(200.0)
     fired = sim.spikes("cells")[1].size
     sim.forget(before=100.0)
-    assert "those up to 100 ms were forgotten" in refused(spikes.get)
+    assert "spikes up to 100 ms were forgotten" in refused(spikes.get)
     assert counts.get().sum() == fired
 
 

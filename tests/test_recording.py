@@ -122,7 +122,7 @@ def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch, messages):
         child.stdout.readline()
     os.kill(child.pid, signal.SIGKILL)
     child.communicate()
-    hint = "run.h5.part has what a run recorded that did not come to its end"
+    hint = "run.h5.part has the records of an unfinished run"
     assert refused(neuro.results.read, "run.h5") == f"run.h5: there is no such file\n  hint: {hint}"
     results = neuro.results.read("run.h5.part")
     assert results.time >= 5.0
@@ -207,7 +207,7 @@ def test_a_run_leaves_what_earlier_ones_kept(path):
     times = {file.name: neuro.results.read(file).time for file in path.parent.iterdir()}
     assert times == {"run.h5.part": 5.0, "run.2.h5.part": 6.0, "run.h5": 7.0}
     path.unlink()
-    assert "run.2.h5.part has what a run recorded" in refused(neuro.results.read, path)
+    assert "run.2.h5.part has the records of an unfinished run" in refused(neuro.results.read, path)
 
 
 def test_a_folder_that_is_removed(tmp_path, messages):

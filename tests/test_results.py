@@ -69,8 +69,8 @@ def test_a_damaged_file_is_refused(results, tmp_path):
 def test_without_a_digest_it_is_refused(results, tmp_path):
     write(results, tmp_path / "a.h5")
     (tmp_path / "a.h5").write_bytes((tmp_path / "a.h5").read_bytes()[FRONT:])
-    told = "not a file of results, as 'neuro run' writes it\n  hint: it has no digest, as files of other tools and of"
-    assert refused(read, tmp_path / "a.h5") == f"{tmp_path}/a.h5: {told} versions before digests: make it again"
+    told = "not a file of results, as 'neuro run' writes it\n  hint: the file has no digest: other tools or an"
+    assert refused(read, tmp_path / "a.h5") == f"{tmp_path}/a.h5: {told} old version wrote it: make it again"
 
 
 @pytest.mark.parametrize("absolute", [True, False])
@@ -85,10 +85,6 @@ def test_a_network_file_outside_the_network_is_refused(results, tmp_path, absolu
     data = (tmp_path / "a.h5").read_bytes()
     (tmp_path / "a.h5").write_bytes(data.replace(name.replace("/", "%").encode(), name.encode()))
     seal(tmp_path / "a.h5")
-    lack = (
-        "it has a name that leads to no part of it"
-        if absolute
-        else f"{name!r} is not the name of a file of the network"
-    )
+    lack = "a name leads to no part of the file" if absolute else f"{name!r} is not the name of a file of the network"
     assert refused(lambda: read(tmp_path / "a.h5").network()) == f"{tmp_path / 'a.h5'}: damaged: {lack}"
     assert not (tmp_path / "written").exists()

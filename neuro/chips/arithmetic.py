@@ -32,9 +32,9 @@ class Option:
     """An option of quantising that a user may set for each population or projection.
 
     Attributes:
-        name: as passed to `neuro.compile`, e.g. "scales".
+        name: name of the argument of `neuro.compile`, e.g. "scales".
         of: the kind of parts that have the option.
-        fits: returns whether a value is allowed.
+        fits: function that returns whether a value is allowed.
         expected: description of an allowed value, for messages.
     """
 
@@ -57,12 +57,12 @@ class Arithmetic(ABC):
     """The integer arithmetic of a family of chips.
 
     Attributes:
-        name: as in `arithmetic` of a chip's table, and in `chip` of the models whose parameters are registers of the
+        name: name in `arithmetic` of a chip's table, and in `chip` of the models whose parameters are registers of the
             family.
-        title: the family's name for people.
+        title: name of the family for readers.
         models: neuron models of the language that the family can run.
         options: options that users may set.
-        state_limit: the largest magnitude of a state register.
+        state_limit: largest magnitude of a state register.
         native_volt: units of the voltage register per mV, for neurons that are described in registers.
         register_of_one: content of the delay register for a spike that acts one step after its emission.
         one_bit: whether a spike is one bit, so that several spikes of a neuron in a step are merged.
@@ -70,7 +70,7 @@ class Arithmetic(ABC):
         in_rows: whether synapses are stored in rows as long as the longest one, otherwise in blocks; see
             `neuro.chips.incoming`.
         keeps_kernels: whether a core stores a kernel once instead of each of its synapses.
-        multicast: whether routers copy a spike for several cores, otherwise a source sends one spike to each core.
+        multicast: whether routers copy a spike for several cores; otherwise a source sends a spike to each core.
         receptors: input slots of a neuron per future step. With 1, words of any sign are summed in 32 bits. With 2,
             each sign has a slot that saturates.
         word: type of the array of words.
@@ -155,7 +155,7 @@ class Arithmetic(ABC):
             )
 
     def core_bytes(self, program: Program, chip: Chip, population: int, neurons: int) -> int:
-        """Return the bytes of a core's own memory that learning onto some neurons needs, or 0 where none is counted."""
+        """Return the bytes of a core's own memory that learning onto some neurons needs, or 0 if none is counted."""
         return 0
 
     def learning_notes(
@@ -168,9 +168,9 @@ class Arithmetic(ABC):
         """Yield notes on the memory and the time that learning needs on the cores, as far as figures are published.
 
         Args:
-            program: has the projections.
-            chip: has the limits.
-            cores: for each core its populations, each with its neurons first <= i < last.
+            program: the whole network.
+            chip: the chip with the limits.
+            cores: the parts (population, first, last) of each core, with the neurons first <= i < last.
             visits: mean number of synapses per step that pre spikes and post spikes visit, by projection. None: every
         neuron spikes once.
         """
@@ -194,7 +194,7 @@ class Arithmetic(ABC):
         """Return the scale of the weights of a projection onto a population as text for the report."""
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return a hint against lost bits of weights that are described in registers, or "" where none can be lost."""
+        """Return a hint against lost bits of weights that are described in registers, or "" if no bits can be lost."""
         return ""
 
     def notes(self, program: Program) -> Iterator[str]:
@@ -223,7 +223,7 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def way_out(self, cells: FixedPopulation) -> str:
-        """Return a hint that keeps the registers of a population from overflowing, or "" where none is known."""
+        """Return a hint that keeps the registers of a population from overflowing, or "" if none is known."""
 
 
 EVERYWHERE = ("strict", "order", "neurons_per_core")
@@ -234,7 +234,7 @@ def options_of(program: Program, chip: Chip, arithmetic: Arithmetic, options: Ma
     """Check the options of a user and return them by name.
 
     Args:
-        program: has the populations and projections.
+        program: the whole network.
         chip: the chip, for messages.
         arithmetic: the chip's arithmetic.
         options: values by option, then by part.
@@ -259,8 +259,8 @@ def options_of(program: Program, chip: Chip, arithmetic: Arithmetic, options: Ma
                 raise ModelError(f"{name}: unknown part '{part}'", hint=nearest(part, models))
             if not isinstance(models[part], arithmetic.models):
                 known_models = " or ".join(model.__name__ for model in arithmetic.models)
-                what = f"{name}['{part}']: {a(models[part].name)}"
-                raise ModelError(f"{what}: expected {expected} of {known_models}")
+                subject = f"{name}['{part}']: {a(models[part].name)}"
+                raise ModelError(f"{subject}: expected {expected} of {known_models}")
             if not option.fits(value):
                 raise ModelError(f"{name}['{part}'] = {value!r}: expected {option.expected}")
     return Options(options)

@@ -16,7 +16,7 @@ LIMITS = {
     "axons_in_per_core": "sources whose spikes one core can receive",
     "axons_out_per_core": "destinations to which one core can send",
     "delay_max": "longest delay in steps of the chip",
-    "delay_native": "longest delay in steps without a helper, where that is shorter",
+    "delay_native": "longest delay in steps without a helper, if shorter",
 }
 """Names of the limits, each with the quantity that it bounds."""
 
@@ -64,14 +64,14 @@ class Figure:
     """A published number, with its range.
 
     Attributes:
-        value: in the unit of its field (J, W, s, bytes or a count).
-        source: the paper, page or table.
+        value: the number in the unit of its field (J, W, s, bytes or a count).
+        source: paper, page or table.
         conditions: technology, voltage, and whether the number was measured or simulated.
-        low, high: the range of other sources and measurements, None where none is known.
+        low, high: range of other sources and measurements, None if unknown.
         spread: source of that range.
         holds: ranges of `CONDITIONS`, by name, for which the figure is known.
-        beyond: the wider range of the figure outside `holds`; None: the same as inside.
-        guess: why the figure is extrapolated for every run, "" if it is not.
+        beyond: wider range of the figure outside of `holds`; None for the same range.
+        guess: reason why the figure is extrapolated for every run, "" if it is not.
     """
 
     value: float
@@ -98,8 +98,8 @@ class Mesh:
     """The layout of a chip: tiles in rows and columns, each with some cores. Spikes hop from tile to tile.
 
     Attributes:
-        columns, rows: tiles of one chip.
-        cores_per_tile: cores that share a router.
+        columns, rows: number of columns and rows of tiles of one chip.
+        cores_per_tile: number of cores that share a router.
     """
 
     columns: int
@@ -112,14 +112,14 @@ class Chip:
     """A target: a chip, or a processor that does the same work as dense multiply-accumulates.
 
     Attributes:
-        name: as in `neuro.compile(net, backend=name)` and `sim.energy(name)`.
-        title: the name for people.
-        arithmetic: name of its integer arithmetic (`neuro.chips.known`), "" where only costs or limits are known.
-        limits: by name, see `docs/reference/chips.md`. A missing limit means that nothing is bounded.
-        mesh: the layout of the cores, None where nothing is placed.
-        step_s: shortest time of one step in s, None where a step lasts as long as its work.
-        costs: joules, watts and seconds by name; empty where none is published.
-        path: the file of the table, "" for a chip that code defines.
+        name: name in `neuro.compile(net, backend=name)` and `sim.energy(name)`.
+        title: name for readers.
+        arithmetic: name of its integer arithmetic (`neuro.chips.known`), "" if only costs or limits are known.
+        limits: limits by name, see `docs/reference/chips.md`. A missing limit means that nothing is bounded.
+        mesh: layout of the cores, None if nothing is placed.
+        step_s: shortest time of one step in s, None if a step lasts as long as its work.
+        costs: joules, watts and seconds by name; empty if none is published.
+        path: file of the table, "" for a chip that code defines.
     """
 
     name: str
@@ -132,7 +132,7 @@ class Chip:
     path: str = ""
 
     def limit(self, name: str) -> int | None:
-        """Return a limit as a whole number, or None where the chip has none of that name."""
+        """Return a limit as a whole number, or None if the chip has no such limit."""
         return int(self.limits[name].value) if name in self.limits else None
 
 

@@ -30,9 +30,9 @@ class BillItem:
     """A line of a bill.
 
     Attributes:
-        what: the name of the cost, see `neuro.chips.description.COSTS`, or "host": operations of the host.
+        what: name of the cost, see `neuro.chips.description.COSTS`, or "host": operations of the host.
         kind: kind of the part that `of` names: "population", "projection", "signal", "host", "layers" or "chip".
-        of: the population, projection, signal, part and processor of the host, layers or target.
+        of: name of the population, projection, signal, part and processor of the host, layers or target.
         count: number of operations; for `static_per_chip` chips x seconds.
         joules_each: cost of one operation in J. None if no figure is published; the line is then not in the sums.
         joules: cost of all operations in J.
@@ -40,7 +40,7 @@ class BillItem:
         conditions: conditions of the figure.
         low, high: lowest and highest cost of all operations, by the range of the figure.
         spread: source of that range.
-        extrapolated: why the figure is not known to hold for this run, "" if it holds.
+        extrapolated: reason why the figure may not hold for this run, "" if it holds.
         bytes: bytes that the host reads and writes; they are not priced.
     """
 
@@ -66,20 +66,20 @@ class Energy:
     Static energy depends on the clock: this bill uses `clock`, and `real_time` is the same bill in real time.
 
     Attributes:
-        target: the name of the chip or processor.
-        title: the name for people.
+        target: name of the chip or processor.
+        title: name for readers.
         chips: number of chips that are on.
-        chip_time_s: time that the chip needs for the run, in s; None where no time is known.
-        steps: steps of the run.
-        items: the lines: populations first, then projections, then the chip.
+        chip_time_s: time that the chip needs for the run, in s; None if no time is known.
+        steps: number of steps of the run.
+        items: lines of the bill: populations first, then projections, then the chip.
         notes: assumptions, and costs that the sums lack.
-        of: "run", or the name of the part into which `per` divided the run.
+        of: "run", or the name of the parts into which `per` divided the run.
         chip_time_range_s: lowest and highest chip time, by the ranges of its figures.
         duration_s: duration of the run in real time, in s: steps x resolution, or the value that the caller of `price`
             passed.
         clock: the clock of the chip time: `FASTEST`, `AS_GIVEN` or `REAL_TIME`.
         waiting: the bill of a chip that waits for the end of each step in real time, None if no waiting is possible.
-        refused: why the chip cannot run the network, "" if it can. A refused bill has lines and no total.
+        refused: reason why the chip cannot run the network, "" if it can. A refused bill has lines but no total.
     """
 
     target: str
@@ -98,7 +98,7 @@ class Energy:
 
     @property
     def real_time(self) -> Energy:
-        """The same bill where each step lasts its simulated time, as with live events. A late chip does not wait."""
+        """The same bill with steps that last their simulated time, as for live events. A late chip does not wait."""
         return self.waiting or self
 
     @property
@@ -113,7 +113,7 @@ class Energy:
 
     @property
     def static_j(self) -> float:
-        """Energy of chips that are on, in J; 0 where no figure is published (a note then says so)."""
+        """Energy of chips that are on, in J; 0 if no figure is published; a note then says so."""
         return _sum(self._static())
 
     @property
@@ -142,7 +142,7 @@ class Energy:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Names of the costs that the total lacks because no figure is published; totals then stand behind ">"."""
+        """Names of the costs that the total lacks because no figure is published; totals then have the prefix ">"."""
         unpriced = dict.fromkeys(item.what for item in self.items if item.joules is None)
         return (*unpriced, *(() if self.static_known else (STATIC,)))
 
@@ -169,8 +169,8 @@ class Energy:
         """Return the total with its range at both clocks, as a line of text."""
         if self.refused:
             return f"{REFUSED}: {self.refused}"
-        one, other = _totals(self._both())
-        return f"{one} {self.clock}, {'the same' if one == other else other} {REAL_TIME}"
+        at_clock, in_real_time = _totals(self._both())
+        return f"{at_clock} {self.clock}, {'the same' if at_clock == in_real_time else in_real_time} {REAL_TIME}"
 
     def total(self, digits: int = 4) -> str:
         """Return the total at this clock without its range, e.g. "8.234 uJ", "> 8.234 uJ" or "refused".
@@ -209,8 +209,8 @@ class Energy:
         """Return the bill for one of `n` equal parts of the run.
 
         Args:
-            n: the number of parts in the run.
-            what: the name of one part, e.g. "recording" or "control step".
+            n: number of parts in the run.
+            what: name of one part, e.g. "recording" or "control step".
 
         Raises:
             ModelError: `n` is not a whole number >= 1.
@@ -237,17 +237,17 @@ class Energy:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the bill as plain values for JSON; unknown values are None."""
-        about = {"target": self.target, "title": self.title, "of": self.of, "clock": self.clock}
+        fields = {"target": self.target, "title": self.title, "of": self.of, "clock": self.clock}
         items = [asdict(item) for item in self.items]
         extrapolated = [{"why": why, "costs": list(names)} for why, names in self.extrapolated.items()]
-        rest = {"items": items, "extrapolated": extrapolated, "notes": list(self.notes)}
-        return {**about, **self._both(), "refused": self.refused or None, **rest}
+        lists = {"items": items, "extrapolated": extrapolated, "notes": list(self.notes)}
+        return {**fields, **self._both(), "refused": self.refused or None, **lists}
 
     def _both(self) -> dict[str, Any]:
         """Return the figures at both clocks."""
         machine = {"chips": None if self.chip_time_s is None else self.chips, "steps": self.steps}
-        real = {"duration_s": self.duration_s, "late": self.late, "real_time": self.real_time._figures()}
-        return {**self._figures(), **machine, **real}
+        real_time = {"duration_s": self.duration_s, "late": self.late, "real_time": self.real_time._figures()}
+        return {**self._figures(), **machine, **real_time}
 
     def _figures(self) -> dict[str, Any]:
         """Return the sums, ranges and chip time at one clock."""
@@ -286,7 +286,7 @@ class Energy:
             chips = f"{self.chips} chip" + "s" * (self.chips != 1)
             head = [chips, *head, f"{quantity(self.chip_time_s, 's')} of chip time"]
         rows = aligned(table if sources else [row[:-1] for row in table], "<<>>>")
-        references = [f"[{i}] {each}" for i, each in enumerate(cited, 1)] if sources else []
+        references = [f"[{i}] {source}" for i, source in enumerate(cited, 1)] if sources else []
         parts = (
             [f"{self.title} ({self.target}), energy per {self.of}: {', '.join(head)}"],
             rows,
@@ -310,12 +310,12 @@ class Energy:
 
 def _row(item: BillItem, cited: list[str]) -> tuple[str, ...]:
     unit = "W" if item.what == STATIC else "J"
-    each = "-" if item.joules_each is None else quantity(item.joules_each, unit)
+    joules_each = "-" if item.joules_each is None else quantity(item.joules_each, unit)
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
     mark = f"[{cited.index(sourced(item.source, item.conditions)) + 1}]" if item.source else ""
     count = f"{quantity(item.count, 's')}" if item.what == STATIC else number(item.count)
     count += f" mac, {number(item.bytes)} bytes" if item.bytes else ""
-    return item.what + " *" * bool(item.extrapolated), item.of, count, each, energy, mark
+    return item.what + " *" * bool(item.extrapolated), item.of, count, joules_each, energy, mark
 
 
 def _share(value: float | None, n: int) -> float | None:
@@ -325,8 +325,8 @@ def _share(value: float | None, n: int) -> float | None:
 def _ends(items: Iterable[BillItem]) -> Range:
     """Return the sum of the low ends and the sum of the high ends."""
     priced = [(item.joules, item.low, item.high) for item in items if item.joules is not None]
-    low = sum((joules if least is None else least for joules, least, _ in priced), 0.0)
-    return low, sum((joules if most is None else most for joules, _, most in priced), 0.0)
+    low = sum((joules if lowest is None else lowest for joules, lowest, _ in priced), 0.0)
+    return low, sum((joules if highest is None else highest for joules, _, highest in priced), 0.0)
 
 
 def _sum(items: Iterable[BillItem]) -> float:
@@ -342,8 +342,8 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     """Return a number with its unit and an SI prefix, e.g. "23.6 pJ"."""
     if value == 0:
         return f"0 {unit}"
-    least = 1.0 - 0.5 * 10.0**-digits
-    scale, prefix = next((pair for pair in _PREFIXES if abs(value) >= pair[0] * least), _PREFIXES[-1])
+    threshold = 1.0 - 0.5 * 10.0**-digits
+    scale, prefix = next((pair for pair in _PREFIXES if abs(value) >= pair[0] * threshold), _PREFIXES[-1])
     return f"{value / scale:.{digits}g} {prefix}{unit}"
 
 
@@ -365,14 +365,14 @@ def cells(bill: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _totals(bill: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the total with its range at both clocks: behind ">" if a cost is missing, or "refused"."""
+    """Return the total with its range at both clocks: with the prefix ">" if a cost is missing, or "refused"."""
     if bill["total_j"] is None:
         return REFUSED, REFUSED
-    one, other = (
-        "> " * bool(each["missing"]) + between(*(each[f"total{end}_j"] for end in ("", "_low", "_high")))
-        for each in (bill, bill["real_time"])
+    at_clock, in_real_time = (
+        "> " * bool(figures["missing"]) + between(*(figures[f"total{end}_j"] for end in ("", "_low", "_high")))
+        for figures in (bill, bill["real_time"])
     )
-    return one, other + " late" * bill["late"]
+    return at_clock, in_real_time + " late" * bill["late"]
 
 
 def number(count: float) -> str:

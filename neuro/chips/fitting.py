@@ -30,7 +30,7 @@ class Cut:
     """The cores of a program, before they have positions.
 
     Attributes:
-        order: "connected" or "declared", as the user chose.
+        order: "connected" or "declared", the choice of the user.
         into: all synapses.
         declared: cores filled in the order of declaration; None for a large program, which is split only once.
         connected: cores filled in an order that follows synapses; None for order "declared".
@@ -104,12 +104,12 @@ def chain(traffic: Floats, pull: Floats) -> Ints:
         return np.arange(n)
     is_left, tied = np.ones(n, dtype=bool), pull.astype(np.float64)
     order = np.zeros(n, dtype=np.int64)
-    at = int(np.lexsort((np.arange(n), traffic.sum(axis=1), -pull))[0])
+    element = int(np.lexsort((np.arange(n), traffic.sum(axis=1), -pull))[0])
     for i in range(n):
         if i:
-            at = int(np.argmax(np.where(is_left, tied, -1.0)))
-        order[i], is_left[at] = at, False
-        tied += traffic[at]
+            element = int(np.argmax(np.where(is_left, tied, -1.0)))
+        order[i], is_left[element] = element, False
+        tied += traffic[element]
     return order
 
 
@@ -119,10 +119,10 @@ def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: 
     Delays are checked only for a chip whose arithmetic is not emulated; quantising checks the others.
 
     Args:
-        program: has the names, and the places in the description.
-        chip: has the limits; its limit `chips` is the size of the largest machine.
+        program: the whole network.
+        chip: the chip with the limits; `chips` is the size of the largest machine.
         into: all synapses.
-        split: the cores. A neuron that fits on no core has a core of its own.
+        split: the cores. A neuron that fits on no core is alone on a core.
         chips: number of chips that the program needs.
     """
     return (
@@ -137,20 +137,20 @@ def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: 
 
 def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
     """Yield the projections whose delay exceeds the chip's register, with the messages of `neuro.chips.quantise`."""
-    most, h = chip.limit("delay_max"), program.resolution
-    if most is None:
+    limit, h = chip.limit("delay_max"), program.resolution
+    if limit is None:
         return
     of_one = placed_as(chip).register_of_one
     for index in spiking(program):
         part = program.projections[index]
         steps = part.delay_range(h)[1] if part.size else 0
         need = int(register(longest_lag(program, index), of_one).max(initial=0))
-        if need > most:
+        if need > limit:
             yield Problem(
                 True,
                 f"projection '{part.name}': a delay of {steps * h:g} ms",
-                f"{need} steps in the delay register, which holds at most {most} on {chip.name}",
-                f"use at most {(most - need + steps) * h:g} ms, a coarser resolution, or a chain of parrots",
+                f"{need} steps in the delay register, which holds at most {limit} on {chip.name}",
+                f"use at most {(limit - need + steps) * h:g} ms, a coarser resolution, or a chain of parrots",
                 part.origin,
             )
 
@@ -168,12 +168,12 @@ def _too_much(
     for population, neurons in sorted(alone.items()):
         neuron, count = min(neurons)
         part = program.populations[population]
-        more = f" and {len(neurons) - 1:,} more" if len(neurons) > 1 else ""
+        others_text = f" and {len(neurons) - 1:,} more" if len(neurons) > 1 else ""
         synapses = int(np.diff(into.ends)[into.start[population] + neuron])
         if kind == "memory":
-            whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
+            owner = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
             why = f"its {synapses:,} synapses need {count:,} bytes, "
-            why += f"but a {whose} of {chip.name} has {limit:,} for synapses"
+            why += f"but a {owner} of {chip.name} has {limit:,} for synapses"
             way_out = f"about {synapses * limit // count:,} synapses onto one neuron would fit"
         elif kind == "own":
             why = f"learning onto it needs {count:,} bytes of its core's own memory, but {chip.name} has {limit:,}"
@@ -184,27 +184,27 @@ def _too_much(
         else:
             why = f"its spikes go to {count:,} cores, but a core of {chip.name} has {limit:,} output axons"
             way_out = f"targets on at most {limit:,} cores would fit: add neurons in between that pass on its spikes"
-        yield Problem(True, f"population '{part.name}': neuron {neuron}{more}", why, way_out, part.origin)
+        yield Problem(True, f"population '{part.name}': neuron {neuron}{others_text}", why, way_out, part.origin)
 
 
 def _too_large(program: Program, chip: Chip, split: Split, chips: int) -> Iterator[Problem]:
     """Yield a problem if the largest machine has too few chips, for the population with most cores."""
-    most = chip.limit("chips")
-    if most is None or chips <= most:
+    limit = chip.limit("chips")
+    if limit is None or chips <= limit:
         return
     core_counts = np.bincount([index for parts in split.cores for index in {population for population, _, _ in parts}])
     largest, cores = int(np.argmax(core_counts)), len(split.cores)
-    part, own = program.populations[largest], int(core_counts.max())
-    surplus = cores - most * capacity(chip, cores)
+    part, core_count = program.populations[largest], int(core_counts.max())
+    surplus = cores - limit * capacity(chip, cores)
     alone = np.sort([split.neurons[i] for i, parts in enumerate(split.cores) if {p for p, _, _ in parts} == {largest}])
     fit = part.size - int(alone[:surplus].sum())
-    machine = f"{most:,} chip{'s' if most > 1 else ''} of {capacity(chip, cores):,} cores"
+    machine = f"{limit:,} chip{'s' if limit > 1 else ''} of {capacity(chip, cores):,} cores"
     yield Problem(
         True,
-        f"population '{part.name}': {own:,} of {cores:,} cores",
+        f"population '{part.name}': {core_count:,} of {cores:,} cores",
         f"the network needs {chips:,} chips, the largest machine of {chip.name} has {machine}",
         f"about {fit:,} of its {part.size:,} neurons would fit, or more with fewer synapses"
-        if 0 < surplus <= len(alone) and surplus < own
+        if 0 < surplus <= len(alone) and surplus < core_count
         else "the network must be smaller: fewer neurons, or fewer synapses onto each",
         part.origin,
     )

@@ -29,7 +29,7 @@ class Rounding:
         quantity: name of the quantity in the language, e.g. "tau_m".
         unit: unit of `exact` and `got`.
         exact, got: the described value and the value of the register, for the neuron with the largest difference.
-        error: their difference relative to a scale that matters (for a potential, the distance from E_L to V_th).
+        error: difference of both, relative to a typical scale (for a potential, the distance from E_L to V_th).
     """
 
     quantity: str
@@ -47,12 +47,12 @@ class FixedPopulation:
         name: name of the population.
         kind: "source" and "current" (generators, on the host), "relay", or the integer step of the population's family,
             e.g. "loihi_lif".
-        registers: registers by name, shape (1,) where all neurons share the value, else (size,).
+        registers: registers by name, shape (1,) if all neurons share the value, else (size,).
         initial: state registers at step 0, of the same shapes.
         volt: units of the voltage register per mV.
-        rest: potential in mV where the voltage register is 0, shape (1,) or (size,).
+        rest: potential in mV at which the voltage register is 0, shape (1,) or (size,).
         ampere: units of the current registers per pA, for the excitatory and the inhibitory current, each of shape (1,)
-            or (size,); empty where currents have no meaning.
+            or (size,); empty if currents have no meaning.
         drive: units per pA that a constant current adds to the register that holds it.
         rounding: differences between the registers and the description.
     """
@@ -91,10 +91,10 @@ class FixedProjection:
 
     Attributes:
         name: name of the projection.
-        mantissas: content of the weight memory, shape (1,) where shared, else one per synapse (for a grid, one per
+        mantissas: content of the weight memory, shape (1,) if shared, else one per synapse (for a grid, one per
             weight of its kernels). On SpiNNaker the sign selects the receptor.
         words: amount that a spike adds to the input of its target (Loihi: in units of 64).
-        low, high: smallest and largest mantissa; `grain` is the step between two.
+        low, high: smallest and largest mantissa; `grain` is the step between two mantissas.
         exponent: Loihi's weight exponent; 0 on SpiNNaker.
         sign_mode: Loihi's sign mode; "" elsewhere.
         bits: bits of a mantissa.
@@ -178,13 +178,13 @@ def round_weights(
     """Round weights to the nearest mantissas, and return them with the rounding errors.
 
     Args:
-        weights: as described, one or one per synapse.
-        above: weight per mantissa of weights >= 0, one or one per synapse.
+        weights: described weights, one for all or one per synapse.
+        above: weight per mantissa of weights >= 0, one for all or one per synapse.
         below: weight per mantissa of negative weights.
-        low: the smallest mantissa.
-        high: the largest mantissa.
+        low: smallest mantissa.
+        high: largest mantissa.
         grain: step between two mantissas; a tie goes to the even step.
-        keep: whether to return mantissas, otherwise the array is empty.
+        keep: whether to return mantissas; otherwise the array is empty.
     """
     size = 0 if not weights.size else max(weights.size, above.size)
     mantissas = np.zeros(size if keep else 0, dtype=np.int32)
@@ -204,23 +204,21 @@ def judge_weights(
     """Return the rounding errors of some weights.
 
     Args:
-        weights: as described, one per mantissa.
+        weights: described weights, one per mantissa.
         mantissas: the rounded weights.
         step: weight per mantissa.
-        low: the smallest mantissa.
-        high: the largest mantissa.
+        low: smallest mantissa.
+        high: largest mantissa.
     """
     nonzero = weights != 0.0
     if not nonzero.any():
         return WeightRounding(0.0, 0.0, 0.0, 0.0)
     exact = weights / step
-    half = 0.5 + 1e-9
-    beyond = exact.max() > high + half or exact.min() < low - half
-    saturated = float(np.mean((exact > high + half) | (exact < low - half))) if beyond else 0.0
+    tolerance = 0.5 + 1e-9
+    has_outside = exact.max() > high + tolerance or exact.min() < low - tolerance
+    saturated = float(np.mean((exact > high + tolerance) | (exact < low - tolerance))) if has_outside else 0.0
     survives = nonzero & (mantissas != 0)
-    error = np.multiply(
-        mantissas, step, out=exact
-    )  # holds the rounded weights here, and their errors further below, to save memory
+    error = np.multiply(mantissas, step, out=exact)  # later overwritten by the errors, to save memory
     ratio = np.divide(error, weights, out=np.ones_like(error), where=survives)
     ratio -= 1.0
     worst = float(np.max(np.abs(ratio, out=ratio), initial=0.0))
@@ -260,10 +258,10 @@ class FarthestWeight(NamedTuple):
 
 def farthest_weight(weights: Floats, step: Floats, low: int, high: int) -> FarthestWeight:
     """Return the weight that is furthest beyond the mantissas from low to high."""
-    every, steps = np.broadcast_arrays(weights, step)
-    exact = every / steps
-    at = int(np.argmax(np.maximum(exact - high, low - exact)))
-    return FarthestWeight(float(every[at]), float(steps[at]))
+    all_weights, steps = np.broadcast_arrays(weights, step)
+    exact = all_weights / steps
+    index = int(np.argmax(np.maximum(exact - high, low - exact)))
+    return FarthestWeight(float(all_weights[index]), float(steps[index]))
 
 
 def worst_rounding(name: str, unit: str, exact: ArrayLike, got: ArrayLike, scale: ArrayLike) -> Rounding:
@@ -271,12 +269,12 @@ def worst_rounding(name: str, unit: str, exact: ArrayLike, got: ArrayLike, scale
     w, g, s = np.broadcast_arrays(np.atleast_1d(exact), np.atleast_1d(got), np.asarray(scale, dtype=np.float64))
     with np.errstate(invalid="ignore"):
         error = np.nan_to_num(np.where(w == g, 0.0, (g - w) / s), nan=np.inf)
-    at = int(np.argmax(np.abs(error)))
-    return Rounding(name, unit, float(w[at]), float(g[at]), float(error[at]) if abs(error[at]) > 1e-12 else 0.0)
+    k = int(np.argmax(np.abs(error)))
+    return Rounding(name, unit, float(w[k]), float(g[k]), float(error[k]) if abs(error[k]) > 1e-12 else 0.0)
 
 
 RUN = 4096
-"""Squares per partial sum. Partial sums keep more bits when many millions of squares are added."""
+"""Number of squares per partial sum. Partial sums keep more bits when many millions of squares are added."""
 
 
 @kernel
@@ -293,45 +291,45 @@ def judge(weights, above, below, low, high, grain, peak, mantissas, statistics):
     """Round weights to mantissas and measure the errors.
 
     Args:
-        weights: one per synapse, or one for all.
-        above: weight per mantissa of weights >= 0, one or one per synapse.
+        weights: weights, one per synapse or one for all.
+        above: weight per mantissa of weights >= 0, one for all or one per synapse.
         below: weight per mantissa of negative weights.
-        low: the smallest mantissa.
-        high: the largest mantissa.
-        grain: mantissas are multiples of it, or `low` or `high`; a tie goes to the even multiple.
-        peak: the largest magnitude of a weight, more than 0.
+        low: smallest mantissa.
+        high: largest mantissa.
+        grain: step between mantissas, which are its multiples, or `low` or `high`; a tie goes to the even multiple.
+        peak: largest magnitude of a weight, more than 0.
         mantissas: output, or empty.
-        statistics: output: the number of weights beyond a mantissa, of nonzero weights, and of nonzero weights that do
+        statistics: output: number of weights beyond a mantissa, of nonzero weights, and of nonzero weights that do
             not become 0; the largest relative error of such a weight; the sums of all squared errors and of all squared
             weights, relative to `peak`.
     """
     n = max(weights.size, above.size) if weights.size else 0
-    own, each, keep = weights.size > 1, above.size > 1, mantissas.size > 0
-    half = 0.5 + 1e-9
-    beyond = nonzero = survivors = 0
-    worst = errors = squares = 0.0
+    has_own_weights, has_own_steps, keep = weights.size > 1, above.size > 1, mantissas.size > 0
+    tolerance = 0.5 + 1e-9
+    n_beyond = n_nonzero = n_survivors = 0
+    largest_error = errors = squares = 0.0
     for first in range(0, n, RUN):
         error_run = square_run = 0.0
         for e in range(first, min(first + RUN, n)):
-            w = weights[e if own else 0]
-            k = e if each else 0
+            w = weights[e if has_own_weights else 0]
+            k = e if has_own_steps else 0
             step = below[k] if w < 0.0 else above[k]
             exact = w / step
-            beyond += (exact > high + half) | (exact < low - half)
+            n_beyond += (exact > high + tolerance) | (exact < low - tolerance)
             m = min(max(np.rint(w / (step * grain)) * grain, low), high)
             if keep:
                 mantissas[e] = m
             value = m * step
             if w != 0.0:
-                nonzero += 1
+                n_nonzero += 1
                 if m != 0:
-                    survivors += 1
-                    worst = max(worst, abs(value / w - 1.0))
+                    n_survivors += 1
+                    largest_error = max(largest_error, abs(value / w - 1.0))
             error = (value - w) / peak
             square = w / peak
             error_run += error * error
             square_run += square * square
         errors += error_run
         squares += square_run
-    statistics[0], statistics[1], statistics[2] = beyond, nonzero, survivors
-    statistics[3], statistics[4], statistics[5] = worst, errors, squares
+    statistics[0], statistics[1], statistics[2] = n_beyond, n_nonzero, n_survivors
+    statistics[3], statistics[4], statistics[5] = largest_error, errors, squares

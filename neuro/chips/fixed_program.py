@@ -38,7 +38,8 @@ class FixedProgram:
     Attributes:
         chip: the target chip.
         program: the program in floats.
-        populations, projections: in the order of the program. A projection that carries a current, or that could not be
+        populations, projections: populations and projections in the order of the program. A projection that carries a
+        current, or that could not be
             quantised, is None.
         problems: refusals, and approximations beyond the stated limits.
         notes: tasks of the host, and other remarks.
@@ -105,13 +106,13 @@ def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
         if cells.kind in ("source", "current"):
             continue
         scaled = f"{cells.volt:.6g}" if cells.rounding else "-"
-        own = (part.name, f"{part.size:,}", cells.kind, scaled)
+        name_columns = (part.name, f"{part.size:,}", cells.kind, scaled)
         rows = [
             (r.quantity, f"{r.exact:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True))
             for r in cells.rounding
         ] or [("-",) * 4]
         for k, row in enumerate(rows):
-            yield (*(own if k == 0 else ("",) * 4), *row)
+            yield (*(name_columns if k == 0 else ("",) * 4), *row)
 
 
 def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
@@ -119,7 +120,7 @@ def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
     for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
         if wires is None:
             continue
-        lost, described, register = wires.rounding, _range(part.delay), _range(wires.delay)
+        rounding, described, register = wires.rounding, _range(part.delay), _range(wires.delay)
         yield (
             part.name,
             f"{part.size:,}",
@@ -128,9 +129,9 @@ def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
             scale_text(fixed.populations[part.target], wires),
             _range(wires.step),
             described if described == register else f"{described} as {register}",
-            _share(lost.zeroed),
-            _share(lost.worst),
-            _share(lost.rms),
+            _share(rounding.zeroed),
+            _share(rounding.worst),
+            _share(rounding.rms),
         )
 
 
@@ -161,16 +162,16 @@ def filled(fixed: FixedProgram, spikes: Spikes) -> dict[str, float]:
             Populations that are left out emit none.
 
     Returns:
-        the share by population, for populations that spikes reach; empty on chips whose slots saturate.
+        share by population, for populations with incoming spikes; empty on chips whose slots saturate.
     """
     program, arithmetic = fixed.program, arithmetic_of(fixed.chip)
     if arithmetic.receptors == 2:  # slots of such a family saturate
         return {}
     shares = {}
     for target, cells in enumerate(fixed.populations):
-        onto = [k for k, part in enumerate(program.projections) if part.target == target]
-        sums = [_sums(fixed, k, wires, spikes) for k in onto if (wires := fixed.projections[k]) is not None]
-        arriving = [one for one in sums if one is not None]
+        afferent = [k for k, part in enumerate(program.projections) if part.target == target]
+        sums = [_sums(fixed, k, wires, spikes) for k in afferent if (wires := fixed.projections[k]) is not None]
+        arriving = [words for words in sums if words is not None]
         if arriving:
             shares[cells.name] = arithmetic.filled(cells, np.sum(arriving, axis=0))
     return shares
@@ -179,7 +180,7 @@ def filled(fixed: FixedProgram, spikes: Spikes) -> dict[str, float]:
 def _sums(fixed: FixedProgram, index: int, wires: FixedProjection, spikes: Spikes) -> Floats | None:
     """Return the input that a projection adds in each step, shape (recordings, steps, neurons), in words.
 
-    None where its source emits no spikes or the projection has no synapses.
+    None if its source emits no spikes or the projection has no synapses.
     """
     from scipy.sparse import csr_array
 
@@ -190,16 +191,16 @@ def _sums(fixed: FixedProgram, index: int, wires: FixedProjection, spikes: Spike
     if emitted is None or not part.size:
         return None
     batch, steps, _ = emitted.shape
-    pre, post, place = program.synapses(index)
-    words = np.broadcast_to(wires.words, max(wires.words.size, int(place.max()) + 1))[place].astype(np.float64)
-    lags = np.broadcast_to(wires.lag, max(wires.lag.size, int(place.max()) + 1))[place]
+    pre, post, indices = program.synapses(index)
+    words = np.broadcast_to(wires.words, max(wires.words.size, int(indices.max()) + 1))[indices].astype(np.float64)
+    lags = np.broadcast_to(wires.lag, max(wires.lag.size, int(indices.max()) + 1))[indices]
     rows = csr_array(emitted.reshape(batch * steps, -1).astype(np.float64))
     total = np.zeros((batch, steps, target.size))
     for lag in np.unique(lags):
-        here = lags == lag
-        table = csr_array((words[here], (pre[here], post[here])), shape=(source.size, target.size))
+        has_lag = lags == lag
+        table = csr_array((words[has_lag], (pre[has_lag], post[has_lag])), shape=(source.size, target.size))
         dense = table.nnz > source.size * target.size // 8
-        brought = rows @ (table.toarray() if dense else table)
-        brought = (brought if dense else brought.toarray()).reshape(batch, steps, -1)
-        total[:, lag:] += brought[:, : steps - lag]
+        received = rows @ (table.toarray() if dense else table)
+        received = (received if dense else received.toarray()).reshape(batch, steps, -1)
+        total[:, lag:] += received[:, : steps - lag]
     return total

@@ -61,8 +61,8 @@ WORD_BITS = 32
 
 def memory_limit(chip: Chip) -> int | None:
     """Return the most bytes that the synapses of a core can use: the core's memory, or the memory that cores share."""
-    own = chip.limit("synapse_bytes_per_core")
-    return chip.limit("synapse_bytes_per_chip") if own is None else own
+    own_bytes = chip.limit("synapse_bytes_per_core")
+    return chip.limit("synapse_bytes_per_chip") if own_bytes is None else own_bytes
 
 
 def row_form(program: Program, index: int) -> tuple[int, int, int]:
@@ -89,10 +89,10 @@ def block_bits(synapses: Any, bits: Any) -> Any:
         synapses: number of synapses.
         bits: bits of one synapse.
     """
-    rest = synapses % BLOCK
-    full = (BLOCK * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
-    last = (rest * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
-    return UNIT_BITS * (synapses // BLOCK * full + (rest > 0) * last)
+    remainder = synapses % BLOCK
+    full_bits = (BLOCK * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
+    last_bits = (remainder * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
+    return UNIT_BITS * (synapses // BLOCK * full_bits + (remainder > 0) * last_bits)
 
 
 def index_bits(neurons: int) -> int:
@@ -122,8 +122,8 @@ def kernel_bits(program: Program, index: int, fan_in: int) -> int:
 
 def columns_per_core(shape: tuple[int, ...]) -> int:
     """Return how many columns of a layer's maps a core of Loihi 2 can have."""
-    most = max((LAYER_NEURONS - 1) // math.prod(shape[:-1]), 1)
-    return 1 << most.bit_length() - 1
+    columns = max((LAYER_NEURONS - 1) // math.prod(shape[:-1]), 1)
+    return 1 << columns.bit_length() - 1
 
 
 def synapse_bits(program: Program, index: int) -> int:
@@ -163,7 +163,7 @@ class IncomingRows:
 
     @property
     def size(self) -> int:
-        """The number of synapses."""
+        """Number of synapses."""
         return int((self.end - self.begin).sum())
 
 
@@ -174,11 +174,11 @@ class Incoming:
     A line is a source neuron of a projection. Neurons are numbered over all populations.
 
     Attributes:
-        start: the number of each population's first neuron, and the number of all neurons.
-        rows: the synapses of each projection, None for a projection without spikes.
-        begins_at: the source population of each projection.
-        ends_at: the target population of each projection.
-        first: the first line of each projection, and the number of all lines. A projection without spikes has no line.
+        start: number of the first neuron of each population, and number of all neurons.
+        rows: synapses of each projection, None for a projection without spikes.
+        begins_at: source population of each projection.
+        ends_at: target population of each projection.
+        first: first line of each projection, and number of all lines. A projection without spikes has no line.
         bits: bits of one synapse of each projection in Loihi's blocks, without its index; SHARED for stored kernels.
         kernels: bits of the kernels onto each population, which every core with some of its neurons stores.
         columns: largest number of columns of maps on a core, for populations that are split by columns.
@@ -210,7 +210,7 @@ class Incoming:
 
     @cached_property
     def line(self) -> NDArray[np.int32]:
-        """The line of each synapse, sorted by target. At 4 bytes per synapse the array is only made on first use."""
+        """Line of each synapse, sorted by target. The array has 4 bytes per synapse, so it is made on first use."""
         line = np.empty(self.synapses.sum(), dtype=np.int32)
         position = self.ends[:-1].copy()
         for index, rows in enumerate(self.rows):
@@ -221,13 +221,13 @@ class Incoming:
 
     @cached_property
     def source(self) -> NDArray[np.int32]:
-        """The source neuron of each line."""
+        """Source neuron of each line."""
         starts = [self.start[k] + np.arange(n) for k, n in zip(self.begins_at, self.sources, strict=True)]
         return np.concatenate([np.zeros(0, dtype=np.int64), *starts]).astype(np.int32)
 
     @cached_property
     def projection(self) -> NDArray[np.int32]:
-        """The projection of each line."""
+        """Projection of each line."""
         return np.repeat(np.arange(len(self.sources), dtype=np.int32), self.sources)
 
 
@@ -235,7 +235,7 @@ def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
     """Collect all synapses of a program that carry spikes.
 
     Args:
-        program: has the projections.
+        program: the whole network.
         keeps_kernels: whether a core stores a kernel once.
     """
     sizes = [part.size for part in program.populations]
@@ -244,12 +244,12 @@ def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
     bits = np.array([synapse_bits(program, index) for index in range(len(parts))], dtype=np.int64)
     kernels, columns = np.zeros(len(sizes), dtype=np.int64), {}
     for index in carries if keeps_kernels else ():
-        part, own = parts[index], rows[index]
-        if own is None or not has_kernel(program, index):
+        part, own_rows = parts[index], rows[index]
+        if own_rows is None or not has_kernel(program, index):
             continue
-        most = int(np.bincount(own.targets).max(initial=0)) if part.grid is None else 0
+        largest_fan_in = int(np.bincount(own_rows.targets).max(initial=0)) if part.grid is None else 0
         bits[index] = SHARED
-        kernels[part.target] += kernel_bits(program, index, most)
+        kernels[part.target] += kernel_bits(program, index, largest_fan_in)
         for k in (part.source, part.target):
             if len(program.populations[k].shape) == 3:
                 columns[k] = columns_per_core(program.populations[k].shape)
@@ -263,7 +263,7 @@ def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
         bits=bits,
         forms=np.array([row_form(program, index) for index in range(len(parts))], dtype=np.int64).reshape(-1, 3),
         sources=lines,
-        synapses=np.array([0 if each is None else each.size for each in rows], dtype=np.int64),
+        synapses=np.array([0 if synapses is None else synapses.size for synapses in rows], dtype=np.int64),
         kernels=kernels,
         columns=columns,
     )
@@ -274,17 +274,17 @@ def rows_of(program: Program, index: int) -> IncomingRows:
     part = program.projections[index]
     n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
     if part.grid is not None:
-        # A neuron at (row, column) has the part of the kernel's window that lies inside, for each of its channels.
+        # A neuron at (row, column) has the part of the kernel's window that lies inside of the input, for each channel.
         # All maps have the same windows.
         g = part.grid
         y = _window(g.rows, g.top, g.kernel_height, g.stride)[:, None, None, :, None]
         x = _window(g.columns, g.left, g.kernel_width, g.stride)[None, :, None, None, :]
         channel = np.arange(g.kernels[1])[None, None, :, None, None]
-        inside = (channel >= 0) & (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-        place = np.arange(g.rows * g.columns).reshape(g.rows, g.columns, 1, 1, 1)
+        valid = (channel >= 0) & (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+        neuron = np.arange(g.rows * g.columns).reshape(g.rows, g.columns, 1, 1, 1)
         maps = np.arange(g.maps)[:, None]
-        source = (((channel * g.height + y) * g.width + x)[inside] + maps // g.reach * (g.height * g.width)).reshape(-1)
-        target = (np.broadcast_to(place, inside.shape)[inside] + maps * (g.rows * g.columns)).reshape(-1)
+        source = (((channel * g.height + y) * g.width + x)[valid] + maps // g.reach * (g.height * g.width)).reshape(-1)
+        target = (np.broadcast_to(neuron, valid.shape)[valid] + maps * (g.rows * g.columns)).reshape(-1)
         ends = np.concatenate([[0], np.cumsum(np.bincount(source, minlength=n_source))])
         return IncomingRows(ends[:-1], ends[1:], target[np.argsort(source, kind="stable")].astype(np.int32))
     if part.layout == "dense":
@@ -321,9 +321,9 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
     """Return the number of synapses of each source whose weight is not 0, shape (sources,).
 
     Args:
-        program: has the projection.
-        index: the index of the projection.
-        weight: its weights, shape (1,) where shared, else one per synapse; for a grid those of its kernels.
+        program: the whole network.
+        index: index of the projection.
+        weight: weights of the projection, shape (1,) if shared, else one per synapse; for a grid those of its kernels.
     """
     part = program.projections[index]
     n_pre = program.populations[part.source].size
@@ -346,8 +346,8 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
 def _meets(length: int, before: int, kernel: int, places: int, stride: int) -> NDArray[np.int64]:
     """Return whether some position of the kernel puts its line k on line y of the input, shape (length, kernel)."""
     offset = np.arange(length)[:, None] + before - np.arange(kernel)[None, :]
-    place, rest = np.divmod(offset, stride)
-    return np.asarray((rest == 0) & (place >= 0) & (place < places), dtype=np.int64)
+    position, remainder = np.divmod(offset, stride)
+    return np.asarray((remainder == 0) & (position >= 0) & (position < places), dtype=np.int64)
 
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -391,11 +391,11 @@ def weigh(rows, core_of, scratch, bits, index, sends, axons_in, blocks, longest)
         core_of: core of each target, from `projections_by_source`.
         scratch: scratch arrays, from `projections_by_source`.
         bits: bits of one synapse, without the index of its neuron.
-        index: bits that number the neurons of each core; empty where synapses are stored in rows.
-        sends: output, number of cores that each source reaches; increased.
-        axons_in: output, number of sources that reach each core; increased.
-        blocks: output for blocks, bits on each core; increased.
-        longest: output for rows, the most synapses that a source has onto each core; raised.
+        index: bits that number the neurons of each core; empty if synapses are stored in rows.
+        sends: output: the number of cores that each source reaches is added.
+        axons_in: output: the number of sources that reach each core is added.
+        blocks: output for blocks: the bits on each core are added.
+        longest: output for rows: raised to the largest number of synapses of a source onto each core.
     """
     count, cores, visited = scratch
     for i in range(rows[0].size):
@@ -419,20 +419,20 @@ def projections_by_source(into: Incoming, core_of: Ints, cores: int) -> Iterator
 
     Args:
         into: all synapses.
-        core_of: the core of every neuron, -1 for generators.
+        core_of: core of every neuron, -1 for generators.
         cores: number of cores.
 
     Yields:
         the index of the projection; its rows, the core of each of its targets, and scratch arrays. The scratch arrays
         count synapses per core, list reached cores, and mark the cores to which a source has already sent by another
-        projection (empty where no two projections of a source reach the same core).
+        projection (empty if no two projections of a source reach the same core).
     """
     target_cores = [core_of[a:b].astype(np.int32) for a, b in zip(into.start[:-1], into.start[1:], strict=True)]
     count, reached_cores = np.zeros((2, cores), dtype=np.int32)
     reached_cores = np.append(reached_cores, np.int32(0))
     has_neurons = np.zeros((len(target_cores), cores), dtype=np.int64)
-    for population, own in enumerate(target_cores):
-        has_neurons[population, own[own >= 0]] = 1
+    for population, core_of_target in enumerate(target_cores):
+        has_neurons[population, core_of_target[core_of_target >= 0]] = 1
     by_source: dict[int, list[int]] = {}
     for index, rows in enumerate(into.rows):
         if rows is not None and rows.size:

@@ -31,7 +31,7 @@ class Options:
     """The options that a user has set; `neuro.chips.arithmetic.Option` describes those of a family.
 
     Attributes:
-        values: by option, then by part, e.g. {"scales": {"exc": 50000.0}}.
+        values: values by option, then by part, e.g. {"scales": {"exc": 50000.0}}.
     """
 
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -46,9 +46,9 @@ class Inputs:
 
     Args:
         program: the whole network.
-        index: the index of the population.
-        modes: sign modes, by projection, that stay fixed whatever the present weights are.
-        check_only: find refusals only; weights of synapses that do not learn are not quantised.
+        index: index of the population.
+        modes: sign modes by projection that do not depend on the present weights.
+        check_only: whether to find refusals only; then weights of synapses that do not learn are not quantised.
 
     Attributes:
         spikes: indices of the projections that carry spikes.
@@ -108,17 +108,17 @@ class Inputs:
 
     @property
     def low(self) -> float:
-        """The most negative weight of all projections, at most 0."""
+        """Most negative weight of all projections, at most 0."""
         return min((low for low, _ in self._bounds.values()), default=0.0)
 
     @property
     def high(self) -> float:
-        """The most positive weight of all projections, at least 0."""
+        """Most positive weight of all projections, at least 0."""
         return max((high for _, high in self._bounds.values()), default=0.0)
 
     @cached_property
     def current(self) -> float:
-        """The largest current in pA that generators can add to one neuron."""
+        """Largest current in pA that generators can add to one neuron."""
         total = 0.0
         for index in self.currents:
             part = self.program.projections[index]
@@ -145,11 +145,11 @@ def constants_of(part: Population, resolution: float) -> Floats:
     columns = [part.parameters[word] for word in model.quantities()]
     size = max(column.size for column in columns)
     rows = np.stack([np.broadcast_to(column, size) for column in columns], axis=1)
-    different, back = np.unique(rows, axis=0, return_inverse=True)
-    constants = np.zeros((len(different), model.width))
-    for row, c in zip(different, constants, strict=True):
+    distinct, indices = np.unique(rows, axis=0, return_inverse=True)
+    constants = np.zeros((len(distinct), model.width))
+    for row, c in zip(distinct, constants, strict=True):
         model.arithmetic.constants(row, resolution, c)
-    expanded: Floats = constants[back.reshape(-1)]
+    expanded: Floats = constants[indices.reshape(-1)]
     return expanded
 
 
@@ -160,7 +160,7 @@ def resets_by_subtraction(part: Population) -> NDArray[np.bool_]:
 
 
 def soft_reset_register(part: Population, unit: float) -> dict[str, Ints]:
-    """Return the register with the fall of the voltage at a spike, at `unit` units per mV; empty where V_m is reset."""
+    """Return the register with the fall of the voltage at a spike, at `unit` units per mV; empty if V_m is reset."""
     if not resets_by_subtraction(part).any():
         return {}
     p = part.parameters
@@ -180,11 +180,11 @@ def lowest_potential_problems(part: Population) -> Iterator[Problem]:
         return
     p = part.parameters
     if np.unique(p["V_min"]).size > 1:
-        why = "one register of a core holds the lowest potential of its neurons"
-        yield refused(part, "V_min differs from neuron to neuron", why, "use one V_min for all")
+        reason = "one register of a core holds the lowest potential of its neurons"
+        yield refused(part, "V_min differs from neuron to neuron", reason, "use one V_min for all")
     elif np.any(p["V_min"] > p["E_L"]):
-        what = f"V_min = {p['V_min'].max():g} mV"
-        yield refused(part, what, "the lowest potential is above E_L", "lower V_min")
+        subject = f"V_min = {p['V_min'].max():g} mV"
+        yield refused(part, subject, "the lowest potential is above E_L", "lower V_min")
 
 
 def soft_reset_problems(part: Population, how: str) -> Iterator[Problem]:
@@ -192,15 +192,15 @@ def soft_reset_problems(part: Population, how: str) -> Iterator[Problem]:
     if not resets_by_subtraction(part).any():
         return
     if np.any(part.parameters["t_ref"] > 0.0):
-        why = "a refractory neuron would fire with the remaining voltage"
-        yield refused(part, "reset_by_subtraction with t_ref above 0", why, "give it t_ref: 0")
+        reason = "a refractory neuron would fire with the remaining voltage"
+        yield refused(part, "reset_by_subtraction with t_ref above 0", reason, "give it t_ref: 0")
     yield approximated(part, "reset_by_subtraction", how)
     if np.any(part.parameters.get("threshold_rises", np.zeros(1)) != 0.0):
-        why = "a compartment fires at its threshold, also with the voltage that remains after a spike"
-        yield approximated(part, "threshold_rises", why)
+        reason = "a compartment fires at its threshold, also with the voltage that remains after a spike"
+        yield approximated(part, "threshold_rises", reason)
     if np.any(part.parameters.get("max_spikes", np.ones(1)) > 1.0):
-        why = "a neuron fires once per step here: a voltage that remains above the threshold fires in the next step"
-        yield approximated(part, "max_spikes above 1", why)
+        reason = "a neuron fires once per step here: a voltage that remains above the threshold fires in the next step"
+        yield approximated(part, "max_spikes above 1", reason)
 
 
 def value_at(part: Population, name: str, neuron: int) -> float:
@@ -227,12 +227,12 @@ def too_long(
     tau = part.parameters[name]
     longest = float(tau[np.isfinite(tau)].max(initial=0.0))
     if longest > limit * (1.0 + 1e-9):
-        way = f"use at most {limit:.6g} ms, a coarser resolution" + (", or .inf for no leak" if infinite else "")
+        way_out = f"use at most {limit:.6g} ms, a coarser resolution" + (", or .inf for no leak" if infinite else "")
         yield refused(
             part,
             f"{name} = {longest:g} ms",
             f"{register} holds at most {limit:.6g} ms at a resolution of {resolution:g} ms",
-            way if infinite else way.replace(", a ", " or a "),
+            way_out if infinite else way_out.replace(", a ", " or a "),
         )
 
 
@@ -241,8 +241,8 @@ def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
     part = inputs.program.projections[index]
     if part.grid is None or gains == 1:
         return []
-    message, way = "a shared kernel onto neurons that differ", "give the neurons the same time constants and C_m"
-    return [refused(part, message, "a kernel has one scale", way)]
+    message, way_out = "a shared kernel onto neurons that differ", "give the neurons the same time constants and C_m"
+    return [refused(part, message, "a kernel has one scale", way_out)]
 
 
 def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = None) -> Floats:
@@ -250,7 +250,7 @@ def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = 
 
     Args:
         inputs: the population.
-        index: the index of the projection.
+        index: index of the projection.
         sign: 1 or -1.
         weight: weights to use instead of the projection's.
     """
@@ -264,16 +264,16 @@ def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = 
         total = np.zeros(n)
         arriving(part.targets, weights, sign, total)
         return total
-    own = np.maximum(sign * weights, 0.0)
+    magnitudes = np.maximum(sign * weights, 0.0)
     if part.grid is not None:
-        per_map: Floats = np.broadcast_to(own, part.size).reshape(part.grid.maps, -1).sum(axis=1)
+        per_map: Floats = np.broadcast_to(magnitudes, part.size).reshape(part.grid.maps, -1).sum(axis=1)
         return np.repeat(per_map, n // part.grid.maps)
     if part.layout == "one_to_one":
-        return np.broadcast_to(own, n)
+        return np.broadcast_to(magnitudes, n)
     if part.layout == "dense":
-        column: Floats = np.broadcast_to(own, source * n).reshape(source, n).sum(axis=0)
+        column: Floats = np.broadcast_to(magnitudes, source * n).reshape(source, n).sum(axis=0)
         return column
-    counted = np.bincount(part.targets, weights=np.broadcast_to(own, part.size), minlength=n)
+    counted = np.bincount(part.targets, weights=np.broadcast_to(magnitudes, part.size), minlength=n)
     return counted.astype(np.float64)
 
 
@@ -302,8 +302,8 @@ def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
     """
     part = program.projections[index]
     if part.grid is not None and part.synapse.learns in ("pairs", "chip"):
-        why = "the chip stores each synapse, so each would learn its own weight"
-        return refused(part, part.synapse.name, f"a shared kernel that learns: {why}", LEARN_ELSEWHERE)
+        reason = "the chip stores each synapse, so each would learn its own weight"
+        return refused(part, part.synapse.name, f"a shared kernel that learns: {reason}", LEARN_ELSEWHERE)
     other = part.synapse.chip
     if not other or other == chip.arithmetic:
         return None
@@ -340,7 +340,7 @@ LARGEST_SIGNAL = 4.0
 def largest_signal(program: Program, index: int, options: Options) -> float:
     """Return the largest dopamine in 1/ms that the signal of a projection sets.
 
-    The value is that of the option `signals`, or of the signal, or a default.
+    The value is from the option `signals`, or else from the signal, or else a default.
 
     Raises:
         ModelError: the signal is computed, and neither the option nor the signal gives a largest value.
@@ -366,11 +366,11 @@ def lag(program: Program, index: int) -> NDArray[np.int32]:
     """Return the steps from the emission of a spike to the update of the target that receives the spike.
 
     Args:
-        program: has the projection.
-        index: the index of the projection.
+        program: the whole network.
+        index: index of the projection.
 
     Returns:
-        shape (1,) where the projection has one constant delay, else one entry per synapse.
+        shape (1,) if the projection has one constant delay, else one entry per synapse.
     """
     part = program.projections[index]
     extra = acts_late(program.populations[part.target].model)
@@ -383,8 +383,8 @@ def longest_lag(program: Program, index: int) -> NDArray[np.int32]:
     part = program.projections[index]
     extra = acts_late(program.populations[part.target].model)
     if part.synapse.delays:
-        _, most = part.delay_range(program.resolution)
-        return np.array([most + extra], dtype=np.int32)
+        _, longest = part.delay_range(program.resolution)
+        return np.array([longest + extra], dtype=np.int32)
     return (
         np.add(part.delay.max(keepdims=True), extra, dtype=np.int32) if part.delay.size else part.delay.astype(np.int32)
     )

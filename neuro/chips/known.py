@@ -30,8 +30,8 @@ def parse(root: Node, path: Path, base: Chip | None) -> Chip:
     """Return the chip that a table describes.
 
     Args:
-        root: the root node of the table.
-        path: the file of the table.
+        root: root node of the table.
+        path: file of the table.
         base: the chip from which the table starts (`like`), or None.
 
     Raises:
@@ -49,7 +49,7 @@ def parse(root: Node, path: Path, base: Chip | None) -> Chip:
         step_s=_figure(table["step_s"], "step_s", "s") if "step_s" in table else base.step_s,
         costs={
             **base.costs,
-            **{word: _figure(each, word, COSTS[word][0]) for word, each in _entries(table, "costs", COSTS).items()},
+            **{word: _figure(node, word, COSTS[word][0]) for word, node in _entries(table, "costs", COSTS).items()},
         },
         path=str(path),
     )
@@ -188,7 +188,7 @@ _reading: list[Path] = []
 
 CHIPS: Registry[Chip] = Registry(
     "chip",
-    [parse(load(path), path, None) for path in sorted(TABLES.glob("*.yaml"))],  # none of them starts from another
+    [parse(load(path), path, None) for path in sorted(TABLES.glob("*.yaml"))],  # no built-in table starts from another
     takes=lambda thing: isinstance(thing, Chip),
     group="neuro.chips",
     name=lambda chip: chip.name,
@@ -216,7 +216,7 @@ def chip(name: str | PathLike[str]) -> Chip:
 
 
 def is_table(name: str) -> bool:
-    """Return whether a name is that of a table file."""
+    """Return whether a name is the name of a table file."""
     return name.endswith((".yaml", ".yml"))
 
 
@@ -241,14 +241,14 @@ def read_chip(path: Path) -> Chip:
 
 def _of_file(path: Path, base: Node) -> Chip:
     """Return the chip of the table file in `like`, relative to the folder of the table that names it."""
-    other = path.parent / str(base.value)
-    if not other.is_file():
-        raise ModelError(f"like: there is no file '{other}'", where=base.where)
+    base_path = path.parent / str(base.value)
+    if not base_path.is_file():
+        raise ModelError(f"like: there is no file '{base_path}'", where=base.where)
     if path.resolve() in _reading:
         raise ModelError(f"like: '{base.value}' is like this table", where=base.where)
     _reading.append(path.resolve())
     try:
-        return read_chip(other)
+        return read_chip(base_path)
     finally:
         _reading.pop()
 
@@ -262,11 +262,11 @@ def arithmetic_of(chip: Chip) -> Arithmetic:
     if chip.arithmetic not in ARITHMETICS:
         raise ModelError(
             f"chip '{chip.name}' has no arithmetic here: expected one of {', '.join(ARITHMETICS)}",
-            hint="its limits and costs serve placing and energy only",
+            hint="use its limits and costs for placing and energy only",
         )
     return ARITHMETICS[chip.arithmetic]
 
 
 def placed_as(chip: Chip) -> Arithmetic:
-    """Return the arithmetic that placing uses for synapses, spikes and delays; Loihi 1's where none is emulated."""
+    """Return the arithmetic that placing uses for synapses, spikes and delays; of Loihi 1 if none is emulated."""
     return ARITHMETICS.get(chip.arithmetic, LOIHI)

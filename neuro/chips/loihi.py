@@ -114,12 +114,12 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
         if name in part.parameters and flows.get(name, True):
             yield from too_short(part, name, h)
             yield from too_long(part, name, h, limit, "a 12-bit decay", name == "tau_m")
-    at = int(np.argmax(part.parameters["t_ref"]))
-    steps = round(value_at(part, "t_ref", at) / h)
+    neuron = int(np.argmax(part.parameters["t_ref"]))
+    steps = round(value_at(part, "t_ref", neuron) / h)
     if steps + 1 > REFRACTORY_LIMIT:
         yield refused(
             part,
-            f"t_ref = {value_at(part, 't_ref', at):g} ms",
+            f"t_ref = {value_at(part, 't_ref', neuron):g} ms",
             f"it is {steps} steps, and the refractory register holds at most {REFRACTORY_LIMIT - 1}",
             f"use at most {(REFRACTORY_LIMIT - 1) * h:g} ms, or a coarser resolution",
         )
@@ -137,9 +137,9 @@ def _potentials(inputs: Inputs) -> Iterator[Problem]:
             f"a spike sets the voltage register to 0, which is E_L = {e_l:g} mV",
             f"set V_reset to {e_l:g}, or run on spinnaker",
         )
-    below = np.flatnonzero(np.broadcast_to(p["V_th"] <= p["E_L"], part.size))
-    if below.size:
-        v_th, e_l = value_at(part, "V_th", below[0]), value_at(part, "E_L", below[0])
+    wrong_neurons = np.flatnonzero(np.broadcast_to(p["V_th"] <= p["E_L"], part.size))
+    if wrong_neurons.size:
+        v_th, e_l = value_at(part, "V_th", wrong_neurons[0]), value_at(part, "E_L", wrong_neurons[0])
         yield refused(
             part,
             f"V_th = {v_th:g} mV",
@@ -169,7 +169,7 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
 
 def overflows(part: Population, mv: InMillivolts, volt: float) -> Iterator[Problem]:
     """Yield the registers that overflow at a scale that a user set, or that stays fixed while parameters change."""
-    for what, largest, limit, name in (
+    for quantity, largest, limit, name in (
         ("V_th - E_L", float(mv.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
         ("the constant current", float(mv.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),
         ("V_m at step 0", float(np.abs(mv.start).max()), V_LIMIT, "the 24-bit voltage register"),
@@ -179,7 +179,7 @@ def overflows(part: Population, mv: InMillivolts, volt: float) -> Iterator[Probl
         if need > limit * (1.0 + TOLERANCE):
             yield refused(
                 part,
-                f"{what} needs {need:.6g} at {volt:.6g} units per mV",
+                f"{quantity} needs {need:.6g} at {volt:.6g} units per mV",
                 f"{name} holds at most {limit}",
                 f"set its scale to at most {volt * limit / need:.6g}",
             )
@@ -194,7 +194,7 @@ SCALING = (
         "a weight exponent, a whole number from -8 to 7",
     ),
 )
-"""Options by which a user fixes scales and exponents."""
+"""Options with which a user fixes scales and exponents."""
 
 
 def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
@@ -202,11 +202,11 @@ def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
     if "du" not in cells.registers:
         return 0.0
     keep = (4095 - cells.registers["du"]) / 4096
-    u, most = np.zeros(arriving[:, 0].shape), 0.0
+    u, largest = np.zeros(arriving[:, 0].shape), 0.0
     for step in range(arriving.shape[1]):
         u = keep * u + 64.0 * arriving[:, step]
-        most = max(most, float(np.abs(u).max(initial=0.0)) / U_LIMIT)
-    return most
+        largest = max(largest, float(np.abs(u).max(initial=0.0)) / U_LIMIT)
+    return largest
 
 
 class Loihi(Arithmetic):
@@ -255,12 +255,12 @@ class Loihi(Arithmetic):
 
         Args:
             inputs: the target population.
-            index: the index of the projection.
-            mantissas: one, or one per synapse.
-            rounding: the rounding errors of the weights.
+            index: index of the projection.
+            mantissas: mantissas, one for all or one per synapse.
+            rounding: rounding errors of the weights.
             step: weight per mantissa.
-            exponent: the weight exponent.
-            mode: the sign mode; "" for mantissas that are sent unchanged.
+            exponent: weight exponent.
+            mode: sign mode; "" for mantissas that are sent unchanged.
             bits: bits of a mantissa.
             native: whether the weights of the language are mantissas, including the bits that the chip drops.
             more: other attributes of `FixedProjection`.
@@ -295,14 +295,14 @@ class Loihi(Arithmetic):
         exponent, bits = numbers.get("weight_exp", 0), numbers.get("num_weight_bits", WEIGHT_BITS)
         mode = numbers.get("sign_mode", "mixed")
         low, high, _ = bounds(mode, bits)
-        first, last, _ = bounds(mode)
+        lowest, highest, _ = bounds(mode)
         problems = []
-        bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (part.weight < first) | (part.weight > last))
+        bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (part.weight < lowest) | (part.weight > highest))
         if bad.size:
             value = part.weight[bad[0]]
-            why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
-            problems.append(refused(part, f"weight = {value:g}", why, "raise weight_exp and lower the mantissas"))
-        mantissas: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
+            reason = f"a mantissa in sign mode {mode} is a whole number from {lowest} to {highest}"
+            problems.append(refused(part, f"weight = {value:g}", reason, "raise weight_exp and lower the mantissas"))
+        mantissas: Words = np.clip(np.rint(part.weight), lowest, highest).astype(np.int32)
         on_chip: Floats = word(mantissas, exponent, bits, mode == "mixed") * 2.0**-exponent
         rounding = judge_weights(mantissas.astype(np.float64), on_chip, 1.0, low, high)
         wires = self.wires(inputs, index, mantissas, rounding, exponent=exponent, mode=mode, bits=bits, native=True)
@@ -329,9 +329,9 @@ class Loihi(Arithmetic):
             rest, lowest = part.parameters["E_L"], part.parameters["V_min"]
             depth = volt * float((rest - lowest).max())
             registers["v_min"] = np.array([1 - 2 ** round(np.log2(max(depth, 0.0) + 1.0))])
-            got = float(rest.min()) + registers["v_min"][0] / volt
-            why = f"a core's register holds a power of two: {got:.4g} mV"
-            problems.append(approximated(part, f"V_min = {lowest.min():g} mV", why))
+            v_min = float(rest.min()) + registers["v_min"][0] / volt
+            reason = f"a core's register holds a power of two: {v_min:.4g} mV"
+            problems.append(approximated(part, f"V_min = {lowest.min():g} mV", reason))
         ampere = () if not mv.tau else (volt * mv.gain / (mv.fade if acts_late(part.model) else 1.0),) * 2
         initial = {
             name: np.rint(volt * values).astype(np.int64) for name, values in (("v", mv.start), ("u", mv.current))
@@ -349,8 +349,8 @@ class Loihi(Arithmetic):
         )
         wires = {}
         for index in inputs.spikes:
-            wires[index], more = self.fitted_projection(inputs, index, mv, volt, options)
-            problems += more
+            wires[index], more_problems = self.fitted_projection(inputs, index, mv, volt, options)
+            problems += more_problems
         return fixed, wires, problems
 
     def fitted_projection(
@@ -374,13 +374,13 @@ class Loihi(Arithmetic):
             on_chip: Floats = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
             rounding = judge_weights(np.broadcast_to(part.weight, mantissas.shape), on_chip, per_synapse, low, high)
         if rounding.saturated > 0.0:
-            beyond = farthest_weight(part.weight, per_synapse, low, high)
-            limit = low if beyond.weight < 0.0 else high
+            farthest = farthest_weight(part.weight, per_synapse, low, high)
+            limit = low if farthest.weight < 0.0 else high
             problems.append(
                 refused(
                     part,
-                    f"weight = {beyond.weight:g}",
-                    f"a mantissa in sign mode {mode} holds at most {limit}, which is {limit * beyond.step:.6g} "
+                    f"weight = {farthest.weight:g}",
+                    f"a mantissa in sign mode {mode} holds at most {limit}, which is {limit * farthest.step:.6g} "
                     f"at exponent {exponent} and {volt:.6g} units per mV",
                     "use a larger exponent or a smaller scale, or leave both to be chosen",
                 )
@@ -413,9 +413,9 @@ class Loihi(Arithmetic):
     def lossless(self, wires: FixedProjection) -> str:
         """Return a hint against bits that the exponent shifts out or that the weight memory drops."""
         grain = max(grain_of(wires.bits, wires.sign_mode == "mixed"), 2 ** max(0, -wires.exponent))
-        ways = [f"use mantissas that are multiples of {grain}"] if grain <= wires.high else []
-        ways += ["use a larger weight_exp"] if wires.exponent < 0 else []
-        return ", or ".join(ways)
+        ways_out = [f"use mantissas that are multiples of {grain}"] if grain <= wires.high else []
+        ways_out += ["use a larger weight_exp"] if wires.exponent < 0 else []
+        return ", or ".join(ways_out)
 
     def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
         """Return a synaptic current in pA.

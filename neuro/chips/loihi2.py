@@ -72,7 +72,7 @@ def stored_mantissas(mantissas: Words, bits: int, mode: str) -> Words:
     low, high = SIGN_MODES[mode]
     dropped_bits = WEIGHT_BITS - bits + (mode == "mixed")
     clipped = np.clip(mantissas, low, high)
-    # Inhibitory mantissas are magnitudes, so rounding down is towards 0 there.
+    # Inhibitory mantissas are magnitudes, so they are rounded towards 0.
     words: Words = (
         -(-clipped >> dropped_bits << dropped_bits) if mode == "inhibitory" else clipped >> dropped_bits << dropped_bits
     )
@@ -82,22 +82,22 @@ def stored_mantissas(mantissas: Words, bits: int, mode: str) -> Words:
 def _not_whole(part: Projection) -> Iterator[Problem]:
     bad = np.flatnonzero(part.weight != np.rint(part.weight))
     if bad.size:
-        why = "a mantissa is a whole number"
-        yield refused(part, f"weight = {part.weight[bad[0]]:g}", why, "raise weight_exp and lower the mantissas")
+        reason = "a mantissa is a whole number"
+        yield refused(part, f"weight = {part.weight[bad[0]]:g}", reason, "raise weight_exp and lower the mantissas")
 
 
 def _missing_features(part: Population) -> Iterator[Problem]:
     """Yield features that lava's fixed-point neuron lacks."""
     if np.any(part.parameters["t_ref"] > 0.0):
-        at = int(np.argmax(part.parameters["t_ref"]))
-        what, why = (
-            f"t_ref = {value_at(part, 't_ref', at):g} ms",
+        neuron = int(np.argmax(part.parameters["t_ref"]))
+        feature, reason = (
+            f"t_ref = {value_at(part, 't_ref', neuron):g} ms",
             "no fixed-point neuron of Loihi 2 has a refractory period",
         )
-        yield refused(part, what, why, "give it t_ref: 0, or run on loihi")
+        yield refused(part, feature, reason, "give it t_ref: 0, or run on loihi")
     if resets_by_subtraction(part).any() or has_lowest_potential(part):
-        why = "no fixed-point neuron of Loihi 2 resets by subtraction or has a lowest potential"
-        yield refused(part, part.model.name, why, "leave it out, or run on loihi")
+        reason = "no fixed-point neuron of Loihi 2 resets by subtraction or has a lowest potential"
+        yield refused(part, part.model.name, reason, "leave it out, or run on loihi")
 
 
 _SIGMA = ("sigma", "act", "residue", "error", "payload")
@@ -157,8 +157,8 @@ class Loihi2(Loihi):
             wires, problems = self._convolution(inputs, index, part.synapse)
         else:
             wires, problems = self._fitted(inputs, index)
-        second = has_two_inputs(inputs.part.model) and part.receptor is not None and part.receptor.index == 1
-        return replace(wires, receptor=int(second)), problems
+        is_second = has_two_inputs(inputs.part.model) and part.receptor is not None and part.receptor.index == 1
+        return replace(wires, receptor=int(is_second)), problems
 
     def _in_mantissas(
         self, inputs: Inputs, index: int, synapse: loihi2_static | loihi2_learning
@@ -168,10 +168,10 @@ class Loihi2(Loihi):
         exponent, bits, mode = synapse.weight_exp, synapse.num_weight_bits, synapse.sign_mode
         low, high = SIGN_MODES[mode]
         problems = [*_not_whole(part)]
-        beyond = np.flatnonzero((part.weight < low) | (part.weight > high))
-        if beyond.size:
-            why = f"a mantissa in sign mode {mode} is clipped to {low}..{high}"
-            problems.append(approximated(part, f"weight = {part.weight[beyond[0]]:g}", why, "raise weight_exp"))
+        outside = np.flatnonzero((part.weight < low) | (part.weight > high))
+        if outside.size:
+            reason = f"a mantissa in sign mode {mode} is clipped to {low}..{high}"
+            problems.append(approximated(part, f"weight = {part.weight[outside[0]]:g}", reason, "raise weight_exp"))
         clipped = np.clip(np.rint(part.weight), low, high).astype(np.int32)
         rounding = judge_weights(clipped.astype(np.float64), stored_mantissas(clipped, bits, mode), 1.0, low, high)
         rule = synapse.rule() if isinstance(synapse, loihi2_learning) else None
@@ -187,10 +187,10 @@ class Loihi2(Loihi):
         """Return a projection whose weights are sent unchanged, and whose sum may wrap."""
         part = inputs.program.projections[index]
         problems = [*_not_whole(part)]
-        beyond = np.flatnonzero(np.abs(part.weight) > 255)
-        if beyond.size:
-            what = f"weight = {part.weight[beyond[0]]:g}"
-            problems.append(refused(part, what, "a weight has 8 bits and a sign", "scale it"))
+        outside = np.flatnonzero(np.abs(part.weight) > 255)
+        if outside.size:
+            feature = f"weight = {part.weight[outside[0]]:g}"
+            problems.append(refused(part, feature, "a weight has 8 bits and a sign", "scale it"))
         mantissas = np.rint(part.weight).astype(np.int32)
         return self.wires(inputs, index, mantissas, LOSSLESS, native=True, wraps=synapse.wraps), problems
 
@@ -199,11 +199,11 @@ class Loihi2(Loihi):
         part, mode = inputs.program.projections[index], inputs.sign_mode(index)
         low, high = SIGN_MODES[mode]
         grain = 1 + (mode == "mixed")
-        least, most = float(part.weight.min(initial=0.0)), float(part.weight.max(initial=0.0))
-        fitting = [e for e in WEIGHT_EXPONENTS if least * 2.0**-e >= low and most * 2.0**-e <= high - grain + 1]
+        lowest, highest = float(part.weight.min(initial=0.0)), float(part.weight.max(initial=0.0))
+        fitting = [e for e in WEIGHT_EXPONENTS if lowest * 2.0**-e >= low and highest * 2.0**-e <= high - grain + 1]
         if not fitting:
-            most = high * 2.0 ** WEIGHT_EXPONENTS[-1]
-            why = f"a mantissa in sign mode {mode} holds at most {high}, which is {most:g} at the largest exponent"
+            highest = high * 2.0 ** WEIGHT_EXPONENTS[-1]
+            why = f"a mantissa in sign mode {mode} holds at most {high}, which is {highest:g} at the largest exponent"
             bad = part.weight[np.argmax(np.abs(part.weight))]
             problem = refused(part, f"weight = {bad:g}", why, "lower the weights and vth, or raise the payloads")
             fitting, problems = [WEIGHT_EXPONENTS[-1]], [problem]
@@ -236,8 +236,8 @@ class Loihi2(Loihi):
         errors: list[Rounding] = []
         for name, values in scaled.items():
             if np.any(np.abs(values) > STATE_LIMIT):
-                why = f"a register holds at most {STATE_LIMIT}"
-                problems.append(refused(part, f"{name} = {p[name].max():g}", why, "lower it, or the exponents"))
+                reason = f"a register holds at most {STATE_LIMIT}"
+                problems.append(refused(part, f"{name} = {p[name].max():g}", reason, "lower it, or the exponents"))
             elif not np.array_equal(values, registers[name]):
                 errors.append(
                     worst_rounding(name, "", p[name], registers[name] / unit, max(np.abs(p[name]).max(), 1.0))

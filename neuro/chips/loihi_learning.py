@@ -71,7 +71,7 @@ class Fit:
 
     @property
     def value(self) -> float:
-        """The change by one spike."""
+        """Change by one spike."""
         return self.impulse * self.mantissa * 2.0**self.exponent
 
 
@@ -79,7 +79,7 @@ def nearest_fit(change: float, bits: int, what: str) -> Fit:
     """Return the impulse and scale whose product is nearest to a change; within 1 % those with the largest impulse.
 
     Raises:
-        ModelError: none is within a quarter of the change.
+        ModelError: no product is within a quarter of the change.
     """
     lowest = -FRACTION_BITS - max(0, bits - PRODUCT_BITS)
     candidates = []
@@ -87,10 +87,10 @@ def nearest_fit(change: float, bits: int, what: str) -> Fit:
         for mantissa in _MANTISSAS:
             exponent = round(math.log2(change / (impulse * mantissa)))
             fit = Fit(impulse, mantissa, min(LARGEST_EXPONENT, max(lowest, exponent)))
-            off = abs(fit.value / change - 1.0)
-            candidates.append(((off > 0.01, off if off > 0.01 else -impulse, mantissa), fit, off))
-    _, fit, off = min(candidates, key=lambda entry: entry[0])
-    if off > 0.25:
+            error = abs(fit.value / change - 1.0)
+            candidates.append(((error > 0.01, error if error > 0.01 else -impulse, mantissa), fit, error))
+    _, fit, error = min(candidates, key=lambda entry: entry[0])
+    if error > 0.25:
         raise too_small(what, change) if fit.value > change else too_large(what, change)
     return fit
 
@@ -110,9 +110,9 @@ def signal_fit(gain: float, largest_n: float, b: float) -> tuple[Fit, float]:
     fitting = [unit for unit in units if unit[0] * TRACE_MAX >= largest_n]
     if not fitting:
         raise too_large("stdp_dopa: dopamine", largest_n * gain)
-    finest = min(fitting)[0]
+    smallest = min(fitting)[0]
     n_scale, mantissa, exponent = min(
-        (unit for unit in fitting if unit[0] <= 4 * finest), key=lambda u: (abs(round(b / u[0]) * u[0] - b), u[0])
+        (unit for unit in fitting if unit[0] <= 4 * smallest), key=lambda u: (abs(round(b / u[0]) * u[0] - b), u[0])
     )
     return Fit(0, mantissa, exponent), n_scale
 
@@ -121,8 +121,8 @@ def tag_decay(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tupl
     """Return products by which a tag decays with a time constant in steps: it loses n 128ths in every 2^k-th step.
 
     Args:
-        tau: the time constant in steps.
-        periods: the allowed k.
+        tau: time constant in steps.
+        periods: allowed exponents k.
 
     Returns:
         the products, the relative error of the time constant, and both as text.
@@ -134,17 +134,17 @@ def tag_decay(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tupl
         if share <= 0.25 or every == 0:
             fits.append((abs(-(2**every) / math.log1p(-min(part, 127) / 128) / tau - 1.0), every, min(part, 127)))
     close = [entry for entry in fits if entry[0] <= 0.01]
-    off, every, part = close[0] if close else min(fits)
+    error, every, part = close[0] if close else min(fits)
     bits = [1 << k for k in range(7) if part >> k & 1]
     terms = tuple(Term(-1, bit.bit_length() - 8, "u", every, (Factor("t"),)) for bit in bits)
-    return terms, off, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {off:.1%} off"
+    return terms, error, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {error:.1%} off"
 
 
 def too_small(what: str, change: float) -> ModelError:
     """Return the error for a change that is too small for the accumulator."""
     return ModelError(
         f"{what}: a change of {change:.3g} mantissas cannot be represented: the smallest is {SMALLEST_UPDATE:.3g}",
-        hint="a smaller weight scale (weight exponent) or a larger step size of the rule",
+        hint="use a smaller weight scale (weight exponent) or a larger step size of the rule",
     )
 
 
@@ -152,7 +152,7 @@ def too_large(what: str, change: float) -> ModelError:
     """Return the error for a change that is too large for the accumulator."""
     return ModelError(
         f"{what}: a change of {change:.3g} mantissas does not fit the accumulator",
-        hint="a larger weight scale (weight exponent) or a smaller step size of the rule",
+        hint="use a larger weight scale (weight exponent) or a smaller step size of the rule",
     )
 
 
@@ -198,7 +198,7 @@ def rule_of(
         from_target: whether the chip is Loihi 2, whose targets send y1, y2 and y3.
 
     Raises:
-        ModelError: the chip cannot run the model; the hint is a way out.
+        ModelError: the chip cannot run the model; the hint names another way.
     """
     if isinstance(synapse, stdp_dopa):
         mapped = _dopamine_rule(synapse, resolution_ms, tau_minus, weight_scale, largest_n, from_target)
@@ -207,11 +207,11 @@ def rule_of(
     elif hasattr(synapse, "microcode") and not from_target:
         mapped = _microcode_rule(synapse, resolution_ms, tau_minus, weight_scale, largest_n)
     else:
-        runs = "stdp_dopa with a signal, and loihi2_learning"
+        supported = "stdp_dopa with a signal, and loihi2_learning"
         if not from_target:
-            runs = "stdp, stdp_dopa, loihi_learning, and rules with a method 'microcode'"
+            supported = "stdp, stdp_dopa, loihi_learning, and rules with a method 'microcode'"
         raise ModelError(
-            f"the learning engine runs {runs}",
+            f"the learning engine runs {supported}",
             hint=f"run it on event, or send static weights: {SAVE_FROZEN}",
         )
     shared = [
@@ -262,12 +262,12 @@ def _pair_rule(p: stdp, h: float, tau_minus: float, scale: float) -> MappedRule:
             )
     top = p.Wmax / scale
     bound = _bound("stdp.Wmax", p.Wmax, scale)
-    more: tuple[Factor, ...] = (Factor("w", -bound),) if p.mu_plus else ()
-    less: tuple[Factor, ...] = (Factor("w"),) if p.mu_minus else ()
+    growth: tuple[Factor, ...] = (Factor("w", -bound),) if p.mu_plus else ()
+    decay: tuple[Factor, ...] = (Factor("w"),) if p.mu_minus else ()
     plus, minus = p.lambda_ * (1.0 if p.mu_plus else top), p.alpha * p.lambda_ * (1.0 if p.mu_minus else top)
     terms, traces, notes = _pair_terms(
-        (plus * math.exp(-h / p.tau_plus), more, -1 if p.mu_plus else 1),
-        (minus, less, -1),
+        (plus * math.exp(-h / p.tau_plus), growth, -1 if p.mu_plus else 1),
+        (minus, decay, -1),
         (p.tau_plus / h, tau_minus / h),
         "stdp.lambda",
     )
@@ -361,7 +361,7 @@ def _dopamine_rule(
 def _tag_of_one(plus: float, minus: float) -> float:
     """Return the units of the tag for an eligibility of 1.
 
-    The larger side then is a whole impulse, and the smaller one has the least rounding error.
+    The larger side then is a whole impulse, and the smaller side has the least rounding error.
     """
     larger, smaller = max(plus, minus), min(plus, minus)
     sizes = [impulse / larger for impulse in range(LARGEST_IMPULSE // 2 + 1, LARGEST_IMPULSE + 1)]
@@ -386,7 +386,7 @@ def _pair_terms(
 
     Args:
         plus: for potentiation, the change by one pair, further factors of the product, and the sign.
-        minus: the same for depression.
+        minus: the same values for depression.
         taus: time constants of x1 and y1 in steps.
         what: name of the parameter, for messages.
         from_target: whether the target sends y1, which then lacks the spike of this step.
@@ -394,20 +394,20 @@ def _pair_terms(
     terms: list[Term] = []
     traces: dict[str, Trace] = {}
     notes: list[str] = []
-    for (change, more, sign), gate, trace, tau in zip((plus, minus), ("y0", "x0"), ("x1", "y1"), taus, strict=True):
+    for (change, factors, sign), gate, trace, tau in zip((plus, minus), ("y0", "x0"), ("x1", "y1"), taus, strict=True):
         if change == 0.0:
             continue
         if change < 0.0:
             change, sign = -change, -sign
-        fit = nearest_fit(change, MANTISSA_BITS + WIDTHS[trace] + sum(WIDTHS[f.name] for f in more), what)
-        terms.append(Term(sign * fit.mantissa, fit.exponent, gate, 0, (Factor(trace), *more)))
+        fit = nearest_fit(change, MANTISSA_BITS + WIDTHS[trace] + sum(WIDTHS[f.name] for f in factors), what)
+        terms.append(Term(sign * fit.mantissa, fit.exponent, gate, 0, (Factor(trace), *factors)))
         traces[trace] = Trace.exponential(fit.impulse, tau)
         if trace == "y1" and not from_target:
-            terms.append(Term(-sign * fit.mantissa, fit.exponent, gate, 0, (Factor("y2"), *more)))
+            terms.append(Term(-sign * fit.mantissa, fit.exponent, gate, 0, (Factor("y2"), *factors)))
             traces["y2"] = Trace(fit.impulse, 0, 1)
-        off = fit.value / change - 1
-        if abs(off) > 1e-3:
-            notes.append(f"{'potentiation' if gate == 'y0' else 'depression'} is {off:+.1%} off")
+        error = fit.value / change - 1
+        if abs(error) > 1e-3:
+            notes.append(f"{'potentiation' if gate == 'y0' else 'depression'} is {error:+.1%} off")
     return tuple(terms), traces, tuple(notes)
 
 
@@ -438,8 +438,8 @@ def give_rule(
     Args:
         program: the whole network.
         chip: the chip for which the network is quantised.
-        index: the index of the projection.
-        wires: the quantised projections, by index. One that learns is replaced by a copy with a rule.
+        index: index of the projection.
+        wires: quantised projections by index. A projection that learns is replaced by a copy with a rule.
         options: options of the user, for the largest dopamine.
         from_target: whether the chip is Loihi 2, whose targets send y1, y2 and y3.
     """
@@ -458,11 +458,11 @@ def give_rule(
             yield refused(part, synapse.name, error.message, error.hint)
             return
         wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
-        differs = "".join(f"\n    - {text}" for text in mapped.approximations)
-        yield approximated(part, synapse.name, f"differences on the chip's learning engine:{differs}")
+        differences = "".join(f"\n    - {text}" for text in mapped.approximations)
+        yield approximated(part, synapse.name, f"differences on the chip's learning engine:{differences}")
         if mapped.update < COARSE_UPDATE:
-            why = f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much is truncated"
-            yield approximated(part, synapse.name, why, "learn faster, or lower Wmax, which sets the weight step")
+            reason = f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much is truncated"
+            yield approximated(part, synapse.name, reason, "learn faster, or lower Wmax, which sets the weight step")
 
 
 def _delay_problem(program: Program, index: int) -> Problem:
@@ -471,16 +471,16 @@ def _delay_problem(program: Program, index: int) -> Problem:
     traces = (*part.synapse.pre, *part.synapse.post) if part.synapse.learns == "pairs" else ()
     if any(trace.tau for trace in traces) or len(traces) > 2:
         return refused(part, part.synapse.name, "the host stores only the times of the last spikes", LEARN_ELSEWHERE)
-    when = "times of spikes, which its learning engine lacks" if traces else "the ends of trials"
+    moment = "times of spikes, which its learning engine lacks" if traces else "the ends of trials"
     storage = f"delays are whole steps in the register and 1/{FRACTIONS} of a step in the tag"
-    return approximated(part, part.synapse.name, f"{storage}; the host changes them by {when}")
+    return approximated(part, part.synapse.name, f"{storage}; the host changes them by {moment}")
 
 
 def _map_rule(program: Program, index: int, wires: FixedProjection, options: Options, from_target: bool) -> MappedRule:
     """Return the rule of the learning engine for a projection.
 
     Raises:
-        ModelError: the engine cannot run it.
+        ModelError: the engine cannot run the rule.
     """
     part = program.projections[index]
     numbers = part.synapse.parameters()

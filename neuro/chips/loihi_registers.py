@@ -29,13 +29,13 @@ from neuro.model.neurons import iaf_psc_delta
 from neuro.program.program import Floats, Ints
 
 KIND = "loihi_lif"
-"""The integer step of a compartment, see `FixedPopulation.kind`."""
+"""Integer step of a compartment, see `FixedPopulation.kind`."""
 
 REGISTER_OF_ONE = 0
 """Content of the delay register for a spike that acts in the step after its emission."""
 
 V_LIMIT = 2**23 - 1
-"""The largest v and the largest initial u."""
+"""Largest v and largest initial u."""
 
 U_LIMIT = 2**23
 INPUT_LIMIT = 2**21
@@ -45,7 +45,7 @@ VTH_LIMIT = 2**17 - 1
 BIAS_MANTISSA = 4095
 BIAS_EXPONENT = 7
 WORD_LIMIT = 2**15 - 1
-"""A spike adds at most 64 times this, 2^21 - 64."""
+"""A spike adds at most 64 times this number, 2^21 - 64."""
 
 WEIGHT_EXPONENTS = range(-8, 8)
 REFRACTORY_LIMIT = 64
@@ -174,7 +174,7 @@ def safe_scales(inputs: Inputs, mv: InMillivolts) -> tuple[float, float]:
     """Return the scale at which nothing wraps even if all synapses of a neuron are active in every step.
 
     Returns:
-        this scale, which bounds the input of a step and u; and this scale or, if larger, the smallest scale at
+        this scale, which bounds the input of a step and u; and the larger one of this scale and the smallest scale at
         which the threshold and the truncated decays have errors of at most 0.1 %.
     """
     total = 0.0
@@ -187,8 +187,8 @@ def safe_scales(inputs: Inputs, mv: InMillivolts) -> tuple[float, float]:
         total = max(total, _largest(arriving) * float(mv.gain.max()))
     summed = total / (1.0 - float(min(mv.fade.max(), 1.0 - 2.0**-12)))
     safe = min((INPUT_LIMIT - 1) / total, (U_LIMIT - 1) / summed) * SPARE
-    lost = 1.0 - np.concatenate((mv.leak, mv.fade))
-    fine = max(FINE, 1000.0 / float(lost[lost > 0.0].min(initial=1.0)))
+    decayed = 1.0 - np.concatenate((mv.leak, mv.fade))
+    fine = max(FINE, 1000.0 / float(decayed[decayed > 0.0].min(initial=1.0)))
     return safe, max(safe, fine / _largest(mv.distance))
 
 
@@ -225,13 +225,13 @@ def choose_scale(inputs: Inputs, mv: InMillivolts) -> float:
 def _search(
     inputs: Inputs, mv: InMillivolts, values: list[tuple[int, Floats]], cap: float, hard: float, room: float
 ) -> tuple[float, float]:
-    """Return the best scale up to `cap`, or up to `hard` where there is none, and its rounding error of the weights.
+    """Return the best scale up to `cap`, or up to `hard` if there is none, and its rounding error of the weights.
 
     Ties are broken by the error of the constant drive and the threshold. Of the remaining scales the largest one up to
     `room` is returned, or the smallest one if all exceed `room`.
     """
     pairs = [inputs.program.projections[index].synapse.learns == "pairs" for index, _ in values]
-    plastic = [each for each, learns in zip(values, pairs, strict=True) if learns and inputs.learns(each[0])]
+    plastic = [item for item, learns in zip(values, pairs, strict=True) if learns and inputs.learns(item[0])]
     peak = max(_largest(v) for _, v in plastic or values)
     mantissas = np.array([255.0]) if plastic else np.arange(256.0, 128.0, -1.0)
     base = 64.0 * mantissas / peak  # scale at exponent 0
@@ -243,12 +243,12 @@ def _search(
         low, high, grain = bounds(inputs.sign_mode(index))
         steps = np.array([64.0 * 2.0 ** exponent_of(v, s, low, high, inputs.learns(index)) / s for s in scales])
         errors += scale_errors(v, steps, low, high, grain)
-    least = float(errors.min())
-    ties = scales[errors <= least * (1.0 + 1e-9)]
+    smallest_error = float(errors.min())
+    ties = scales[errors <= smallest_error * (1.0 + 1e-9)]
     misfit = _misfit(ties, mv)
     best = ties[misfit <= misfit.min()]
     roomy = best[best <= room]
-    return float(roomy.max() if roomy.size else best.min()), least
+    return float(roomy.max() if roomy.size else best.min()), smallest_error
 
 
 def _misfit(volts: Floats, mv: InMillivolts) -> Floats:
@@ -274,18 +274,18 @@ def potential_changes(inputs: Inputs, index: int, mv: InMillivolts, few: bool = 
 
     Args:
         inputs: the population.
-        index: the index of the projection.
-        mv: its quantities in mV.
+        index: index of the projection.
+        mv: quantities of the population in mV.
         few: whether a sample of many synapses is enough: the largest, the smallest and evenly spaced others.
     """
     weight, part = inputs.range_of(index), inputs.program.projections[index]
-    thin = thinned if few else np.asarray
+    reduced = thinned if few else np.asarray
     if mv.gain.size == 1:
-        return thin(weight) * float(mv.gain[0])
+        return reduced(weight) * float(mv.gain[0])
     if part.weight.size == 1 or part.grid is not None:
-        return thin(np.concatenate((weight * mv.gain.min(), weight * mv.gain.max())))
+        return reduced(np.concatenate((weight * mv.gain.min(), weight * mv.gain.max())))
     own = part.weight * mv.gain[inputs.targets(index)]
-    return thin(np.concatenate((own, weight[part.weight.size :] * mv.gain.max())))
+    return reduced(np.concatenate((own, weight[part.weight.size :] * mv.gain.max())))
 
 
 def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool) -> int:
@@ -310,11 +310,11 @@ def registers_of(inputs: Inputs, mv: InMillivolts, volt: float) -> tuple[dict[st
     errors = [_time_constant("tau_m", p["tau_m"], (4096 - dv) / 4096, h)]
     if mv.tau:
         errors.append(_time_constant(mv.tau, p[mv.tau], (4095 - du) / 4096, h))
-    got = p["E_L"] + 64.0 * (vth + 1) / volt
-    errors.append(worst_rounding("V_th", "mV", p["V_th"], got, np.abs(mv.distance)))
+    actual = p["E_L"] + 64.0 * (vth + 1) / volt
+    errors.append(worst_rounding("V_th", "mV", p["V_th"], actual, np.abs(mv.distance)))
     if p["I_e"].any():
-        got = (bias_mant << bias_exp) / (volt * mv.drift)
-        errors.append(worst_rounding("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
+        actual = (bias_mant << bias_exp) / (volt * mv.drift)
+        errors.append(worst_rounding("I_e", "pA", p["I_e"], actual, float(np.abs(p["I_e"]).max())))
     errors.append(worst_rounding("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
     registers = soft_reset_register(inputs.part, volt) | {
         "du": np.clip(du, 0, 4095),
@@ -331,20 +331,20 @@ def threshold(distance: Floats) -> Ints:
     """Return vth such that v > 64 vth holds if and only if v >= distance, for every v that is a multiple of 64."""
     steps = distance / 64.0
     nearest = np.rint(steps)
-    exact = np.abs(steps - nearest) <= TOLERANCE
-    register: Ints = np.where(exact, nearest, np.ceil(steps)).astype(np.int64) - 1
+    is_whole = np.abs(steps - nearest) <= TOLERANCE
+    register: Ints = np.where(is_whole, nearest, np.ceil(steps)).astype(np.int64) - 1
     return register
 
 
 def bias_registers(drive: Floats, extra: float) -> tuple[Ints, Ints]:
     """Return exponent and mantissas of a constant drive in units per step; `extra` is the drive of generators."""
     largest = float(np.abs(drive).max(initial=0.0)) + extra
-    most = BIAS_MANTISSA - (extra > 0.0)  # the sum of two rounded mantissas can be one larger
-    exponent = min(int(np.ceil(np.log2(max(largest / most, 1.0)))), BIAS_EXPONENT)
+    limit = BIAS_MANTISSA - (extra > 0.0)  # the sum of two rounded mantissas can be one larger
+    exponent = min(int(np.ceil(np.log2(max(largest / limit, 1.0)))), BIAS_EXPONENT)
     return np.full(1, exponent), np.rint(drive / 2.0**exponent).astype(np.int64)
 
 
 def _time_constant(name: str, tau: Floats, remaining: Floats, h: float) -> Rounding:
     with np.errstate(divide="ignore", invalid="ignore"):
-        got = np.where(remaining >= 1.0, np.inf, -h / np.log(remaining))
-    return worst_rounding(name, "ms", tau, got, tau)
+        actual = np.where(remaining >= 1.0, np.inf, -h / np.log(remaining))
+    return worst_rounding(name, "ms", tau, actual, tau)

@@ -23,10 +23,11 @@ class MeshPlaces:
     """Positions of cores. Chips form the smallest square that holds them; tiles are counted over all chips.
 
     Attributes:
-        mesh: the mesh of one chip.
-        chip: the chip of each core.
-        slot: the core's number inside its tile.
-        column, row: position of its tile, counted from the corner (0, 0) of the first chip, where the host is.
+        mesh: mesh of one chip.
+        chip: chip of each core.
+        slot: number of each core inside its tile.
+        column, row: position of the tile of each core, counted from the corner (0, 0) of the first chip, where the host
+        is.
     """
 
     mesh: Mesh
@@ -37,12 +38,12 @@ class MeshPlaces:
 
     @property
     def chip_column(self) -> Ints:
-        """The column of each core's chip in the square."""
+        """Column of each core's chip in the square."""
         return self.column // self.mesh.columns
 
     @property
     def chip_row(self) -> Ints:
-        """The row of each core's chip in the square."""
+        """Row of each core's chip in the square."""
         return self.row // self.mesh.rows
 
     def reordered(self, order: Ints) -> MeshPlaces:
@@ -54,18 +55,18 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
     """Fill chips and tiles one after the other with cores in the given order.
 
     Args:
-        chip: has the mesh, and perhaps a memory that the cores of a chip share.
+        chip: the chip with the mesh, and perhaps a memory that its cores share.
         memory: bytes of each core.
         snake: whether the tiles of a chip are filled column by column, alternately down and up, and chips row by row,
             alternately to the right and to the left, so that each tile is next to the last one. Otherwise both are
             filled row by row.
     """
     mesh = mesh_of(chip, len(memory))
-    most, shared = capacity(chip, len(memory)), chip.limit("synapse_bytes_per_chip")
+    cores_per_chip, shared = capacity(chip, len(memory)), chip.limit("synapse_bytes_per_chip")
     chip_of_core, index_on_chip = np.zeros((2, len(memory)), dtype=np.int64)
     chip_number, on_chip, filled = 0, 0, 0
     for i, need in enumerate(memory):  # a chip is full if all cores or all bytes are used
-        if on_chip == most or (on_chip and shared is not None and filled + int(need) > shared):
+        if on_chip == cores_per_chip or (on_chip and shared is not None and filled + int(need) > shared):
             chip_number, on_chip, filled = chip_number + 1, 0, 0
         chip_of_core[i], index_on_chip[i] = chip_number, on_chip
         on_chip, filled = on_chip + 1, filled + int(need)
@@ -98,29 +99,29 @@ def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
     at = np.arange(n)
     if n > LARGEST:
         return at
-    way: Floats = np.abs(column[:, None] - column) + np.abs(row[:, None] - row).astype(np.float64)
-    hops = traffic @ way + np.outer(pull, column + row)
+    distances: Floats = np.abs(column[:, None] - column) + np.abs(row[:, None] - row).astype(np.float64)
+    hops = traffic @ distances + np.outer(pull, column + row)
     for _ in range(min(4 * n, _EFFORT // max(n * n, 1))):
-        here = np.diagonal(hops)
-        gain = here[:, None] + here - hops - hops.T - 2.0 * traffic * way
+        present = np.diagonal(hops)
+        gain = present[:, None] + present - hops - hops.T - 2.0 * traffic * distances
         i, j = divmod(int(np.argmax(gain)), n)
         if gain[i, j] <= 0.0:
             break
-        hops += np.outer(traffic[:, i] - traffic[:, j], way[j] - way[i])
+        hops += np.outer(traffic[:, i] - traffic[:, j], distances[j] - distances[i])
         hops[:, [i, j]] = hops[:, [j, i]]
-        way[:, [i, j]] = way[:, [j, i]]
-        way[[i, j]] = way[[j, i]]
+        distances[:, [i, j]] = distances[:, [j, i]]
+        distances[[i, j]] = distances[[j, i]]
         at[[i, j]] = at[[j, i]]
     return at
 
 
 def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pull: Floats) -> MeshPlaces:
-    """Exchange whole tiles, used or not, then cores; no exchange where a chip could then exceed its memory."""
-    shared, most = chip.limit("synapse_bytes_per_chip"), capacity(chip, len(memory))
+    """Exchange whole tiles, used or not, then cores; cores are not exchanged if a chip could exceed its memory."""
+    shared, cores_per_chip = chip.limit("synapse_bytes_per_chip"), capacity(chip, len(memory))
     mesh = places.mesh
-    if most < mesh.columns * mesh.rows * mesh.cores_per_tile:
+    if cores_per_chip < mesh.columns * mesh.rows * mesh.cores_per_tile:
         return places
-    if shared is not None and most * int(memory.max(initial=0)) > shared:
+    if shared is not None and cores_per_chip * int(memory.max(initial=0)) > shared:
         return places
     n, size = len(places.chip), mesh.columns * mesh.rows
     chips, first, number = np.unique(places.chip, return_index=True, return_inverse=True)
@@ -166,9 +167,9 @@ def travel(rows, core_of, scratch, start_of, places, moves):
         core_of: core of each target, from `projections_by_source`.
         scratch: scratch arrays, from `projections_by_source`.
         start_of: column, row, chip's column and chip's row of each source.
-        places: the same of each core.
-        moves: output by source: number of cores, cores on the source's tile, and columns, rows and chips that spikes
-            move; increased.
+        places: the same coordinates of each core.
+        moves: output by source, to which these numbers are added: cores, cores on the source's tile, and columns, rows
+            and chips that spikes move.
     """
     count, cores, visited = scratch
     for i in range(rows[0].size):
@@ -196,10 +197,10 @@ def spread(rows, core_of, scratch, begin, places, cores_reached, local, along, a
         scratch: scratch arrays, from `projections_by_source`.
         begin: column and row of each source.
         places: column and row of each core.
-        cores_reached: output, number of cores that each source reaches; increased.
-        local: output, number of those on the source's tile; increased.
-        along: output, tiles that each source's spikes move east and west; raised.
-        across: output, tiles that they move south and north in each column; raised.
+        cores_reached: output: the number of cores that each source reaches is added.
+        local: output: the number of such cores on the source's tile is added.
+        along: output: raised to the number of tiles that each source's spikes move east and west.
+        across: output: raised to the number of tiles that they move south and north in each column.
     """
     count, cores, visited = scratch
     for s in range(rows[0].size):
@@ -223,10 +224,10 @@ class Hops:
     """Moves of one spike of each source neuron of a projection; int64, shape (sources,).
 
     Attributes:
-        cores: cores to which the spike is sent for this projection.
-        local: those of them on the source's tile, its own core included.
+        cores: number of cores to which the spike is sent for this projection.
+        local: number of these cores on the source's tile, including its own core.
         east_west, north_south: hops from tile to tile.
-        chip: those hops that lead from chip to chip.
+        chip: hops from chip to chip, which the others include.
     """
 
     cores: Ints
@@ -245,9 +246,9 @@ def routes(program: Program, into: Incoming, core_of: Ints, places: MeshPlaces, 
     """Return the hops of every projection.
 
     Args:
-        program: has the projections.
-        into: their synapses.
-        core_of: the core of every neuron, -1 for generators.
+        program: the whole network.
+        into: all synapses.
+        core_of: core of every neuron, -1 for generators.
         places: positions of the cores. Generators are at tile (0, 0) of chip 0, where the host's spikes enter.
         multicast: whether a spike passes a link only once: first along its row, then along columns. Links that several
             projections of a population share count for the first one. Otherwise one spike is sent to each destination
@@ -258,18 +259,18 @@ def routes(program: Program, into: Incoming, core_of: Ints, places: MeshPlaces, 
     ]
     trees: dict[int, _Tree] = {}
     coordinates = (places.column, places.row, places.chip_column, places.chip_row)
-    for index, ways in projections_by_source(into, core_of, len(places.chip)):
+    for index, arguments in projections_by_source(into, core_of, len(places.chip)):
         source = program.projections[index].source
-        own = core_of[into.start[source] : into.start[source + 1]]
+        source_cores = core_of[into.start[source] : into.start[source + 1]]
         if multicast:
             if source not in trees:
-                trees[source] = _Tree(own, places)
-            hops_of_each[index] = trees[source].grow(ways)
+                trees[source] = _Tree(source_cores, places)
+            hops_of_each[index] = trees[source].grow(arguments)
         else:
             hops = hops_of_each[index]
-            start = tuple(start_of(own, coordinate) for coordinate in coordinates)
+            start = tuple(start_of(source_cores, coordinate) for coordinate in coordinates)
             moves = (hops.cores, hops.local, hops.east_west, hops.north_south, hops.chip)
-            travel(*ways, start, coordinates, moves)
+            travel(*arguments, start, coordinates, moves)
     return tuple(hops_of_each)
 
 
@@ -291,19 +292,19 @@ class _Tree:
         self.along = np.zeros((2, own.size), dtype=np.int64)
         self.across = np.zeros((2, own.size, columns), dtype=np.int64)
 
-    def grow(self, ways: tuple[Any, ...]) -> Hops:
+    def grow(self, arguments: tuple[Any, ...]) -> Hops:
         """Add the destinations of a projection, and return the additional links."""
-        before = self.links()
+        old_links = self.links()
         cores, local = np.zeros((2, self.column.size), dtype=np.int64)
-        spread(*ways, (self.column, self.row), self.places, cores, local, self.along, self.across)
+        spread(*arguments, (self.column, self.row), self.places, cores, local, self.along, self.across)
         after = self.links()
-        return Hops(cores, local, *(new - old for new, old in zip(after, before, strict=True)))
+        return Hops(cores, local, *(new - old for new, old in zip(after, old_links, strict=True)))
 
     def links(self) -> tuple[Ints, Ints, Ints]:
         """Return the number of links along rows, along columns and between chips, for each neuron."""
         column, row = self.column, self.row[:, None]
-        over = np.zeros_like(column)
+        chip_links = np.zeros_like(column)
         for side, sign in enumerate((1, -1)):
-            over += np.abs((column + sign * self.along[side]) // self.mesh.columns - column // self.mesh.columns)
-            over += np.abs((row + sign * self.across[side]) // self.mesh.rows - row // self.mesh.rows).sum(axis=1)
-        return self.along.sum(axis=0), self.across.sum(axis=(0, 2)), over
+            chip_links += np.abs((column + sign * self.along[side]) // self.mesh.columns - column // self.mesh.columns)
+            chip_links += np.abs((row + sign * self.across[side]) // self.mesh.rows - row // self.mesh.rows).sum(axis=1)
+        return self.along.sum(axis=0), self.across.sum(axis=(0, 2)), chip_links

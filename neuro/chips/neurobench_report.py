@@ -61,7 +61,7 @@ def neurobench(
 
     Args:
         program: the program that ran.
-        counts: the counts of the run.
+        counts: counts of the run.
         samples: number of samples in the run.
         steps: steps of one sample; default: all steps / samples. The harness passes a spike through all layers in one
             step. A sample of 20 steps needs 22 steps here if two layers have a delay of 1; pass 20 then.
@@ -195,12 +195,12 @@ class _Report:
     def spikes(self) -> dict[str, Any]:
         """Return the spikes of generators, of populations that send to others, and of populations that do not."""
         senders = {part.source for part in self.program.projections}
-        each = {name: part.spikes / self.samples for name, part in self.tally.populations.items()}
+        spikes_by_name = {name: part.spikes / self.samples for name, part in self.tally.populations.items()}
         sums = {"in": 0.0, "hidden": 0.0, "out": 0.0}
         for index, part in enumerate(self.program.populations):
             inner = "hidden" if index in senders else "out"
-            sums["in" if part.kind != "neuron" else inner] += each[part.name]
-        return {**sums, "total": sum(sums.values()), "per_population": each}
+            sums["in" if part.kind != "neuron" else inner] += spikes_by_name[part.name]
+        return {**sums, "total": sum(sums.values()), "per_population": spikes_by_name}
 
     def packets(self) -> float:
         """Return the spikes of populations with an outgoing projection."""
@@ -211,8 +211,8 @@ class _Report:
         """Return the hops of all spikes from tile to tile, on one chip or between two."""
         total = 0
         for index, part in enumerate(self.program.projections):
-            each = placement.hops(index)
-            total += int(self.counts.spikes[part.source] @ (each.east_west + each.north_south))
+            hops = placement.hops(index)
+            total += int(self.counts.spikes[part.source] @ (hops.east_west + hops.north_south))
         return total / self.samples
 
 
@@ -221,8 +221,9 @@ def _joules(energy: Energy, samples: int) -> dict[str, Any]:
     sums = dict.fromkeys(("synop", "neuron", "route", "learn", "static", ROW), 0.0)
     for item in energy.items:
         sums["learn" if item.kind == ROW != item.what else _COSTS[item.what]] += (item.joules or 0.0) / samples
-    one, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
+    clock, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
     clocks = [
-        {name: None if energy.refused else joules / samples for name, joules in each.items()} for each in (one, real)
+        {name: None if energy.refused else joules / samples for name, joules in totals.items()}
+        for totals in (clock, real)
     ]
     return {"model": energy.target, "clock": energy.clock, **clocks[0], **sums, "real_time": clocks[1]}

@@ -51,16 +51,16 @@ class Core:
     """A core in use.
 
     Attributes:
-        chip: the number of its chip.
-        column, row: position of its tile, counted over all chips from the corner where the host is.
-        slot: its number inside the tile.
+        chip: number of its chip.
+        column, row: position of its tile, counted over all chips from the corner of the host.
+        slot: number inside the tile.
         parts: runs (population, first, last) of the neurons first <= i < last on the core.
         neurons: number of neurons.
         synapse_bytes: bytes of the synapses onto these neurons.
-        own_bytes: bytes of the core's own memory that learning needs, 0 where none are counted.
-        axons_in: source neurons whose spikes reach the core.
-        axons_out: destination cores of its neurons, summed over the neurons.
-        load: used share of each limit of the core, by the limit's name.
+        own_bytes: bytes of the core's own memory that learning needs, 0 if none are counted.
+        axons_in: number of source neurons whose spikes reach the core.
+        axons_out: number of destination cores of its neurons, summed over the neurons.
+        load: used share of each limit of the core, by name of the limit.
     """
 
     chip: int
@@ -83,14 +83,14 @@ class Placement:
     Attributes:
         network: name of the program.
         target: name of the chip.
-        order: "connected" or "declared", as the user chose.
+        order: "connected" or "declared", the choice of the user.
         multicast: whether a spike to several cores shares links.
         cores: the cores in use, sorted by chip, row, column and slot.
         chips_used, tiles_used: number of chips and tiles with a core in use.
         core_of: for each population the index in `cores` of every neuron; -1 for generators, which run on the host.
-        populations, projections: their names.
+        populations, projections: names of the populations and projections.
         ways: hops of each projection.
-        problems: the parts that do not fit. They are placed nevertheless.
+        problems: parts that do not fit. They are placed nevertheless.
         notes: memory and time of learning as text, as far as known.
     """
 
@@ -173,12 +173,12 @@ class Placement:
             runs = [f"{self.populations[p]}[{first}:{last}]" for p, first, last in core.parts]
             runs[_RUNS:] = [f"{len(runs) - _RUNS} more runs"] if len(runs) > _RUNS else []
             counts = (core.neurons, core.synapse_bytes, core.axons_in, core.axons_out)
-            full = f"{share:.0%} {name}" if name else "-"
-            place = (str(core.chip), f"{core.column},{core.row}", str(core.slot))
-            table.append((*place, *(f"{count:,}" for count in counts), full, ", ".join(runs)))
+            load_text = f"{share:.0%} {name}" if name else "-"
+            position = (str(core.chip), f"{core.column},{core.row}", str(core.slot))
+            table.append((*position, *(f"{count:,}" for count in counts), load_text, ", ".join(runs)))
         rows = aligned(table, ">" * 7)
-        rest = self.cores[_SHOWN:]
-        return rows if not rest else [*rows, f"... and {_several(len(rest), 'more core')}"]
+        others = self.cores[_SHOWN:]
+        return rows if not others else [*rows, f"... and {_several(len(others), 'more core')}"]
 
     def _projection_rows(self) -> list[str]:
         table: list[tuple[str, ...]] = [
@@ -243,9 +243,9 @@ def place_cores(program: Program, chip: Chip, filled: Cut) -> Placement:
         # Cores are numbered by their positions.
         by_place = np.lexsort((places.slot, places.column, places.row, places.chip))
         cores, places = cores.reordered(by_place), places.reordered(by_place)
-        ways = routes(program, into, cores.core_of, places, multicast)
-        numbered.append((len(np.unique(places.chip)), sum(part.total for part in ways), cores, places, ways))
-    chips, _, cores, places, ways = min(numbered, key=lambda draft: draft[:2])
+        hops = routes(program, into, cores.core_of, places, multicast)
+        numbered.append((len(np.unique(places.chip)), sum(part.total for part in hops), cores, places, hops))
+    chips, _, cores, places, hops = min(numbered, key=lambda draft: draft[:2])
     return Placement(
         network=program.name,
         target=chip.name,
@@ -257,7 +257,7 @@ def place_cores(program: Program, chip: Chip, filled: Cut) -> Placement:
         core_of=tuple(cores.core_of[a:b] for a, b in zip(into.start[:-1], into.start[1:], strict=True)),
         populations=tuple(part.name for part in program.populations),
         projections=tuple(part.name for part in program.projections),
-        ways=ways,
+        ways=hops,
         problems=exceeded(program, chip, into, cores, chips),
         notes=tuple(placed_as(chip).learning_notes(program, chip, cores.cores)),
     )
@@ -267,12 +267,12 @@ def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
     """Order cores and lay them out so that cores that exchange many spikes are close."""
     if len(cut.cores) > LARGEST:
         return cut, lay_out(chip, cut.memory, snake=True)
-    # Spikes between each two cores, and from the host to each, if all sources spike once.
+    # Spikes between each pair of cores, and from the host to each core, if all sources spike once.
     n = len(cut.cores)
     traffic, pull = np.zeros((n, n)), np.zeros(n)
-    for index, ways in projections_by_source(into, cut.core_of, n):
+    for index, arguments in projections_by_source(into, cut.core_of, n):
         source = into.begins_at[index]
-        between_cores(*ways, cut.core_of[into.start[source] : into.start[source + 1]], traffic, pull)
+        between_cores(*arguments, cut.core_of[into.start[source] : into.start[source + 1]], traffic, pull)
     np.fill_diagonal(traffic, 0.0)
     traffic = traffic + traffic.T
     order = chain(traffic, pull)
@@ -295,5 +295,5 @@ def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
         own_bytes=used[2],
         axons_in=used[3],
         axons_out=used[4],
-        load={name: n / most for name, n in zip(_LIMITS, used, strict=True) if (most := chip.limit(name))},
+        load={name: n / limit for name, n in zip(_LIMITS, used, strict=True) if (limit := chip.limit(name))},
     )

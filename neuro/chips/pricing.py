@@ -73,7 +73,7 @@ Pick = Callable[[Figure], float]
 
 @dataclass(frozen=True, slots=True)
 class Duration:
-    """Seconds that a chip needs for a run: the best estimate, and the range."""
+    """Time in s that a chip needs for a run: the best estimate, and the range."""
 
     best: float
     low: float
@@ -87,17 +87,17 @@ def chip_time(
 
     Args:
         program: the program that ran.
-        counts: the counts of the run.
-        placement: the placement of its neurons.
-        chip: has the figures.
+        counts: counts of the run.
+        placement: placement of the neurons.
+        chip: the chip with the figures.
         run: conditions of the run, which decide on the range of figures.
-        step_s: duration of a step on the chip, where known.
+        step_s: duration of a step on the chip in s, if known.
     """
     if step_s is not None:
         return Duration(*3 * [counts.steps * step_s])
     if chip.step_s is not None:
         ends = range_of(chip.step_s, run)
-        return Duration(*(counts.steps * each for each in (chip.step_s.value, *ends)))
+        return Duration(*(counts.steps * seconds for seconds in (chip.step_s.value, *ends)))
     if placement is None or not all(name in chip.costs for name in BARRIERS):
         return None
     picks: tuple[Pick, ...] = (lambda f: f.value, lambda f: range_of(f, run)[0], lambda f: range_of(f, run)[1])
@@ -118,24 +118,24 @@ def time_with_waiting(time: Duration | None, seconds: float) -> Duration:
     """
     if time is None:
         return Duration(seconds, seconds, seconds)
-    in_time = seconds * (1.0 - 1e-9)  # a difference in the last bits only is no waiting
-    return Duration(*(seconds if each < in_time else each for each in (time.best, time.low, time.high)))
+    in_time = seconds * (1.0 - 1e-9)  # a difference in only the last bits is no waiting
+    return Duration(*(seconds if needed < in_time else needed for needed in (time.best, time.low, time.high)))
 
 
 def barrier(placement: Placement, chip: Chip, run: Run, pick: Pick = lambda figure: figure.value) -> float:
     """Return the seconds of the barrier at the end of a step.
 
     Args:
-        placement: the placement of the neurons.
-        chip: has the figures.
-        run: conditions of the run, among them the chips that are on.
+        placement: placement of the neurons.
+        chip: the chip with the figures.
+        run: conditions of the run, including the number of chips that are on.
         pick: selects a number of a figure.
     """
-    one, many = (pick(chip.costs[name]) for name in BARRIERS)
+    one_tile, many_tiles = (pick(chip.costs[name]) for name in BARRIERS)
     chips = run["chips"]
     if chips > 1 and LARGE_BARRIER in chip.costs:
-        return many + (pick(chip.costs[LARGE_BARRIER]) - many) * (chips - 1) / (CHIPS - 1)
-    return one + (many - one) * (placement.tiles_used - 1) / (TILES - 1)
+        return many_tiles + (pick(chip.costs[LARGE_BARRIER]) - many_tiles) * (chips - 1) / (CHIPS - 1)
+    return one_tile + (many_tiles - one_tile) * (placement.tiles_used - 1) / (TILES - 1)
 
 
 def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip, pick: Pick) -> float:
@@ -192,7 +192,7 @@ def _extrapolated(figures: dict[str, Figure], run: Run) -> list[str]:
 
 
 Run = Mapping[str, float]
-"""Conditions of a run, by the names of `neuro.chips.description.CONDITIONS`; unknown ones are left out."""
+"""Conditions of a run by the names of `neuro.chips.description.CONDITIONS`; unknown conditions are left out."""
 
 
 def run_of(program: Program, counts: Counts, placement: Placement | None, chips: int) -> Run:
@@ -200,8 +200,8 @@ def run_of(program: Program, counts: Counts, placement: Placement | None, chips:
 
     Args:
         program: the program that ran.
-        counts: the counts of the run.
-        placement: the placement of its neurons, None where nothing is placed.
+        counts: counts of the run.
+        placement: placement of the neurons, None if nothing is placed.
         chips: number of chips that are on.
     """
     conditions = {"resolution": program.resolution, "chips": float(chips)}
@@ -256,15 +256,16 @@ def price(
 
     Args:
         program: the program that ran.
-        counts: the counts of the run, on any backend.
-        placement: the placement of its neurons on the chip; None for a target without a mesh.
+        counts: counts of the run, on any backend.
+        placement: placement of the neurons on the chip; None for a target without a mesh.
         chip: the target.
-        step_s: duration of a step on the chip in s, where it is known or given, e.g. by real time.
-        chips: number of chips that are on, e.g. all of a board; default: those that the placement uses.
-        duration_s: duration of the run in real time in s, e.g. that of recordings whose frames are shown over more
-            steps; default: that of its steps.
-        ran_on: the backend of the run. The chip that it emulates does not refuse the network.
-        host: operations outside of the network. A processor prices them by its own `mac`, a chip by that of `HOST`.
+        step_s: duration of a step on the chip in s, if known or given, e.g. by real time.
+        chips: number of chips that are on, e.g. all of a board; by default the chips that the placement uses.
+        duration_s: duration of the run in real time in s, e.g. of recordings whose frames are shown over more steps;
+            by default the duration of its steps.
+        ran_on: backend of the run. The chip that it emulates does not refuse the network.
+        host: operations outside of the network. A processor prices them by its own `mac`, a chip by the `mac` of
+            `HOST`.
 
     Raises:
         ModelError: no cost of the chip is published, a placement is missing, the program does not fit, or `step_s`,
@@ -315,8 +316,8 @@ def unrunnable(program: Program, chip: Chip, is_placed: bool) -> str:
         problems = refusals(program, chip)
     else:
         problems = () if is_placed else tuple(too_late(program, chip))
-    more = f" (and {len(problems) - 1} more, see neuro fit)" if len(problems) > 1 else ""
-    return f"{problems[0].what}: {problems[0].why}{more}" if problems else ""
+    others_text = f" (and {len(problems) - 1} more, see neuro fit)" if len(problems) > 1 else ""
+    return f"{problems[0].what}: {problems[0].why}{others_text}" if problems else ""
 
 
 MOVES = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_south": "north_south", "packet": "chip"}
@@ -354,15 +355,15 @@ class _Bill:
         elif count:
             self.items.append(self._item(self.chip, what, kind, of, count, count, count))
 
-    def _item(self, of_table: Chip, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
-        """Return a line with a figure of a table, for between `least` and `most` of its unit."""
-        return _line(of_table.costs[what], self.run, what, kind, of, count, least, most)
+    def _item(self, of_table: Chip, what: str, kind: str, of: str, count: float, low: float, high: float) -> BillItem:
+        """Return a line with a figure of a table, for between `low` and `high` of its unit."""
+        return _line(of_table.costs[what], self.run, what, kind, of, count, low, high)
 
     def static_items(self, time: Duration | None) -> list[BillItem]:
         """Return the line of static energy, with a range from the ranges of power and time."""
         if STATIC not in self.chip.costs or time is None or not time.best:
             return []
-        seconds = (self.chips * each for each in (time.best, time.low, time.high))
+        seconds = (self.chips * time_s for time_s in (time.best, time.low, time.high))
         return [self._item(self.chip, STATIC, "chip", self.chip.name, *seconds)]
 
     def dense(self) -> Energy:
@@ -422,8 +423,8 @@ class _Bill:
             used, on = placement.chips_used, self.chips
             self.notes.append(f"the network uses {used} chip{'s' * (used > 1)}, {on} are on, as given")
         if time is not None and time.best > self.seconds * (1.0 + 1e-9):
-            need, lasts = quantity(time.best, "s"), quantity(self.seconds, "s")
-            self.notes.append(f"late: slower than real time, the chip needs {need} for {lasts}")
+            needed, duration = quantity(time.best, "s"), quantity(self.seconds, "s")
+            self.notes.append(f"late: slower than real time, the chip needs {needed} for {duration}")
         if STATIC not in self.chip.costs:
             self.notes.append("static power is not in the sums: no figure is published")
         elif time is None:
@@ -442,9 +443,9 @@ class _Bill:
             self.notes += arithmetic_of(self.chip).learning_notes(self.program, self.chip, parts, self.visits())
         if any(name.startswith("rules applied") for name in raw.native):
             self.notes.append(RULES_APPLIED)
-        bare = sorted({item.what for item in self.items if item.joules_each is None})
-        if bare:
-            self.notes.append(f"not priced, as no figure is published: {', '.join(bare)}")
+        unpriced = sorted({item.what for item in self.items if item.joules_each is None})
+        if unpriced:
+            self.notes.append(f"not priced, as no figure is published: {', '.join(unpriced)}")
         events, spikes = (sum(int(part.sum()) for part in parts) for parts in (raw.events, raw.spikes))
         if self.chip.arithmetic in ARITHMETICS and arithmetic_of(self.chip).one_bit and events != spikes:
             self.notes.append(
@@ -455,8 +456,8 @@ class _Bill:
     def visits(self) -> dict[int, tuple[float, float]]:
         """Return the synapses that pre spikes and that post spikes visit in a mean step, by projection."""
         made = [self.counts.projections[part.name] for part in self.program.projections]
-        both = [(each.synaptic_ops, max(0, each.learning_updates - each.synaptic_ops)) for each in made]
-        return {k: (pre / self.counts.steps, post / self.counts.steps) for k, (pre, post) in enumerate(both)}
+        operations = [(c.synaptic_ops, max(0, c.learning_updates - c.synaptic_ops)) for c in made]
+        return {k: (pre / self.counts.steps, post / self.counts.steps) for k, (pre, post) in enumerate(operations)}
 
     def finished(self, time: Duration | None) -> Energy:
         """Return the bill."""
@@ -464,24 +465,24 @@ class _Bill:
         if self.host or all(item.kind != ROW for item in self.items):  # a rule for trials has its row already
             self.items += host_items(self.host, self.counts.steps, processor)
         self.notes += host_notes(self.host)
-        real = time_with_waiting(time, self.seconds)
+        in_real_time = time_with_waiting(time, self.seconds)
         has_time = time is not None or (STATIC in self.chip.costs and "mac" not in self.chip.costs)
-        waiting = self._timed(real, REAL_TIME) if has_time and real != time else None
+        waiting = self._timed(in_real_time, REAL_TIME) if has_time and in_real_time != time else None
         return self._timed(time, FASTEST if self.step_s is None else AS_GIVEN, waiting)
 
     def _timed(self, time: Duration | None, clock: str, waiting: Energy | None = None) -> Energy:
         chip, steps = self.chip, self.counts.steps
         best, ends = (None, None) if time is None else (time.best, (time.low, time.high))
         lines = (*self.items, *self.static_items(time)), tuple(self.notes)
-        about = chip.name, chip.title, self.chips, best, steps
-        return Energy(*about, *lines, "run", ends, self.seconds, clock, waiting, self.refused)
+        head = chip.name, chip.title, self.chips, best, steps
+        return Energy(*head, *lines, "run", ends, self.seconds, clock, waiting, self.refused)
 
 
 def _line(figure: Figure, run: Run, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
     low, high = range_of(figure, run)
     best = (figure.value, count * figure.value, figure.source, figure.conditions)
-    why = why_extrapolated(figure, run)
-    return BillItem(what, kind, of, count, *best, least * low, most * high, figure.spread, why)
+    reason = why_extrapolated(figure, run)
+    return BillItem(what, kind, of, count, *best, least * low, most * high, figure.spread, reason)
 
 
 def dense(
@@ -495,8 +496,8 @@ def dense(
     """Return the bill of multiply-accumulates that a user's own program counts.
 
     Args:
-        macs: number of multiply-accumulates, by the names of their parts, such as layers.
-        target: the name of a processor, or a table file with the cost `mac`.
+        macs: number of multiply-accumulates by the name of a part, e.g. a layer.
+        target: name of a processor, or a table file with the cost `mac`.
         steps: number of repetitions, for the bill's head.
         of: name of the run in the bill.
         notes: assumptions of the counts.
@@ -506,7 +507,7 @@ def dense(
     """
     processor = chip(target)
     if "mac" not in processor.costs:
-        raise ModelError(f"'{processor.name}' has no cost of a multiply-accumulate", hint="cpu, gpu or arm")
+        raise ModelError(f"'{processor.name}' has no cost of a multiply-accumulate", hint="use cpu, gpu or arm")
     figure = processor.costs["mac"]
     items = tuple(_line(figure, {}, "mac", "layers", name, n, n, n) for name, n in macs.items())
     return Energy(
@@ -529,12 +530,12 @@ def bill(
 
     Args:
         program: the program that ran.
-        counts: the counts of the run, on any backend.
-        target: the name of a chip or processor, or a table file.
-        step_s: duration of a step on the chip in s; default: that of its table.
-        chips: number of chips that are on; default: those that the network needs.
-        duration_s: duration of the run in real time in s; default: that of its steps.
-        ran_on: the backend of the run, see `price`.
+        counts: counts of the run, on any backend.
+        target: name of a chip or processor, or a table file.
+        step_s: duration of a step on the chip in s; by default from its table.
+        chips: number of chips that are on; by default the number that the network needs.
+        duration_s: duration of the run in real time in s; by default the duration of its steps.
+        ran_on: backend of the run, see `price`.
         host: operations outside of the network, see `price`.
 
     Raises:
@@ -544,5 +545,5 @@ def bill(
     priced = chip(target)
     is_placed = priced.mesh is not None or priced.arithmetic in ARITHMETICS
     placement = place(program, priced) if is_placed else None
-    words: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": ran_on, "host": host}
-    return price(program, counts, placement, priced, **words)
+    options: Any = {"step_s": step_s, "chips": chips, "duration_s": duration_s, "ran_on": ran_on, "host": host}
+    return price(program, counts, placement, priced, **options)

@@ -1,7 +1,7 @@
 """The conversion of a float program to a chip's integers, with a report of the differences.
 
 Every difference is reported: features that the chip lacks are refused, features that it computes differently are
-approximated, and a rounding is reported where it exceeds one of the limits below. All problems of a program are found
+approximated, and a rounding beyond a limit below is reported. All problems of a program are found
 at once.
 """
 
@@ -107,9 +107,9 @@ def _population(
         for index in inputs.spikes:
             wires[index], more = arithmetic.native_projection(inputs, index)
             problems += more
-        why = "neurons described in registers take no current in pA"
+        reason = "neurons described in registers take no current in pA"
         sources = [inputs.program.projections[index] for index in inputs.currents]
-        problems += [refused(each, "a current", why, "set a bias or offset register") for each in sources]
+        problems += [refused(source, "a current", reason, "set a bias or offset register") for source in sources]
         problems += _initial_state_problems(part, arithmetic.state_limit)
         return arithmetic.native(part), wires, problems
     if isinstance(part.model, parrot_neuron):
@@ -117,28 +117,28 @@ def _population(
         return FixedPopulation(part.name, "relay"), relays, []
     if not isinstance(part.model, arithmetic.models):
         names = ", ".join(model.__name__ for model in arithmetic.models)
-        why = f"{chip.name} has no such neuron: it has {names} and parrot_neuron"
-        way = f"backend '{part.model.chip}' runs it" if part.model.chip else "use iaf_psc_exp, or run on event"
+        reason = f"{chip.name} has no such neuron: it has {names} and parrot_neuron"
+        way_out = f"backend '{part.model.chip}' runs it" if part.model.chip else "use iaf_psc_exp, or run on event"
         if part.model.graded:
-            way = TAKE_PAYLOADS
+            way_out = TAKE_PAYLOADS
         if isinstance(part.model, iaf_psc_exp_adaptive_threshold):
-            way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
+            way_out = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
         if isinstance(error := twin(part.model), ModelError):
-            why = f"{chip.name} takes equations of {names} only, and {error.message}"
-            way = error.hint or f"use {names}, or run on event"
-        return FixedPopulation(part.name, "none"), {}, [refused(part, part.model.name, why, way)]
+            reason = f"{chip.name} takes equations of {names} only, and {error.message}"
+            way_out = error.hint or f"use {names}, or run on event"
+        return FixedPopulation(part.name, "none"), {}, [refused(part, part.model.name, reason, way_out)]
     if isinstance(part.model, Neuron) and part.model.receptors > RECEPTORS:
-        what = f"{part.model.name} with {part.model.receptors} receptors"
-        why = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
-        return FixedPopulation(part.name, "none"), {}, [refused(part, what, why, "run on event")]
+        feature = f"{part.model.name} with {part.model.receptors} receptors"
+        reason = f"neurons of {chip.name} have {RECEPTORS}: for excitation and for inhibition"
+        return FixedPopulation(part.name, "none"), {}, [refused(part, feature, reason, "run on event")]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         fixed, wires, problems = arithmetic.population(inputs, options)
         if inputs.currents:
             # Rounding of the generators' currents in the bias register, at their described amplitudes.
             described = Currents(inputs.program).full(inputs.index)
             unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
-            got = np.rint(described / unit) * unit
-            rounding = worst_rounding("dc", "pA", described, got, float(np.abs(described).max()))
+            actual = np.rint(described / unit) * unit
+            rounding = worst_rounding("dc", "pA", described, actual, float(np.abs(described).max()))
             fixed = replace(fixed, rounding=(*fixed.rounding, rounding))
     return fixed, wires, problems
 
@@ -149,11 +149,11 @@ def _trial_problems(program: Program) -> Iterator[Problem]:
     The words of a projection have one scale, which follows from the bounds of its weights.
     """
     if program.trials is not None and program.trials.spikes == "each":
-        why = "the host stores only the first spike of each neuron in a trial"
-        yield Problem(True, "trials: spikes: each", why, "set spikes: first, or run on event", program.trials.origin)
+        reason = "the host stores only the first spike of each neuron in a trial"
+        yield Problem(True, "trials: spikes: each", reason, "set spikes: first, or run on event", program.trials.origin)
     if program.trials is not None and program.trials.anew:
-        why = "the chip's learning engine keeps its traces from trial to trial"
-        yield Problem(True, "trials: synapses that learn by dopamine", why, "run it on event", program.trials.origin)
+        reason = "the chip's learning engine keeps its traces from trial to trial"
+        yield Problem(True, "trials: synapses that learn by dopamine", reason, "run it on event", program.trials.origin)
     for part in program.projections:
         bounds = part.synapse.parameters()
         ends = [word for word in ("Wmin", "Wmax") if not np.all(np.isfinite(bounds.get(word, np.inf)))]
@@ -171,9 +171,9 @@ def _initial_state_problems(part: Population, limit: int) -> Iterator[Problem]:
     for name, values in part.initial.items():
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > limit))
         if bad.size:
-            what = f"{name} = {values[bad[0]]:.10g} at step 0"
-            why = f"a state register holds whole numbers from -{limit} to {limit}"
-            yield refused(part, what, why, "begin with one of these")
+            state_text = f"{name} = {values[bad[0]]:.10g} at step 0"
+            reason = f"a state register holds whole numbers from -{limit} to {limit}"
+            yield refused(part, state_text, reason, "begin with one of these")
 
 
 def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:
@@ -181,14 +181,14 @@ def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, .
     for part, fixed in zip(program.projections, wires, strict=True):
         if fixed is None or longest is None or not fixed.delay.size:
             continue
-        _, most = part.delay_range(program.resolution)
+        _, longest_delay = part.delay_range(program.resolution)
         extra = int(fixed.delay.max()) - int(part.delay.max())
-        steps = most + extra
+        steps = longest_delay + extra
         if steps <= longest:
             continue
         yield refused(
             part,
-            f"a delay of {most * program.resolution:g} ms",
+            f"a delay of {longest_delay * program.resolution:g} ms",
             f"{steps} steps in the delay register, which holds at most {longest} on {chip.name}",
             f"use at most {(longest - extra) * program.resolution:g} ms, a coarser resolution, or a chain of parrots",
         )
@@ -209,8 +209,8 @@ def _notes(
         yield f"the host resets {', '.join(program.trials.reset) or 'nothing'} before each trial"
     for part in program.projections:
         if part.synapse.delays:
-            when = "between trials" if part.synapse.learns == "trials" else "after each step"
-            yield f"the host applies {part.synapse.name} to '{part.name}' {when} and writes delay registers and tags"
+            moment = "between trials" if part.synapse.learns == "trials" else "after each step"
+            yield f"the host applies {part.synapse.name} to '{part.name}' {moment} and writes delay registers and tags"
         elif part.synapse.learns == "trials":
             yield (
                 f"the host applies {part.synapse.name} to '{part.name}' between trials and writes the weights, rounded "
@@ -229,17 +229,17 @@ def requantise(
 
     Args:
         fixed: the quantised program.
-        population: the index of the population.
-        parameters: all of its parameters.
-        weights: the present weights of the projections whose weights differ from the program's.
+        population: index of the population.
+        parameters: all parameters of the population.
+        weights: present weights of the projections whose weights differ from the program.
     """
     program, cells = fixed.program, fixed.populations[population]
     projections = tuple(
         replace(part, weight=weights.get(index, part.weight)) for index, part in enumerate(program.projections)
     )
     part = replace(program.populations[population], parameters=dict(parameters))
-    others = (*program.populations[:population], part, *program.populations[population + 1 :])
-    changed = as_built_in(replace(program, populations=others, projections=projections))
+    populations = (*program.populations[:population], part, *program.populations[population + 1 :])
+    changed = as_built_in(replace(program, populations=populations, projections=projections))
     modes = {w.name: w.sign_mode for w in fixed.projections if w is not None and w.sign_mode}
     arithmetic = arithmetic_of(fixed.chip)
     options = arithmetic.scale_options(cells, tuple(w for w in fixed.projections if w is not None))
@@ -250,7 +250,7 @@ _TWINS: dict[type[Model], Twin | ModelError] = {}
 
 
 def twin(model: Model) -> Twin | ModelError | None:
-    """Return the built-in model with the same equations, or the error why there is none; None for other models."""
+    """Return the built-in model with the same equations, or an error if there is none; None for other models."""
     kind = type(model)
     if not isinstance(model, EquationNeuron):
         return None
@@ -277,8 +277,8 @@ def as_built_in(program: Program) -> Program:
                 value = values if values.size > 1 else float(values[0])
                 check(model.quantities()[word], value, f"population '{part.name}': {word} of its equations")
             initial = {state.name: np.zeros(1) for state in model.states}
-            for own, names in match.states.items():
-                initial |= zip(names, shares(part.initial[own], names), strict=True)
+            for state_name, names in match.states.items():
+                initial |= zip(names, shares(part.initial[state_name], names), strict=True)
             part = replace(part, model=model, parameters=parameters, initial=initial)
         populations.append(part)
     return replace(program, populations=tuple(populations))
@@ -302,9 +302,9 @@ class Limit:
     """The share above which a rounding error is reported.
 
     Attributes:
-        share: the largest error without a warning.
+        share: largest error without a warning.
         text: description of the error, for the message.
-        way_out: hint that makes the error smaller.
+        way_out: hint how to make the error smaller.
     """
 
     share: float
@@ -350,12 +350,12 @@ def losses(
         for r in cells.rounding:
             limit = LIMITS.get(r.quantity)
             if r.quantity == "V_th" and abs(r.error) > HOPELESS:
-                what = f"V_th = {r.exact:g} becomes {r.got:.6g} {r.unit}"
+                feature = f"V_th = {r.exact:g} becomes {r.got:.6g} {r.unit}"
                 why = f"{cells.volt:.3g} units per mV leave no threshold: its largest weight or current takes all bits"
-                yield refused(part, what, why, "lower what is far above V_th - E_L, or set another scale")
+                yield refused(part, feature, why, "lower what is far above V_th - E_L, or set another scale")
             elif limit is not None and abs(r.error) > limit.share:
-                what = f"{r.quantity} = {r.exact:g} becomes {r.got:.6g} {r.unit}"
-                yield approximated(part, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
+                feature = f"{r.quantity} = {r.exact:g} becomes {r.got:.6g} {r.unit}"
+                yield approximated(part, feature, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
     for projection, fixed in zip(program.projections, wires, strict=True):
         if fixed is None:
             continue
@@ -367,7 +367,7 @@ def losses(
 
 
 def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
-    """Yield the Poisson generators of which too many spikes share a step and merge, where a spike is one bit."""
+    """Yield the Poisson generators with too many spikes that merge in a step, because a spike is one bit."""
     if not arithmetic.one_bit:
         return
     limit = LIMITS["merged"]
@@ -377,6 +377,6 @@ def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
         mean = part.largest("rate") * program.resolution / 1000.0
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
         if share > limit.share:
-            why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
-            why += "; counts().native has how many"
-            yield approximated(part, part.model.name, why, limit.way_out)
+            reason = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
+            reason += "; counts().native has how many"
+            yield approximated(part, part.model.name, reason, limit.way_out)

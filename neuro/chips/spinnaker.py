@@ -61,7 +61,7 @@ from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Program
 
 LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
-"""The integer steps of neurons, see `FixedPopulation.kind`."""
+"""Integer steps of neurons, see `FixedPopulation.kind`."""
 
 REGISTER_OF_ONE = 1
 """Content of the delay register for a spike that acts in the tick after its emission."""
@@ -90,11 +90,11 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
             factor = c[:, response] / (r_m * -np.expm1(-h / p["tau_m"]) * share)
         gains.append(np.where(np.isfinite(factor), factor, 0.001))
     if np.isfinite(p["tau_m"]).all():
-        got = p["tau_m"] / np.maximum(registers["r_m"] / ONE, 1e-300) * 1000.0
-        errors.append(worst_rounding("C_m", "pF", p["C_m"], got, p["C_m"]))
+        actual = p["tau_m"] / np.maximum(registers["r_m"] / ONE, 1e-300) * 1000.0
+        errors.append(worst_rounding("C_m", "pF", p["C_m"], actual, p["C_m"]))
     if p["I_e"].any():
-        got = registers["i_offset"] / ONE * 1000.0
-        errors.append(worst_rounding("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
+        actual = registers["i_offset"] / ONE * 1000.0
+        errors.append(worst_rounding("I_e", "pA", p["I_e"], actual, float(np.abs(p["I_e"]).max())))
     return registers, (gains[0], gains[1]), np.full(1, ONE / 1000.0), errors
 
 
@@ -109,8 +109,8 @@ def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floa
         registers["v_min"] = np.rint(p["V_min"].min(keepdims=True) * ONE).astype(np.int64)
     errors = _rounded_potentials(inputs, registers, c[:, P33])
     if p["I_e"].any():
-        got = registers["i_offset"] / ONE / c[:, P30]
-        errors.append(worst_rounding("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
+        actual = registers["i_offset"] / ONE / c[:, P30]
+        errors.append(worst_rounding("I_e", "pA", p["I_e"], actual, float(np.abs(p["I_e"]).max())))
     return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, errors
 
 
@@ -143,16 +143,16 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
     then keeps `FINE` steps, and saturations are counted.
     """
     shifts = []
-    for sign, own in zip((1.0, -1.0), gain, strict=True):
+    for sign, gains in zip((1.0, -1.0), gain, strict=True):
         largest, total = 0.0, np.zeros(inputs.part.size)
         for index in inputs.spikes:
             low, high = inputs.bounds(index)
             largest = max(largest, high if sign > 0.0 else -low)
             total += converging(inputs, index, sign)
-        scale = ONE * float(own.max())
-        safe = _smallest_shift(float(total.max(initial=0.0)) * scale)
+        scale = ONE * float(gains.max())
+        safe_shift = _smallest_shift(float(total.max(initial=0.0)) * scale)
         fine = int(np.floor(np.log2(max(largest * scale / FINE, 1.0))))
-        shifts.append(int(np.clip(max(_smallest_shift(largest * scale), min(safe, fine)), 0, LARGEST_SHIFT)))
+        shifts.append(int(np.clip(max(_smallest_shift(largest * scale), min(safe_shift, fine)), 0, LARGEST_SHIFT)))
     return shifts[0], shifts[1]
 
 
@@ -163,11 +163,11 @@ def _host_shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]
     fixed.
     """
     shifts = []
-    for sign, own in zip((1.0, -1.0), gain, strict=True):
+    for sign, gains in zip((1.0, -1.0), gain, strict=True):
         largest = total = 0.0
         for index in inputs.spikes:
             low, high = inputs.bounds(index)
-            weight = max(high if sign > 0.0 else -low, 0.0) * float(own.max())
+            weight = max(high if sign > 0.0 else -low, 0.0) * float(gains.max())
             counts = converging(inputs, index, 1.0, np.ones(1))
             largest, total = max(largest, weight), total + weight * float(counts.max(initial=0.0))
         bound = max(largest, total)
@@ -198,17 +198,17 @@ def missing_features(inputs: Inputs) -> Iterator[Problem]:
         if name in p:
             yield from too_short(part, name, h)
     if np.isinf(p["tau_m"]).any() and not delta:
-        why = "the membrane resistance tau_m / C_m would be infinite"
-        yield refused(part, "tau_m = inf", why, "use a finite tau_m, or iaf_psc_delta")
+        reason = "the membrane resistance tau_m / C_m would be infinite"
+        yield refused(part, "tau_m = inf", reason, "use a finite tau_m, or iaf_psc_delta")
     yield from too_long(part, "tau_m", h, -h / np.log1p(-1.0 / ONE), "a decay of 15 bits", delta)
     ticks = float(p["t_ref"].max()) / h
     if ticks > LARGEST:
-        why = f"{ticks:g} ticks, and t_refract holds at most {LARGEST}"
-        yield refused(part, f"t_ref = {p['t_ref'].max():g} ms", why, f"use at most {LARGEST * h:g} ms")
+        reason = f"{ticks:g} ticks, and t_refract holds at most {LARGEST}"
+        yield refused(part, f"t_ref = {p['t_ref'].max():g} ms", reason, f"use at most {LARGEST * h:g} ms")
     yield from lowest_potential_problems(part)
     if p.get("refractory_input", np.zeros(1)).any():
-        why = "the chip's programs lose input while a neuron is refractory"
-        yield refused(part, "refractory_input", why, "leave it out")
+        reason = "the chip's programs lose input while a neuron is refractory"
+        yield refused(part, "refractory_input", reason, "leave it out")
     yield from soft_reset_problems(
         part, "no released SpiNNaker binary has it: it is one subtraction in the same arithmetic"
     )
@@ -231,7 +231,7 @@ def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> I
 
     Args:
         inputs: the population.
-        initial: its state registers at step 0.
+        initial: state registers of the population at step 0.
         drive: units of a constant current per pA.
     """
     part, p = inputs.part, inputs.part.parameters
@@ -245,11 +245,11 @@ def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> I
     for name, state in (("I_syn_ex", "g_exc"), ("I_syn_in", "g_inh")):
         if state in initial:
             checks.append((f"{name} = {_largest(part.initial[name]):g} pA at step 0", initial[state]))
-    for what, values in checks:
+    for quantity, values in checks:
         if np.abs(values).max(initial=0.0) > LARGEST:
             units = float(np.abs(values).max()) / ONE
-            why = f"it is {units:.6g} in s16.15, which holds numbers below 65536"
-            yield refused(part, what, why, "scale the model down")
+            reason = f"it is {units:.6g} in s16.15, which holds numbers below 65536"
+            yield refused(part, quantity, reason, "scale the model down")
 
 
 def _largest(values: Floats) -> float:
@@ -321,8 +321,8 @@ class SpiNNaker(Arithmetic):
         problems = [*other_receptor(inputs, index)]
         bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
         if bad.size:
-            why = f"a word is a whole number from -{SLOT} to {SLOT}"
-            problems.append(refused(part, f"weight = {part.weight[bad[0]]:g}", why, "change exc_shift or inh_shift"))
+            reason = f"a word is a whole number from -{SLOT} to {SLOT}"
+            problems.append(refused(part, f"weight = {part.weight[bad[0]]:g}", reason, "change exc_shift or inh_shift"))
         words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
         rounding = judge_weights(words.astype(float), words, 1.0, -SLOT, SLOT)
         return self._wires(inputs, index, words, np.ones(1), np.ones(1), rounding), problems
@@ -365,8 +365,8 @@ class SpiNNaker(Arithmetic):
             wires[index], more = self._weights(inputs, index, gain, shifts)
             problems += more
         if delta:
-            why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
-            problems.append(approximated(part, "iaf_psc_delta", why))
+            reason = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
+            problems.append(approximated(part, "iaf_psc_delta", reason))
         return fixed, wires, problems
 
     def _weights(
@@ -375,7 +375,7 @@ class SpiNNaker(Arithmetic):
         """Convert the weights of a projection to words."""
         part = inputs.program.projections[index]
         problems = [*one_kernel(inputs, index, gain[0].size), *other_receptor(inputs, index)]
-        steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
+        steps = [2.0**shift / (ONE * gains) for shift, gains in zip(shifts, gain, strict=True)]
         if steps[0].size > 1 and part.grid is None:
             steps = [step[inputs.targets(index)] for step in steps]
         else:
@@ -383,13 +383,13 @@ class SpiNNaker(Arithmetic):
         words, rounding = round_weights(part.weight, steps[0], steps[1], -SLOT, SLOT, 1, inputs.keeps(index))
         if rounding.saturated > 0.0:
             step = np.where(part.weight < 0.0, steps[1], steps[0])
-            beyond = farthest_weight(part.weight, step, -SLOT, SLOT)
-            word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
+            farthest = farthest_weight(part.weight, step, -SLOT, SLOT)
+            word, shift = ("inh_shift", shifts[1]) if farthest.weight < 0.0 else ("exc_shift", shifts[0])
             problems.append(
                 refused(
                     part,
-                    f"weight = {beyond.weight:g}",
-                    f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
+                    f"weight = {farthest.weight:g}",
+                    f"a word of 16 bits holds at most {SLOT * farthest.step:.6g} at {word} {shift}",
                     "use a larger shift, or leave out the option 'shifts'"
                     if shift < LARGEST_SHIFT
                     else "scale the weights down",
@@ -469,8 +469,8 @@ class SpiNNaker(Arithmetic):
         """Return the option with shifts that make the slots four times as large."""
         if (shifts := self._shifts_of(cells)) is None:
             return ""
-        larger = tuple(min(LARGEST_SHIFT, shift + 2) for shift in shifts)
-        return f"shifts={{'{cells.name}': {larger}}} makes the slots 4 times as large"
+        larger_shifts = tuple(min(LARGEST_SHIFT, shift + 2) for shift in shifts)
+        return f"shifts={{'{cells.name}': {larger_shifts}}} makes the slots 4 times as large"
 
 
 SPINNAKER = SpiNNaker()

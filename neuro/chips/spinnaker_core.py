@@ -55,27 +55,27 @@ def neuron_bits(neurons: int) -> int:
 def slots_of(program: Program, chip: Chip, target: int) -> int:
     """Return the number of slots that the host reserves for delays onto a population; longer delays are held back."""
     size = program.populations[target].size
-    most = int(2 ** (SLOT_BITS - neuron_bits(min(size, chip.limit("neurons_per_core") or size)) - 1))
+    limit = int(2 ** (SLOT_BITS - neuron_bits(min(size, chip.limit("neurons_per_core") or size)) - 1))
     lags = (longest_lag(program, k) for k in spiking(program) if program.projections[k].target == target)
     longest = max((int(register(lag, REGISTER_OF_ONE).max(initial=1)) for lag in lags), default=1)
-    return min(max(2, 1 << (longest - 1).bit_length()), most)
+    return min(max(2, 1 << (longest - 1).bit_length()), limit)
 
 
 def learning_onto(program: Program, target: int) -> list[int]:
     """Return the indices of the projections onto a population that learn on the machine."""
     parts = program.projections
-    onto = (k for k in spiking(program) if parts[k].target == target and parts[k].grid is None)
-    return [k for k in onto if isinstance(parts[k].synapse, KNOWN)]
+    indices = (k for k in spiking(program) if parts[k].target == target and parts[k].grid is None)
+    return [k for k in indices if isinstance(parts[k].synapse, KNOWN)]
 
 
 def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
     """Return the bytes of a core's own memory for some neurons of a population onto which synapses learn.
 
     Args:
-        program: has the population.
-        chip: has the limit of neurons.
-        target: the index of the population.
-        neurons: number of its neurons on the core.
+        program: the whole network.
+        chip: the chip with the limit of neurons.
+        target: index of the population.
+        neurons: number of neurons of the population on the core.
 
     Returns:
         the bytes, 0 if no synapse onto the population learns.
@@ -87,7 +87,7 @@ def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
     synapse, tau_minus = program.projections[plastic[0]].synapse, float(np.max(part.parameters.get("tau_minus", 20.0)))
     slots = 4 * slots_of(program, chip, target) << neuron_bits(neurons)
     rows = [rows_of(program, k) for k in plastic]
-    longest = [min(int((each.end - each.begin).max(initial=0)), neurons) for each in rows]
+    longest = [min(int((sources.end - sources.begin).max(initial=0)), neurons) for sources in rows]
     buffers = 2 * max(4 * int(row_words(n, row_form(program, k))) for k, n in zip(plastic, longest, strict=True))
     tables = sum(2 * table_length(tau, program.resolution, shift) + 4 for tau, shift in _tables(synapse, tau_minus))
     return neurons * (_history_bytes(synapse) + NEURON_BYTES) + slots + tables + buffers
@@ -117,11 +117,11 @@ def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
     """Return a lower bound of the cycles of learning per tick on the busiest core.
 
     Args:
-        program: has the projections.
-        cores: the parts of each core.
-        visits: work of learning; a core does its share of the target's neurons.
+        program: the whole network.
+        cores: parts of each core.
+        visits: work of learning, which is divided among the cores by the neurons of the target.
     """
-    most = 0.0
+    largest = 0.0
     for parts in cores:
         cycles = 0.0
         for population, first, last in parts:
@@ -129,23 +129,23 @@ def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
                 _, taught = program_of(program.projections[k].synapse)
                 work = sum(n * each for n, each in zip(visits[k], TAUGHT if taught else PAIR, strict=True))
                 cycles += work * (last - first) / program.populations[population].size
-        most = max(most, cycles)
-    return most
+        largest = max(largest, cycles)
+    return largest
 
 
 def learning_notes(program: Program, chip: Chip, cores: Sequence[Parts], visits: Visits | None) -> Iterator[str]:
     """Yield notes on memory and time of learning; arguments are those of `Arithmetic.learning_notes`."""
     if not any(learning_onto(program, k) for k in range(len(program.populations))):
         return
-    when = "if all sources and targets spike once in a tick"
+    condition = "if all sources and targets spike once in a tick"
     if visits is None:
         limit = chip.limit("memory_bytes_per_core")
         need = max((sum(bytes_of(program, chip, p, b - a) for p, a, b in parts) for parts in cores), default=0)
-        of = "" if limit is None else f" of the {limit:,}"
-        yield f"learning needs up to {need:,}{of} bytes of a core's own memory"
+        limit_text = "" if limit is None else f" of the {limit:,}"
+        yield f"learning needs up to {need:,}{limit_text} bytes of a core's own memory"
         visits = {k: (part.size, part.size) for k, part in enumerate(program.projections)}
     else:
-        when = "on average"
+        condition = "on average"
     cycles, tick = busiest(program, cores, visits), CLOCK_HZ * (1e-3 if chip.step_s is None else chip.step_s.value)
     slower = ": slower than real time" if cycles > tick else ""
-    yield f"learning needs > {cycles:,.0f} of the {tick:,.0f} cycles of a tick on the busiest core {when}{slower}"
+    yield f"learning needs > {cycles:,.0f} of the {tick:,.0f} cycles of a tick on the busiest core {condition}{slower}"

@@ -116,7 +116,7 @@ def map_rule(synapse: Synapse, onto: TargetUnits) -> MappedRule:
     """Return the rule of SpiNNaker that approximates a float synapse model.
 
     Raises:
-        ModelError: no program can run the model; the hint is a way out.
+        ModelError: no program can run the model; the hint names another way.
     """
     if isinstance(synapse, spinnaker_learning):
         return _native_rule(synapse, onto)
@@ -159,8 +159,8 @@ def _native_rule(p: spinnaker_learning, onto: TargetUnits) -> MappedRule:
         if not 0 < abs(units) < 16 * ONE:
             message = f"spinnaker_learning.concentration = {p.concentration:g}: {units} units of 2^-11"
             raise ModelError(f"{message}: expected 1 to {16 * ONE - 1} in size", path=("concentration",))
-        off = units / ONE / p.concentration - 1.0
-        notes += (f"concentration is {off:+.1%} off",) if abs(off) > 1e-3 else ()
+        error = units / ONE / p.concentration - 1.0
+        notes += (f"concentration is {error:+.1%} off",) if abs(error) > 1e-3 else ()
         rule = replace(rule, concentrations=(units,))
     elif p.signal is not None:
         rule = replace(rule, concentrations=_levels(onto.largest_n * ONE / LEVELS))
@@ -210,8 +210,8 @@ def _rounding_notes(rule: SpinnakerRule, numbers: Mapping[str, Any], scale: floa
                 hint="learn faster, or scale weights and C_m up by the same factor",
             )
         for column, amount in amounts.items():
-            off = abs(int(rule.constants[column])) / PARTS / amount - 1.0 if amount else 0.0
-            notes += (f"{_AMPLITUDES[column]} is {off:+.1%} off",) if abs(off) > 1e-3 else ()
+            error = abs(int(rule.constants[column])) / PARTS / amount - 1.0 if amount else 0.0
+            notes += (f"{_AMPLITUDES[column]} is {error:+.1%} off",) if abs(error) > 1e-3 else ()
     return notes
 
 
@@ -279,7 +279,7 @@ def _vogels(p: vogels_sprekeler, onto: TargetUnits) -> _Form:
     if p.tau != onto.tau_minus:
         raise ModelError(
             f"vogels_sprekeler.tau = {p.tau:g} ms and tau_minus = {onto.tau_minus:g} ms of the target: expected one",
-            hint=f"tau_minus: {p.tau:g} of the target",
+            hint=f"set tau_minus: {p.tau:g} in the target",
             path=("tau",),
         )
     numbers = {"w_max": abs(p.Wmax) * onto.gain, "A_plus": p.eta * onto.gain, "A_minus": 0.0, "tau": p.tau}
@@ -293,7 +293,7 @@ def _vogels(p: vogels_sprekeler, onto: TargetUnits) -> _Form:
 
 
 BITS = 5
-"""Number of sources of reward, and of punishment, that carry a signal to a neuron: 1, 2, 4, 8 and 16 units each."""
+"""Number of sources of reward, and of punishment, with a signal for a neuron: sources of 1, 2, 4, 8 and 16 units."""
 LEVELS = 2**BITS - 1
 """Largest sum of the units of all sources."""
 PAIR_WORDS, PAIR_PARTS = 4.0, 16.0
@@ -306,9 +306,9 @@ def _dopamine_rule(p: stdp_dopa, onto: TargetUnits) -> MappedRule:
     """Return the rule of `stdp_dopa`, whose eligibility has one sign on the machine."""
     expected = {"b": (p.b == 0.0, "0, because dopamine has no baseline")}
     expected |= {"A_plus": (p.A_plus > 0.0, "above 0"), "A_minus": (p.A_minus >= 0.0, "at least 0")}
-    for word, (fits, what) in expected.items():
+    for word, (fits, expectation) in expected.items():
         if not fits:
-            raise ModelError(f"stdp_dopa.{word} = {getattr(p, word):g}: expected {what}", path=(word,))
+            raise ModelError(f"stdp_dopa.{word} = {getattr(p, word):g}: expected {expectation}", path=(word,))
     if p.A_minus > 0.0 and p.c_min != 0.0:
         raise ModelError(
             f"stdp_dopa.A_minus = {p.A_minus:g} with c_min = {p.c_min:g}: the words of the eligibility have no sign",
@@ -334,17 +334,17 @@ def _dopamine_rule(p: stdp_dopa, onto: TargetUnits) -> MappedRule:
             f"the eligibility of a pair is {of_pair:.3g} units: expected 1 to {LARGEST_WORD // 4}", hint=way
         )
     n_scale = n_one / units
-    one, (up, down) = onto.gain * n_scale * ONE, _window_factors(p.tau_plus, onto)
+    unit_gain, (up, down) = onto.gain * n_scale * ONE, _window_factors(p.tau_plus, onto)
     numbers = {
         "w_max": LARGEST_WORD * onto.unit,
-        "A_plus": p.A_plus * one * up,
-        "A_minus": p.A_minus * one * down,
+        "A_plus": p.A_plus * unit_gain * up,
+        "A_minus": p.A_minus * unit_gain * down,
         "tau_plus": p.tau_plus,
         "tau_minus": onto.tau_minus,
     }
     taught = {"tau_c": p.tau_c, "tau_d": p.tau_n, "w_min": p.Wmin * onto.gain, "w_max": p.Wmax * onto.gain}
     rule = rule_of("pair", ADDITIVE, {"w_min": 0.0} | numbers, dt=onto.h, neuromodulation=taught)
-    rule = replace(rule, concentrations=concentrations, eligibility=onto.unit / one)
+    rule = replace(rule, concentrations=concentrations, eligibility=onto.unit / unit_gain)
     notes: tuple[str, ...] = (
         f"the eligibility is whole units of {rule.eligibility:.4g}, from 0 to {LARGEST_WORD * rule.eligibility:.4g}",
         "eligibility decays in blocks of 16 steps and dopamine in blocks of 4, counted anew in each interval",
@@ -386,7 +386,7 @@ def give_rules(
         program: the whole network.
         chip: the chip for which the network is quantised.
         cells: the quantised populations.
-        wires: the quantised projections, by index. Those that learn are replaced by copies with a rule.
+        wires: quantised projections by index. Projections that learn are replaced by copies with a rule.
         options: options that users set.
     """
     rules: dict[int, tuple[Projection, SpinnakerRule]] = {}
@@ -402,22 +402,22 @@ def give_rules(
             except ModelError as error:
                 yield refused(part, synapse.name, error.message, error.hint)
                 continue
-            first, rule = rules.setdefault(part.target, (part, mapping.rule))
-            if not rule.is_as(mapping.rule) or _dopamine_source(first) != _dopamine_source(part):
-                why = f"'{first.name}' has another rule or other dopamine: all rules onto a population must be equal"
-                yield refused(part, synapse.name, why, "give both one rule, or two populations")
+            other, rule = rules.setdefault(part.target, (part, mapping.rule))
+            if not rule.is_as(mapping.rule) or _dopamine_source(other) != _dopamine_source(part):
+                reason = f"'{other.name}' has another rule or other dopamine: all rules onto a population must be equal"
+                yield refused(part, synapse.name, reason, "give both one rule, or two populations")
                 continue
             delivered = wires[index].delay < mapping.rule.slots  # longer delays are held back
             wires[index] = replace(
                 wires[index], rule=mapping.rule, n_scale=mapping.n_scale, words=wires[index].words * delivered
             )
-            differs = "".join(f"\n    - {text}" for text in mapping.approximations)
-            if differs:
-                yield approximated(part, synapse.name, f"differences on the chip:{differs}")
+            differences = "".join(f"\n    - {text}" for text in mapping.approximations)
+            if differences:
+                yield approximated(part, synapse.name, f"differences on the chip:{differences}")
             yield from _delay_problems(program, part, wires[index], mapping.rule.slots)
             if mapping.update < COARSE_UPDATE:
-                why = f"a change is {mapping.update:.2g} units of a word, and rounding down loses up to one"
-                yield approximated(part, synapse.name, why, "learn faster, or set smaller `shifts` of the target")
+                reason = f"a change is {mapping.update:.2g} units of a word, and rounding down loses up to one"
+                yield approximated(part, synapse.name, reason, "learn faster, or set smaller `shifts` of the target")
 
 
 def _map_projection(
@@ -431,9 +431,9 @@ def _map_projection(
     """Return the rule of a projection, with slots and sign.
 
     Raises:
-        ModelError: no program can run it.
+        ModelError: no program can run the rule.
     """
-    part, own = program.projections[index], wires[index]
+    part, projection = program.projections[index], wires[index]
     native = isinstance(part.synapse, spinnaker_learning)
     if not native and not isinstance(part.synapse, stdp_dopa):
         _maker(part.synapse)
@@ -441,7 +441,7 @@ def _map_projection(
     tau_minus = parameters.get("tau_minus", np.zeros(1))
     low, high = (float(np.min(end)) for end in part.synapse.bounds())
     inhibits = high <= 0.0 and low < 0.0
-    step = own.step_below if inhibits else own.step
+    step = projection.step_below if inhibits else projection.step
     if step.size > 1 or tau_minus.size > 1:
         raise ModelError("the target's neurons differ: a rule is one for the whole projection")
     if (low < 0.0 and not inhibits) or np.any(part.weight * (-1.0 if inhibits else 1.0) < 0.0):
@@ -475,15 +475,15 @@ def _delay_problems(program: Program, part: Projection, own: FixedProjection, sl
     h, extra = program.resolution, acts_late(program.populations[part.target].model)
     longest = int(own.delay.max(initial=1))
     if longest > slots:
-        why = f"a neuron has {slots} slots: a separate core delays such spikes by a multiple of {slots} steps, "
-        why += "and learning sees them at that later time"
+        reason = f"a neuron has {slots} slots: a separate core delays such spikes by a multiple of {slots} steps, "
+        reason += "and learning sees them at that later time"
         neurons = max(1, 1 << (SLOT_BITS - 1) >> longest.bit_length())
-        way = f"use at most {(slots - 1 - extra) * h:g} ms, or populations of at most {neurons} neurons"
-        yield approximated(part, f"a delay of {(longest - extra) * h:g} ms", why, way)
+        way_out = f"use at most {(slots - 1 - extra) * h:g} ms, or populations of at most {neurons} neurons"
+        yield approximated(part, f"a delay of {(longest - extra) * h:g} ms", reason, way_out)
     for register in np.unique(own.delay[own.delay % slots == 0]).tolist():
-        many = "the number of slots" if register == slots else f"a multiple of the {slots} slots"
-        why = f"the register holds {register} steps, {many}: such synapses learn but send nothing"
-        way = "use another delay"
+        relation = "the number of slots" if register == slots else f"a multiple of the {slots} slots"
+        reason = f"the register holds {register} steps, {relation}: such synapses learn but send nothing"
+        way_out = "use another delay"
         if register == longest == slots:
-            way += f", or let a projection onto the same neurons have {(slots - extra + 1) * h:g} ms or more"
-        yield approximated(part, f"a delay of {(register - extra) * h:g} ms", why, way)
+            way_out += f", or let a projection onto the same neurons have {(slots - extra + 1) * h:g} ms or more"
+        yield approximated(part, f"a delay of {(register - extra) * h:g} ms", reason, way_out)

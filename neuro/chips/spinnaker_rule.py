@@ -59,7 +59,7 @@ KNOWN = (*TIMING_OF, spinnaker_learning)
 
 
 def program_of(synapse: Synapse) -> tuple[str, bool]:
-    """Return the timing of the program that runs a rule of `KNOWN`, and whether the program is a neuromodulated one."""
+    """Return the timing of the program that runs a rule of `KNOWN`, and whether the program is neuromodulated."""
     if isinstance(synapse, spinnaker_learning):
         return synapse.timing, synapse.taught
     timing = next(timing for rule, timing in TIMING_OF.items() if isinstance(synapse, rule))
@@ -191,14 +191,14 @@ def rule_of(
     """Return a rule in the form of a released program.
 
     Args:
-        timing: one of `TIMINGS`.
+        timing: name in `TIMINGS`.
         dependence: "additive" or "multiplicative".
-        numbers: the parameters by PyNN's names, weights in the unit of the machine (nA or mV): w_min, w_max, A_plus,
+        numbers: parameters by PyNN's names, weights in the unit of the machine (nA or mV): w_min, w_max, A_plus,
             A_minus; tau_plus and tau_minus; for triplets tau_x, tau_y, A3_plus and A3_minus; for Vogels tau and alpha;
             for the recurrent rule accumulator_depression and accumulator_potentiation, mean_pre_window and
             mean_post_window in ms.
         dt: length of a tick in ms.
-        neuromodulation: tau_c, tau_d, w_min and w_max, if dopamine modulates learning.
+        neuromodulation: values of tau_c, tau_d, w_min and w_max, if dopamine modulates learning.
 
     Raises:
         ModelError: no such program was released, or a table would be too long.
@@ -239,8 +239,8 @@ def rule_of(
         taus |= {C: tau_c, D: tau_d}
     tables |= {k: table_of(tau, dt, INDEX_SHIFTS[k]) for k, tau in taus.items()}
     places: Ints = np.zeros((TABLES, 3), dtype=np.int64)
-    at = 0
+    position = 0
     for k, table in tables.items():
-        places[k] = at, table.size, INDEX_SHIFTS[k]
-        at += table.size
+        places[k] = position, table.size, INDEX_SHIFTS[k]
+        position += table.size
     return SpinnakerRule(program, c, np.concatenate(list(tables.values())), places)

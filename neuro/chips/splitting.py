@@ -40,17 +40,17 @@ bits_of_block, bits_of_index, words_of_row = subkernel(block_bits), subkernel(in
 
 @kernel
 def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
-    """Add the neurons queue[begin:end] to a core until one does not fit; return its position, or end.
+    """Add the neurons queue[begin:end] to a core until a neuron does not fit; return its position, or end.
 
     Args:
         queue: neurons in the order in which cores are filled.
         begin: position of the first neuron.
-        end: the position after the last neuron.
-        core: a number that no other core has had; marks of other cores are void.
+        end: position after the last neuron.
+        core: unique number of the core; marks of other cores are void.
         rows: whether synapses are stored in rows, not in blocks.
-        graph: ends, line, first, source, projection, bits, forms and sources of `Incoming`. Where `ends` is all 0,
+        graph: ends, line, first, source, projection, bits, forms and sources of `Incoming`. If `ends` is all 0,
             synapses are ignored.
-        sends: axons out of each neuron, as far as known.
+        sends: known number of axons out of each neuron.
         limits: limits of NEURONS, AXONS, MEMORY and EDGES.
         load: present load of this core, by the columns above.
         marks: core and count (core << 32 | count) of each line, core of each source, longest row and its core of each
@@ -75,27 +75,27 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
             for k in range(n_lines):
                 own_bits = all_bits[projection_of[lines[k]]]
                 memory += 0 if own_bits == SHARED else bits_of_block(mark[lines[k]] - empty, own_bits + width)
-        past, to_source, bits, one, projection, shared = 0, 0, 0, 0, 0, False
+        next_first, to_source, bits, one, projection, shared = 0, 0, 0, 0, 0, False
         for e in range(ends[t], ends[t + 1]):
-            own = line[e]
-            if own >= past:  # lines of a neuron are sorted by projection
-                projection = projection_of[own]
-                past = first[projection + 1]
-                to_source = source_of[own] - own
+            source_line = line[e]
+            if source_line >= next_first:  # lines of a neuron are sorted by projection
+                projection = projection_of[source_line]
+                next_first = first[projection + 1]
+                to_source = source_of[source_line] - source_line
                 shared = all_bits[projection] == SHARED
                 bits = all_bits[projection] + width
                 one = bits_of_block(1, bits)
-            count = mark[own] - empty
+            count = mark[source_line] - empty
             if count <= 0:
                 count = 0
                 if not rows:
-                    lines[n_lines] = own
+                    lines[n_lines] = source_line
                     n_lines += 1
-                if source_core[own + to_source] != core:
-                    source_core[own + to_source] = core
+                if source_core[source_line + to_source] != core:
+                    source_core[source_line + to_source] = core
                     axons += 1
             count += 1
-            mark[own] = empty + count
+            mark[source_line] = empty + count
             if shared:
                 pass
             elif not rows:
@@ -128,12 +128,12 @@ class Split:
 
     Attributes:
         cores: neurons of each core, as runs of consecutive ids.
-        core_of: the core of every neuron, numbered over all populations as in `Incoming`; -1 for generators.
+        core_of: core of every neuron, numbered over all populations as in `Incoming`; -1 for generators.
         sends: number of destination cores of every neuron.
         neurons: number of neurons of each core.
         memory: bytes of synapses of each core.
         own: bytes of each core's own memory that learning needs.
-        axons_in, axons_out: axons of each core.
+        axons_in, axons_out: number of axons of each core.
     """
 
     cores: tuple[tuple[Part, ...], ...]
@@ -171,15 +171,15 @@ def split(
     """Fill cores one after the other.
 
     A core gets neurons of a population until one more would exceed a limit. The number of axons that leave a core
-    depends on the split of the targets. Where a core has too many, all cores are filled again with the known numbers. A
-    neuron that fits on no core has a core of its own.
+    depends on the split of the targets. If a core has too many, all cores are filled again with the known numbers. A
+    neuron that fits on no core is alone on a core.
 
     The input of a core only grows with its neurons. Cores are therefore filled by the other limits first. If memory and
     input axons are then within their limits, the synapses of single neurons need not be read.
 
     Args:
-        program: has the populations.
-        chip: has the limits.
+        program: the whole network.
+        chip: the chip with the limits.
         into: all synapses.
         order: order of the populations.
         neurons_per_core: largest number of neurons on a core, in addition to the chip's own limit.
@@ -212,12 +212,12 @@ def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
     queue = np.arange(into.start[-1])
     for part in program.projections if by_place else ():
         if part.grid is not None:
-            own = queue[into.start[part.target] : into.start[part.target + 1]]
-            own[:] = into.start[part.target] + np.arange(own.size).reshape(part.grid.maps, -1).T.reshape(-1)
+            neurons = queue[into.start[part.target] : into.start[part.target + 1]]
+            neurons[:] = into.start[part.target] + np.arange(neurons.size).reshape(part.grid.maps, -1).T.reshape(-1)
     for population in into.columns:
-        own = queue[into.start[population] : into.start[population + 1]]
+        neurons = queue[into.start[population] : into.start[population + 1]]
         shape = program.populations[population].shape
-        own[:] = into.start[population] + np.arange(own.size).reshape(shape).transpose(2, 1, 0).reshape(-1)
+        neurons[:] = into.start[population] + np.arange(neurons.size).reshape(shape).transpose(2, 1, 0).reshape(-1)
     return queue
 
 
@@ -237,8 +237,8 @@ class _CoreFiller:
         )
         self.rows, self.sends, self.start, self.queue = placed_as(chip).in_rows, sends, into.start, queue
         self.limits = np.array([_NO_LIMIT if n is None else n for n in limits], dtype=np.int64)
-        none = np.zeros(0, dtype=np.int32)
-        ends, line = (into.ends, into.line) if each else (np.zeros(int(into.start[-1]) + 1, dtype=np.int64), none)
+        no_lines = np.zeros(0, dtype=np.int32)
+        ends, line = (into.ends, into.line) if each else (np.zeros(int(into.start[-1]) + 1, dtype=np.int64), no_lines)
         self.graph = (ends, line, into.first, into.source, into.projection, into.bits, into.forms, into.sources)
         lines, sources, projections = len(into.source), int(into.start[-1]), len(into.bits)
         mark = np.full(lines if each else 0, -1, dtype=np.int64)
@@ -258,8 +258,8 @@ class _CoreFiller:
     def fill(self, population: int, first: int, last: int) -> int:
         """Add neurons first <= i < last of a population's queue; return the first that does not fit, or last."""
         base = int(self.start[population])
-        rest = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
-        return int(fill_core(self.queue, base + first, base + last, *rest)) - base
+        arguments = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
+        return int(fill_core(self.queue, base + first, base + last, *arguments)) - base
 
 
 def _fill(program: Program, chip: Chip, filler: _CoreFiller, order: Sequence[int]) -> list[list[Part]]:
@@ -271,17 +271,17 @@ def _fill(program: Program, chip: Chip, filler: _CoreFiller, order: Sequence[int
     most = chip.limit("populations_per_core")
     for population in order:
         part = program.populations[population]
-        first = 0
+        begin = 0
         slab = filler.columns.get(population, 0) * math.prod(part.shape[:-1])
         filler.limits[NEURONS] = min(filler.most, slab or filler.most, most_by_memory(program, chip, population))
         if cores and (most is None or len(cores[-1]) < most) and filler.fill(population, 0, part.size) == part.size:
             cores[-1].append((population, 0, part.size))
             continue
-        while first < part.size:
+        while begin < part.size:
             filler.open(population)
-            last = max(filler.fill(population, first, part.size), first + 1)
-            cores.append([(population, first, last)])
-            first = last
+            end = max(filler.fill(population, begin, part.size), begin + 1)
+            cores.append([(population, begin, end)])
+            begin = end
     return cores
 
 

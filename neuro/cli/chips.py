@@ -213,7 +213,7 @@ StepTime = Annotated[
 ChipsOn = Annotated[
     int | None,
     typer.Option(
-        "--chips-on", metavar="N", min=1, help="Number of powered chips, e.g. of a board; by default those used."
+        "--chips-on", metavar="N", min=1, help="Number of powered chips, e.g. of a board; by default all used chips."
     ),
 ]
 Sources = Annotated[bool, typer.Option("--sources", help="Print the source of each figure.")]
@@ -263,7 +263,7 @@ def energy(
             from neuro.realtime.closed_loop import closed_loop
 
             loop = closed_loop(net, backend=backend, seed=seed, threads=threads)
-            placements = [placement_on(loop.sim.program, each) for each in targets]
+            placements = [placement_on(loop.sim.program, target) for target in targets]
             block_counts: list[EngineCounts] = []
             log = loop.run(
                 until=until,
@@ -278,10 +278,10 @@ def energy(
             ms = duration if steps is None else steps * net.world_section.step
             loop = lived(net, ms, progress=True, backend=backend, seed=seed, threads=threads)
             sim, per = loop.sim, (max(1, round(loop.sim.time / net.world_section.step)), "step") if per[0] == 1 else per
-            placements = [placement_on(sim.program, each) for each in targets]
+            placements = [placement_on(sim.program, target) for target in targets]
         else:
             sim = compiled(net, backend=backend, seed=seed, threads=threads)
-            placements = [placement_on(sim.program, each) for each in targets]
+            placements = [placement_on(sim.program, target) for target in targets]
             advance(sim, ticks, bar)
     counts = counts or sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
@@ -339,8 +339,8 @@ def plain(
 
     samples, steps = per[0], counts.steps // per[0]
     metrics = neurobench(sim.program, counts, samples=samples, steps=steps, placement=placement, energy=bills[0])
-    about = {"network": sim.program.name, "backend": sim.backend, "seed": sim.program.seed, "ms": sim.time}
-    return {**about, "bills": [priced.per(*per).as_dict() for priced in bills], "neurobench": metrics}
+    facts = {"network": sim.program.name, "backend": sim.backend, "seed": sim.program.seed, "ms": sim.time}
+    return {**facts, "bills": [priced.per(*per).as_dict() for priced in bills], "neurobench": metrics}
 
 
 def print_bills(bills: list[Energy], sources: bool) -> None:

@@ -82,7 +82,7 @@ class Commands(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return all parameters with `--help`, flags without a type."""
-        return [without_type(each) for each in super().get_params(ctx)]
+        return [without_type(parameter) for parameter in super().get_params(ctx)]
 
 
 def apps() -> dict[str, EntryPoint]:
@@ -131,12 +131,12 @@ def summary(module: str, name: str = "") -> str:
     Returns:
         the line, or "" if the file has no docstring or cannot be read.
     """
-    package, *inside = module.split(".")
+    package, *submodules = module.split(".")
     try:
         spec = find_spec(package)  # the spec of an inner module would import the package
         assert spec is not None
         folder = spec.submodule_search_locations
-        file = Path(next(iter(folder))).joinpath(*inside) if folder else Path(spec.origin or "")
+        file = Path(next(iter(folder))).joinpath(*submodules) if folder else Path(spec.origin or "")
         file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
         tree = ast.parse(file.read_text("utf-8"))
         function = next((part for part in tree.body if isinstance(part, ast.FunctionDef) and part.name == name), tree)
@@ -154,9 +154,9 @@ def with_extensions(command: Any) -> Any:
         with_extensions(inner)
     if command.help:
         command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.help))
-    for each in command.get_params(typer.Context(command)):
-        without_type(each)
-    if not hasattr(command, "commands") and not any("--with" in one.opts for one in command.params):
+    for parameter in command.get_params(typer.Context(command)):
+        without_type(parameter)
+    if not hasattr(command, "commands") and not any("--with" in p.opts for p in command.params):
         command.params.append(_option())
     return command
 
@@ -173,7 +173,7 @@ def _option() -> Any:
     """Return the option `--with`; the option is eager, so that its files run before other options name their parts."""
     app = typer.Typer(add_completion=False)
     app.command()(_with_option)
-    return next(one for one in typer.main.get_command(app).params if "--with" in one.opts)
+    return next(p for p in typer.main.get_command(app).params if "--with" in p.opts)
 
 
 def _run_extensions(context: typer.Context, files: list[Path]) -> list[Path]:

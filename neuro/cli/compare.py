@@ -69,7 +69,7 @@ def _check_alone(options: dict[str, object]) -> None:
     from neuro.core.errors import ModelError
 
     if names := [name for name, value in options.items() if value]:
-        raise ModelError(f"{names[0]}: has no effect with --rules", hint="--json prints the differences as JSON")
+        raise ModelError(f"{names[0]}: has no effect with --rules", hint="use --json to print the differences as JSON")
 
 
 def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> None:

@@ -39,7 +39,7 @@ def telling() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.showwarning = _tell
             yield
-            if sys.stdout is not None:  # None: the shell closed it before the start
+            if sys.stdout is not None:  # None if the shell closed it before the start
                 sys.stdout.flush()
     except BrokenPipeError:  # the reader of the pipe, e.g. `head`, has ended
         _give_up_output()
@@ -159,7 +159,7 @@ def _unknown_option(name: str, context: Any) -> str:
     """Return the message for an unknown option, with the most similar options of the command."""
     from neuro.core.hints import close_names
 
-    known = [word.lstrip("-") for one in context.command.params for word in one.opts if word.startswith("--")]
+    known = [word.lstrip("-") for p in context.command.params for word in p.opts if word.startswith("--")]
     close = " or ".join(f"'--{word}'" for word in close_names(name.lstrip("-"), sorted(known)))
     hint = f"did you mean {close}?" if close else f"see '{context.command_path} --help'"
     return f"unknown option '{name}'\n  hint: {hint}"

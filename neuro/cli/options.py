@@ -42,10 +42,10 @@ def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
     """
     from neuro.core.errors import ModelError
 
-    for each in context.command.params:
-        source = context.get_parameter_source(each.name or "")
-        if each.name in names and source is not None and source.name == "COMMANDLINE":
-            raise ModelError(f"{each.opts[0]}: has no effect without {needs}")
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and source is not None and source.name == "COMMANDLINE":
+            raise ModelError(f"{parameter.opts[0]}: has no effect without {needs}")
 
 
 def group(name: str, about: str) -> typer.Typer:
@@ -85,7 +85,7 @@ def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
         return command(**values)
 
     wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    wrapper.__annotations__ = {each.name: each.annotation for each in parameters}
+    wrapper.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return wrapper
 
 
@@ -115,17 +115,17 @@ def option(
 def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
     """Return a parameter of a command for each field of the settings that has an option."""
     types, parameters = get_type_hints(kind), []
-    for each in fields(kind):
-        value_type: Any = list[str] if isinstance(each.default, tuple) else types[each.name]
-        option_info = each.metadata.get("typer")
-        if text := each.metadata.get("option"):
+    for entry in fields(kind):
+        value_type: Any = list[str] if isinstance(entry.default, tuple) else types[entry.name]
+        option_info = entry.metadata.get("typer")
+        if text := entry.metadata.get("option"):
             *names, metavar = text.split()
-            doc = each.metadata["quantity"].doc
+            doc = entry.metadata["quantity"].doc
             option_info = typer.Option(*names, metavar=metavar, help=f"{doc[0].upper()}{doc[1:]}.")
         if option_info is not None:
             annotation: Any = Annotated[value_type, option_info]
             keyword_only = inspect.Parameter.KEYWORD_ONLY
-            parameters.append(inspect.Parameter(each.name, keyword_only, default=each.default, annotation=annotation))
+            parameters.append(inspect.Parameter(entry.name, keyword_only, default=entry.default, annotation=annotation))
     return parameters
 
 

@@ -344,11 +344,11 @@ def trace_text(trace: Trace) -> str:
     """Describe the recording of a probe, e.g. "V_m of 3 neurons at 1,000 times"."""
     from neuro.core.errors import some
 
-    of, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
+    part, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
     if trace.at_pre_spikes:
-        return f"{trace.state} of {of} at {some(trace.times_ms.size, 'pre spike')}"
+        return f"{trace.state} of {part} at {some(trace.times_ms.size, 'pre spike')}"
     if trace.single:
-        return f"{'mean ' * trace.mean}{trace.state} of {of} at {times}"
+        return f"{'mean ' * trace.mean}{trace.state} of {part} at {times}"
     return f"{trace.state} of {some(trace.columns, 'synapse' if trace.projection else 'neuron')} at {times}"
 
 

@@ -33,8 +33,8 @@ def by_name(folder: Traversable) -> dict[str, Traversable]:
 
 def about(file: Traversable) -> str:
     """Return the first sentence of a file: of a network's leading comment, or of a script's docstring."""
-    first = file.read_text("utf-8").partition("\n")[0]
-    return first.removeprefix("# ").removeprefix('"""').partition(". ")[0].removesuffix(".")
+    line = file.read_text("utf-8").partition("\n")[0]
+    return line.removeprefix("# ").removeprefix('"""').partition(". ")[0].removesuffix(".")
 
 
 RECORDINGS = {

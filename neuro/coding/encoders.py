@@ -270,7 +270,7 @@ def burst(
         t_min: the shortest interval, above 0 and at most ``t_max`` (ms).
 
     Returns:
-        Spike times, the shape of ``r`` and an axis of ``n_max`` spikes, NaN where a burst has ended.
+        Spike times, the shape of ``r`` and an axis of ``n_max`` spikes, NaN after the end of a burst.
 
     Raises:
         ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``,

@@ -36,7 +36,7 @@ NEAR = 5
 """Number of tuning curves of a dimension that can reach SILENT at the same value."""
 LOW, HIGH, STATES, MIDDLE, SPREAD = range(5)
 """Rows of the array of a space, (5, dimensions) float64: lowest and highest value, number of states or 0, and mean and
-standard deviation where a bound is missing."""
+standard deviation of dimensions without a bound."""
 Parts: TypeAlias = tuple[Ints, Ints, Floats, Ints]
 """Arrays of g grids with s dimensions each: indices of the dimensions, strides of the neurons along each dimension, and
 shifts of the grid as shares of a field, all (g, s); index of the first neuron, (g,). The tuple is a plain one, because
@@ -99,13 +99,13 @@ class Fields:
 
     @property
     def middle(self) -> Floats:
-        """Mean of each dimension, used where it has no bounds, (dimensions,)."""
+        """Mean of each dimension, (dimensions,), used for dimensions without bounds."""
         middle: Floats = self._ends[MIDDLE]
         return middle
 
     @property
     def spread(self) -> Floats:
-        """Standard deviation of each dimension, used where it has no bounds, (dimensions,)."""
+        """Standard deviation of each dimension, (dimensions,), used for dimensions without bounds."""
         spread: Floats = self._ends[SPREAD]
         return spread
 

@@ -1,4 +1,4 @@
-"""Comparison of one network on several backends: differences of spikes, weights, counts and joules from the first."""
+"""Comparison of a network on several backends: spikes, weights, counts and joules relative to the first one."""
 
 from neuro.compare.loihi_rules import LoihiRules, RuleDifference, loihi_rules
 from neuro.compare.result import Bill, Comparison, Run

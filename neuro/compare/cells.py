@@ -22,7 +22,7 @@ NATIVE = ("backend", "counted on it only", ">count")
 
 
 def summary(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """A row for each backend, with what it is refused for."""
+    """Yield a row for each backend, with the reason of a refusal."""
     for run in comparison.runs:
         if run.counts is None:
             yield (run.backend, *5 * "-", f"refused: {run.reason}")
@@ -38,18 +38,18 @@ def earliest(comparison: Comparison, run: Run) -> str:
 
 
 def populations(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """A row for each population on each backend."""
+    """Yield a row for each population on each backend."""
     for name in comparison.first.populations:
         for run in comparison.ran:
             part = run.populations[name]
             kind = f"{name} (input)" if part.generator else name
-            about = (kind if run is comparison.first else "", run.backend)
+            names = (kind if run is comparison.first else "", run.backend)
             figures = (f"{part.neurons:,}", f"{part.spikes:,}", f"{part.rate_hz:.2f}")
             differences = ("", "")
             if run is not comparison.first:
-                first = "none" if part.first is None else where(part.first)
-                differences = (first, far(part.distance.per_spike if part.distance else None))
-            yield (*about, *figures, *differences)
+                difference = "none" if part.first is None else where(part.first)
+                differences = (difference, far(part.distance.per_spike if part.distance else None))
+            yield (*names, *figures, *differences)
 
 
 def where(divergence: Divergence) -> str:
@@ -58,16 +58,16 @@ def where(divergence: Divergence) -> str:
 
 
 def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """A row for each projection on each backend but the first."""
+    """Yield a row for each projection on each backend but the first."""
     for part in comparison.histograms:
         runs = [run for run in comparison.ran if part.projection in run.weights]
         for run in runs:
-            lost = run.weights[part.projection]
+            difference = run.weights[part.projection]
             name = part.projection if run is runs[0] else ""
             by_rounding = (run.rounding or {}).get(part.projection)
             share = "-" if by_rounding is None else f"{by_rounding.relative:.3%}"
-            numbers = (f"{lost.largest:.4g} {part.unit}".rstrip(), f"{lost.rms:.4g} {part.unit}".rstrip())
-            yield (name, run.backend, *numbers, f"{lost.relative:.3%}", share)
+            numbers = (f"{difference.largest:.4g} {part.unit}".rstrip(), f"{difference.rms:.4g} {part.unit}".rstrip())
+            yield (name, run.backend, *numbers, f"{difference.relative:.3%}", share)
         for k, run in enumerate(run for run in runs if part.projection in run.delays):
             delay = run.delays[part.projection]
             name = "" if k else f"{part.projection}: delays"
@@ -75,7 +75,7 @@ def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
 
 
 def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """A row for each bill; one that could not be made says so below, see `unpriced`."""
+    """Yield a row for each bill. Missing bills are listed by `unpriced`."""
     for bill in comparison.bills:
         e = bill.energy
         if e is not None:
@@ -83,12 +83,12 @@ def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
 
 
 def unpriced(comparison: Comparison) -> Iterator[Bill]:
-    """The bills that could not be made."""
+    """Return the bills that could not be made."""
     return (bill for bill in comparison.bills if bill.energy is None)
 
 
 def natives(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """A row for each count that only one backend has."""
+    """Yield a row for each count that only one backend has."""
     for run in comparison.ran:
         assert run.counts is not None
         for name, count in run.counts.native.items():
@@ -96,22 +96,22 @@ def natives(comparison: Comparison) -> Iterator[tuple[str, ...]]:
 
 
 def worlds(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """A row for each backend of a network with a world."""
+    """Yield a row for each backend of a network with a world."""
     for run in comparison.ran:
         if (world := run.world) is not None:
             mean = "-" if world.mean_return is None else f"{world.mean_return:.5g}"
-            same = "-" if run is comparison.first else f"{world.same:.1%}"
-            own = run.own
-            joules = "-" if own is None or own.refused else quantity(own.total_j / max(world.steps, 1), "J")
-            yield (run.backend, f"{world.steps:,}", f"{world.episodes:,}", mean, same, joules)
+            equal_share = "-" if run is comparison.first else f"{world.same:.1%}"
+            bill = run.own
+            joules = "-" if bill is None or bill.refused else quantity(bill.total_j / max(world.steps, 1), "J")
+            yield (run.backend, f"{world.steps:,}", f"{world.episodes:,}", mean, equal_share, joules)
 
 
 def far(per_spike: float | None) -> str:
-    """A distance per spike."""
+    """Return a distance per spike as text."""
     return "-" if per_spike is None else f"{per_spike:.3f}" if per_spike == 0 or per_spike >= 0.0005 else "<0.001"
 
 
-DISTANCE = "distance: edits per spike (Victor and Purpura, 10 ms), 0 where equal, 1 where no spike has a partner"
+DISTANCE = "distance: edits per spike (Victor and Purpura, 10 ms), 0 for equal trains, 1 if no spike has a partner"
 
 
 def show(comparison: Comparison, out: Any) -> None:
@@ -121,8 +121,8 @@ def show(comparison: Comparison, out: Any) -> None:
         comparison: the comparison.
         out: a rich console.
     """
-    first = comparison.first.backend
-    title = f"{comparison.network}: {comparison.ms:g} ms, seed {comparison.seed}, compared with {first}"
+    baseline = comparison.first.backend
+    title = f"{comparison.network}: {comparison.ms:g} ms, seed {comparison.seed}, compared with {baseline}"
     out.print(table(SUMMARY, summary(comparison), title=title))
     out.print(table(POPULATIONS, populations(comparison)))
     out.print(DISTANCE, markup=False)

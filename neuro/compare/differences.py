@@ -22,7 +22,7 @@ from neuro.pages.raster import evenly
 from neuro.program.program import Floats, Ints, Program, Projection
 
 COST_MS = 10.0
-"""Moving a spike so far costs as much as removing it; pairs closer than twice this are moved."""
+"""Shift of a spike in ms that costs as much as removing it. Pairs closer than twice this shift are moved."""
 
 MOST_NEURONS = 100
 MOST_SPIKES = 2000
@@ -51,9 +51,9 @@ class Divergence:
     """The first spike that only one of two runs has.
 
     Attributes:
-        ms: its time.
-        neuron: whose it is.
-        only_in_first: whether the first run has it, or the other.
+        ms: time of the spike.
+        neuron: neuron of the spike.
+        only_in_first: True if the first run has the spike, False if the other run has it.
     """
 
     ms: float
@@ -66,11 +66,11 @@ class Distance:
     """Victor and Purpura's distance between two runs of a population.
 
     Attributes:
-        edits: cost of all neurons measured.
-        spikes: of these neurons in both runs together.
-        per_spike: edits / spikes: 0 where the runs are equal, 1 where no spike has a partner.
-        neurons: how many were measured, an even choice where the population has more.
-        until_ms: spikes up to this time were measured, all of the run if these are not too many.
+        edits: cost of all measured neurons.
+        spikes: number of spikes of these neurons in both runs together.
+        per_spike: edits / spikes: 0 for equal runs, 1 if no spike has a partner.
+        neurons: number of measured neurons, evenly chosen if the population has more.
+        until_ms: end of the measured time; the end of the run unless it has too many spikes.
     """
 
     edits: float
@@ -81,22 +81,22 @@ class Distance:
 
 
 def divergence(first: ComparedSpikes, other: ComparedSpikes) -> Divergence | None:
-    """The earliest difference, of the smallest neuron; None where both runs have the same spikes."""
+    """Return the earliest difference, of the smallest neuron; None if both runs have the same spikes."""
     size = max(first.size, 1)
     a, b = np.sort(first.steps * size + first.ids), np.sort(other.steps * size + other.ids)
     n = min(a.size, b.size)
     unequal = np.flatnonzero(a[:n] != b[:n])
     if unequal.size:
-        at = int(unequal[0])
-        mine = bool(a[at] < b[at])
+        index = int(unequal[0])
+        is_in_first = bool(a[index] < b[index])
     elif a.size != b.size:
-        at, mine = n, a.size > b.size
+        index, is_in_first = n, a.size > b.size
     else:
         return None
-    key = int((a if mine else b)[at])
-    owner = first if mine else other
+    key = int((a if is_in_first else b)[index])
+    owner = first if is_in_first else other
     time = float(owner.times_ms[np.searchsorted(owner.steps, key // size)])
-    return Divergence(time, key % size, mine)
+    return Divergence(time, key % size, is_in_first)
 
 
 def same_steps(first: ComparedSpikes, other: ComparedSpikes) -> bool:
@@ -107,7 +107,7 @@ def same_steps(first: ComparedSpikes, other: ComparedSpikes) -> bool:
 
 
 def distance(first: ComparedSpikes, other: ComparedSpikes, duration_ms: float) -> Distance | None:
-    """The distance of two runs; None without the library.
+    """Return the distance of two runs; None without the library.
 
     At most `MOST_NEURONS` neurons are measured, and at most `MOST_SPIKES` spikes of each.
     """
@@ -117,7 +117,7 @@ def distance(first: ComparedSpikes, other: ComparedSpikes, duration_ms: float) -
     busiest = max(_busiest(first), _busiest(other), 1)
     length = min(busiest, MOST_SPIKES)
     chosen = evenly(first.size, max(1, min(MOST_NEURONS, MOST_PAIRS // length**2)))
-    pairs = list(zip(_each(first, chosen), _each(other, chosen), strict=True))
+    pairs = list(zip(_trains_of(first, chosen), _trains_of(other, chosen), strict=True))
     ends = [float(train[MOST_SPIKES]) for pair in pairs for train in pair if train.size > MOST_SPIKES]
     until = min(ends, default=duration_ms)
     edits, spikes = 0.0, 0
@@ -133,8 +133,8 @@ def _busiest(train: ComparedSpikes) -> int:
     return int(np.bincount(train.ids, minlength=1).max())
 
 
-def _each(train: ComparedSpikes, chosen: Ints) -> list[Floats]:
-    """Times of the spikes of each chosen neuron."""
+def _trains_of(train: ComparedSpikes, chosen: Ints) -> list[Floats]:
+    """Return the spike times of each chosen neuron."""
     order = np.argsort(train.ids, kind="stable")
     ids, times = train.ids[order], train.times_ms[order]
     begin, end = np.searchsorted(ids, chosen), np.searchsorted(ids, chosen, side="right")
@@ -166,7 +166,7 @@ class WeightDifference:
     Attributes:
         largest: largest absolute difference of a weight.
         rms: root of the mean squared difference.
-        relative: `rms` divided by the root of the mean squared weight of the first run; 0 if that is 0.
+        relative: `rms` divided by the root of the mean squared weight of the first run; 0 if these weights are 0.
     """
 
     largest: float
@@ -175,14 +175,14 @@ class WeightDifference:
 
 
 def difference(first: Floats, other: Floats) -> WeightDifference:
-    """Return the difference of weights from those of the first run; 0 if only the last bits of doubles differ."""
+    """Return the difference from the weights of the first run; 0 if only the last bits of doubles differ."""
     if first.size == 0:
         return WeightDifference(0.0, 0.0, 0.0)
-    lost = other - first
-    largest, size = float(np.abs(lost).max()), float(np.sqrt(np.mean(first**2)))
+    changes = other - first
+    largest, size = float(np.abs(changes).max()), float(np.sqrt(np.mean(first**2)))
     if largest <= _LAST_BITS * size:
         return WeightDifference(0.0, 0.0, 0.0)
-    rms = float(np.sqrt(np.mean(lost**2)))
+    rms = float(np.sqrt(np.mean(changes**2)))
     return WeightDifference(largest, rms, rms / size if size else 0.0)
 
 
@@ -192,7 +192,7 @@ def described(part: Projection) -> Floats:
 
 
 def rounded(fixed: FixedProgram, index: int) -> Floats | None:
-    """The same in a chip's integers; None for a projection that carries a current."""
+    """Return the weights of a projection in a chip's integers; None for a projection that carries a current."""
     part = fixed.projections[index]
     if part is None:
         return None
@@ -240,7 +240,7 @@ def _histogram(program: Program, part: Projection, weights: Mapping[str, Floats]
 
 
 def _grain(chips: Mapping[str, FixedProgram], index: int) -> float:
-    """The coarsest difference of two weights that a chip can hold; 0 without a chip."""
+    """Return the largest step between two weights of a chip; 0 without a chip."""
     parts = (fixed.projections[index] for fixed in chips.values())
     return max((float(max(p.step.max(), p.step_below.max())) * p.grain for p in parts if p is not None), default=0.0)
 

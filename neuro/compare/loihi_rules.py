@@ -10,8 +10,8 @@
 | several spikes of a generator in a step | one | a payload |
 | refractory period, learning | yes | no |
 
-All words are compared, and the registers in every step of a run on both chips. If a
-network is given in the registers of one chip, the parameters are converted for the other chip.
+All weight words are compared, and the registers in every step of a run on both chips. The parameters of a network in
+the registers of one chip are converted for the other chip.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from neuro.program.program import Population, Program, Projection
 
 CHIPS = ("loihi", "loihi2")
 HEAD = ("part", "where", "Loihi 1", "Loihi 2", "why")
-_OWN: dict[str, tuple[Any, Any]] = {"loihi": (loihi_lif, loihi_static), "loihi2": (loihi2_lif, loihi2_static)}
+_CLASSES: dict[str, tuple[Any, Any]] = {"loihi": (loihi_lif, loihi_static), "loihi2": (loihi2_lif, loihi2_static)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,8 @@ class RuleDifference:
         part: part of the network.
         where: synapse, or neuron and step, and quantity.
         loihi, loihi2: value on each chip.
-        why: rule that causes the difference, if words and counts show it; "" if the difference follows from earlier
-            ones.
+        why: rule that causes the difference, if weights or counts show it; "" if the difference follows from earlier
+            differences.
     """
 
     part: str
@@ -62,13 +62,13 @@ class RuleDifference:
 
 @dataclass(frozen=True, slots=True)
 class LoihiRules:
-    """The differences of a network; it prints as a table.
+    """The differences of a network, printed as a table.
 
     Attributes:
-        network: its name.
-        steps: that were compared on both; 0 where one of the chips refuses the network.
-        spikes: of all neurons on either chip. Where there are none, equal registers say little.
-        differences: none if all integers are equal.
+        network: name of the network.
+        steps: number of steps compared on both chips; 0 if one of the chips refuses the network.
+        spikes: number of spikes of all neurons on each chip. Without spikes, equal registers mean little.
+        differences: all differences; empty if all integers are equal.
     """
 
     network: str
@@ -85,8 +85,8 @@ class LoihiRules:
     def _heading(self) -> str:
         count, ran = len(self.differences), "not run"
         if self.steps:
-            one, two = self.spikes
-            fired = f"{one:,} spikes" if one == two else f"{one:,} and {two:,} spikes"
+            spikes_1, spikes_2 = self.spikes
+            fired = f"{spikes_1:,} spikes" if spikes_1 == spikes_2 else f"{spikes_1:,} and {spikes_2:,} spikes"
             ran = f"{self.steps:,} steps on both, {fired}"
         summary = f"{count} difference{'s' * (count > 1)}" if count else "all words and registers are equal"
         return f"'{self.network}' by the rules of Loihi 1 and Loihi 2: {summary} ({ran})"
@@ -114,67 +114,67 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         raise ModelError(f"duration = {duration} ms: expected a finite time >= 0 ms")
     program = compile_network(net, seed)
     programs = []
-    for name in CHIPS:  # convert parts that are given in the other Loihi's registers
+    for name in CHIPS:  # convert parts that are described in the registers of the other Loihi
         populations = tuple(_population(part, name) for part in program.populations)
         native = [part.model.chip == name for part in populations]
         projections = tuple(_projection(part, name, native[part.target]) for part in program.projections)
         programs.append(replace(program, populations=populations, projections=projections))
-    fixed = [quantise(each, chip(name)) for each, name in zip(programs, CHIPS, strict=True)]
+    fixed = [quantise(p, chip(name)) for p, name in zip(programs, CHIPS, strict=True)]
     differences = [*_refused(fixed), *_words(program, fixed)]
-    if any(problem.refused for each in fixed for problem in each.problems):
+    if any(problem.refused for on_chip in fixed for problem in on_chip.problems):
         return LoihiRules(net.name, 0, (0, 0), tuple(differences))
-    engines = [find_backend(name).build(each) for name, each in zip(CHIPS, programs, strict=True)]
+    engines = [find_backend(name).build(p) for name, p in zip(CHIPS, programs, strict=True)]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OverflowWarning)  # they are reported below
+        warnings.simplefilter("ignore", OverflowWarning)  # overflows are reported below
         differences += _registers(program, engines, steps)
     differences += _counted(engines)
-    one, two = (_fired(program, engine) for engine in engines)
-    return LoihiRules(net.name, steps, (one, two), tuple(differences))
+    spikes_1, spikes_2 = (_fired(program, engine) for engine in engines)
+    return LoihiRules(net.name, steps, (spikes_1, spikes_2), tuple(differences))
 
 
 def _population(part: Population, name: str) -> Population:
-    own = _OWN[name][0]
-    if not isinstance(part.model, (loihi_lif, loihi2_lif)) or isinstance(part.model, own):
+    model = _CLASSES[name][0]
+    if not isinstance(part.model, (loihi_lif, loihi2_lif)) or isinstance(part.model, model):
         return part
-    lost = {"refractory": 1} if name == "loihi2" else {"reset_interval": 0}
-    if any(np.any(part.parameters[word] != value) for word, value in lost.items()):
-        return part  # refused there
-    words = own.quantities()
-    common = {word: values for word, values in part.parameters.items() if word in words}
-    added = {word: np.full(1, float(value)) for word, value in own.defaults().items() if word not in common}
-    return replace(part, model=own(), parameters={word: (common | added)[word] for word in words})
+    required = {"refractory": 1} if name == "loihi2" else {"reset_interval": 0}
+    if any(np.any(part.parameters[word] != value) for word, value in required.items()):
+        return part  # the other chip refuses it
+    quantities = model.quantities()
+    common = {word: values for word, values in part.parameters.items() if word in quantities}
+    added = {word: np.full(1, float(value)) for word, value in model.defaults().items() if word not in common}
+    return replace(part, model=model(), parameters={word: (common | added)[word] for word in quantities})
 
 
 def _projection(part: Projection, name: str, native: bool) -> Projection:
-    own = _OWN[name][1]
+    synapse = _CLASSES[name][1]
     if not native or not isinstance(part.synapse, (loihi_static, loihi2_static, static)):
         return part
-    words = {} if isinstance(part.synapse, static) else part.synapse.parameters()
-    return part if isinstance(part.synapse, own) else replace(part, synapse=own(**words))
+    parameters = {} if isinstance(part.synapse, static) else part.synapse.parameters()
+    return part if isinstance(part.synapse, synapse) else replace(part, synapse=synapse(**parameters))
 
 
 def _refused(fixed: list[FixedProgram]) -> Iterator[RuleDifference]:
     """Yield the parts that one chip refuses and the other accepts."""
-    refused = [{p.what: p.why for p in each.problems if p.refused} for each in fixed]
-    for what in dict.fromkeys([*refused[0], *refused[1]]):
-        sides = ["refused" if what in each else "accepted" for each in refused]
-        yield RuleDifference(what, "", sides[0], sides[1], refused[0].get(what) or refused[1][what])
+    reasons = [{p.what: p.why for p in on_chip.problems if p.refused} for on_chip in fixed]
+    for name in dict.fromkeys([*reasons[0], *reasons[1]]):
+        sides = ["refused" if name in refusals else "accepted" for refusals in reasons]
+        yield RuleDifference(name, "", sides[0], sides[1], reasons[0].get(name) or reasons[1][name])
 
 
 def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifference]:
-    """Projections whose spikes add something else."""
+    """Yield the projections whose spikes add other values on the two chips."""
     for index, part in enumerate(program.projections):
-        one, two = (each.projections[index] for each in fixed)
-        if one is None or two is None:
+        loihi, loihi2 = (on_chip.projections[index] for on_chip in fixed)
+        if loihi is None or loihi2 is None:
             continue
-        # What a spike adds to the input of a step, of each weight, before a sum is rounded.
-        first, second = np.broadcast_arrays(*(w.words.astype(np.float64) / (1 << w.shift) for w in (one, two)))
-        wrong = np.flatnonzero(first != second)
+        # Values that a spike adds to the input of a step, for each weight, before a sum is rounded.
+        added, added2 = np.broadcast_arrays(*(w.words.astype(np.float64) / (1 << w.shift) for w in (loihi, loihi2)))
+        wrong = np.flatnonzero(added != added2)
         if wrong.size:
-            at, count = wrong[0], f"{wrong.size:,} of {first.size:,} weights"
-            why = "the sum is shifted, not each weight" if two.shift else "mixed mantissas are rounded down"
-            where = f"weight[{at}], {count}"
-            yield RuleDifference(part.name, where, f"{first[at]:g}", f"{second[at]:g}", why)
+            k, count = wrong[0], f"{wrong.size:,} of {added.size:,} weights"
+            reason = "the sum is shifted, not each weight" if loihi2.shift else "mixed mantissas are rounded down"
+            place = f"weight[{k}], {count}"
+            yield RuleDifference(part.name, place, f"{added[k]:g}", f"{added2[k]:g}", reason)
 
 
 def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[RuleDifference]:
@@ -187,13 +187,14 @@ def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[
             engine.run(1)
         for k in sorted(equal_so_far):
             for name in ("u", "v"):
-                one, two = (engine.registers(k, name) for engine in engines)  # type: ignore[attr-defined]
-                wrong = np.flatnonzero(one != two)
+                loihi, loihi2 = (engine.registers(k, name) for engine in engines)  # type: ignore[attr-defined]
+                wrong = np.flatnonzero(loihi != loihi2)
                 if wrong.size and k in equal_so_far:
                     equal_so_far.discard(k)
-                    at = wrong[0]
-                    where = f"neuron {at}, step {step}: {name}, {wrong.size:,} of {one.size:,} neurons"
-                    yield RuleDifference(program.populations[k].name, where, str(one[at]), str(two[at]), "")
+                    neuron = wrong[0]
+                    place = f"neuron {neuron}, step {step}: {name}, {wrong.size:,} of {loihi.size:,} neurons"
+                    values = str(loihi[neuron]), str(loihi2[neuron])
+                    yield RuleDifference(program.populations[k].name, place, *values, "")
         if not equal_so_far:  # the engines finish the run for its counts
             for engine in engines:
                 engine.run(steps - step)
@@ -201,20 +202,20 @@ def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[
 
 
 def _fired(program: Program, engine: Engine) -> int:
-    """Spikes of all neurons."""
+    """Return the number of spikes of all neurons."""
     counted = zip(program.populations, engine.counts().spikes, strict=True)
     return sum(int(spikes.sum()) for part, spikes in counted if part.kind == "neuron")
 
 
 def _counted(engines: list[Engine]) -> Iterator[RuleDifference]:
-    """Overflows that one of the chips has more of."""
-    one, two = (dict(engine.counts().native) for engine in engines)
-    for name in sorted({*one, *two}):
-        if one.get(name, 0) != two.get(name, 0):
-            what, _, part = name.partition(" of ")
-            why = {
+    """Yield the counts of overflows that differ between the chips."""
+    loihi, loihi2 = (dict(engine.counts().native) for engine in engines)
+    for name in sorted({*loihi, *loihi2}):
+        if loihi.get(name, 0) != loihi2.get(name, 0):
+            event, _, part = name.partition(" of ")
+            reason = {
                 "input wraps": "the input of a step has 22 bits on Loihi 1",
                 "drive wraps": "u + bias has 24 bits on Loihi 1",
                 "merged spikes": "several spikes of a neuron in a step are one on Loihi 1",
-            }.get(what, "")
-            yield RuleDifference(part, what, f"{one.get(name, 0):,}", f"{two.get(name, 0):,}", why)
+            }.get(event, "")
+            yield RuleDifference(part, event, f"{loihi.get(name, 0):,}", f"{loihi2.get(name, 0):,}", reason)

@@ -1,4 +1,4 @@
-"""A comparison as one page that needs nothing else: no font, no network, no script but its own."""
+"""A comparison as one self-contained page, without other fonts, scripts or network connections."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SCALED = ("projection", ">exponent", "signs", ">bits", ">step", ">saturated", ">
 
 
 def page(comparison: Comparison) -> str:
-    """The page as HTML text."""
+    """Return the page as HTML text."""
     parts = (
         _head(comparison),
         tag("div", *(_card(comparison, run) for run in comparison.runs), class_="cards"),
@@ -77,15 +77,15 @@ def _card(comparison: Comparison, run: Run) -> Html:
     assert run.counts is not None
     facts = [("spikes", f"{run.counts.spikes:,}"), ("synaptic operations", f"{run.counts.synaptic_ops:,}")]
     if run is comparison.first:
-        big, below = "baseline", "what the others are compared with"
+        result, explanation = "baseline", "what the others are compared with"
     else:
         equal = sum(part.same for part in run.neurons.values())
-        big, below = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
+        result, explanation = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
         facts += [("first difference", cells.earliest(comparison, run)), ("distance", cells.far(run.per_spike))]
     if run.own is not None:
         facts.append((f"energy, {FASTEST}", run.own.total(3)))
-    rows = [part for what, value in facts for part in (tag("dt", what), tag("dd", value))]
-    return tag("section", name, tag("p", big, class_="big"), tag("p", below), tag("dl", *rows), class_="card")
+    rows = [part for term, value in facts for part in (tag("dt", term), tag("dd", value))]
+    return tag("section", name, tag("p", result, class_="big"), tag("p", explanation), tag("dl", *rows), class_="card")
 
 
 def _numbers(comparison: Comparison) -> Html:
@@ -154,8 +154,8 @@ def _rounded(fixed: FixedProgram) -> Iterator[tuple[object, ...]]:
 def _scaled(fixed: FixedProgram) -> Iterator[tuple[object, ...]]:
     for part in fixed.projections:
         if part is not None:
-            lost = part.rounding
-            shares = (f"{share:.3%}" for share in (lost.saturated, lost.zeroed, lost.worst, lost.rms))
+            rounding = part.rounding
+            shares = (f"{share:.3%}" for share in (rounding.saturated, rounding.zeroed, rounding.worst, rounding.rms))
             exponent = part.exponent if part.sign_mode else "-"
             yield (part.name, exponent, part.sign_mode or "-", part.bits, f"{part.step.max():.4g}", *shares)
 
@@ -175,7 +175,7 @@ MOST_POPULATIONS = 40
 
 
 def rasters(comparison: Comparison) -> Html:
-    """A drawing for each population, neurons first, then input."""
+    """Return a drawing for each population, neurons first, then input."""
     populations = comparison.first.populations
     order = sorted(populations, key=lambda name: populations[name].generator)
     active = [name for name in order if any(run.populations[name].spikes for run in comparison.ran)]
@@ -186,8 +186,8 @@ def rasters(comparison: Comparison) -> Html:
         parts.append(tag("p", f"{len(active) - len(names)} more populations are not drawn: {MOST_POPULATIONS} are."))
     if silent:
         parts.append(tag("p", f"Silent on every backend: {', '.join(silent)}."))
-    first = comparison.first.backend
-    kinds = (("same", f"as on {first}"), ("extra", f"only here, not on {first}"), ("missing", f"on {first}, not here"))
+    name = comparison.first.backend
+    kinds = (("same", f"as on {name}"), ("extra", f"only here, not on {name}"), ("missing", f"on {name}, not here"))
     return html.join([html.legend(*kinds), *parts])
 
 
@@ -195,9 +195,9 @@ def _raster(comparison: Comparison, name: str, dots: int) -> Html:
     ms, resolution = comparison.ms, comparison.resolution_ms
     trains = [(run.trains[name].steps, run.trains[name].ids) for run in comparison.ran]
     divergences = [run.populations[name].first for run in comparison.ran]
-    also = [divergence.neuron for divergence in divergences if divergence is not None]
+    differing_neurons = [divergence.neuron for divergence in divergences if divergence is not None]
     part = comparison.first.populations[name]
-    drawn_window = window(part.neurons, trains, round(ms / resolution), dots, also)
+    drawn_window = window(part.neurons, trains, round(ms / resolution), dots, differing_neurons)
     strips = [_strip(comparison, run, name, drawn_window) for run in comparison.ran]
     label = f"raster of {name} on {', '.join(run.backend for run in comparison.ran)}"
     picture = raster.raster(strips, ms, resolution, label=label, linked=True)
@@ -234,7 +234,7 @@ LIMITS = {
 
 
 def chip_map(placement: Placement, chip: Chip) -> Html:
-    """All chips in use, as they lie; pointing at a core shows what it holds."""
+    """Return a map of all chips in use. Pointing at a core shows its content."""
     mesh = mesh_of(chip, len(placement.cores))
     numbers = sorted({core.chip for core in placement.cores})[:MOST_CHIPS]
     cores = [core for core in placement.cores if core.chip in numbers]
@@ -247,21 +247,21 @@ def chip_map(placement: Placement, chip: Chip) -> Html:
         parts.append(html.text(x + 2, y + 13, f"chip {number}", "tick"))
         parts.append(_chip(mesh, side, x, y + _HEAD, width, height))
     parts += [_core(placement, mesh, side, core, width, height) for core in cores]
-    across = (1 + max((column for column, _ in corner.values()), default=0)) * (width + CHIP_GAP) - CHIP_GAP
-    down = (1 + max((row for _, row in corner.values()), default=0)) * (height + CHIP_GAP + _HEAD) - CHIP_GAP
+    map_width = (1 + max((column for column, _ in corner.values()), default=0)) * (width + CHIP_GAP) - CHIP_GAP
+    map_height = (1 + max((row for _, row in corner.values()), default=0)) * (height + CHIP_GAP + _HEAD) - CHIP_GAP
     label = f"map of {placement.chips_used} chips of {chip.title}"
-    drawing = html.svg(across + 2, down + 2, *parts, label=label, class_="map")
+    drawing = html.svg(map_width + 2, map_height + 2, *parts, label=label, class_="map")
     return html.join([html.figure(html.join([_scale(), drawing]), _caption(placement, chip, mesh)), _list(placement)])
 
 
 def _list(placement: Placement) -> Html:
-    """The cores as a table, for paper and for readers without a mouse."""
+    """Return the cores as a table, for paper and for readers without a mouse."""
     rows = [
         (*_place(core), neurons_on(placement, core), f"{core.neurons:,}", f"{core.synapse_bytes:,}", _full(core))
         for core in placement.cores[:MOST_ROWS]
     ]
-    rest = len(placement.cores) - len(rows)
-    more = tag("p", f"and {rest:,} more") if rest else None
+    n_left_out = len(placement.cores) - len(rows)
+    more = tag("p", f"and {n_left_out:,} more") if n_left_out else None
     return tag("details", tag("summary", "Cores"), html.table(CORE_COLUMNS, rows), more)
 
 
@@ -283,7 +283,7 @@ def _rows(mesh: Mesh, side: int) -> int:
 
 
 def _chip(mesh: Mesh, side: int, x: float, y: float, width: float, height: float) -> Html:
-    """The outline of a chip and its empty cores."""
+    """Draw the outline of a chip and its empty cores."""
     cells = [
         _spot(mesh, side, column, row, slot)
         for row in range(mesh.rows)
@@ -319,23 +319,23 @@ def neurons_on(placement: Placement, core: Core) -> str:
 def title(placement: Placement, core: Core) -> str:
     """Return the content and the load of a core as text."""
     loads = ", ".join(f"{LIMITS.get(name, name)} {share:.0%}" for name, share in core.load.items())
-    place = "chip {}, tile {}, core {}".format(*_place(core))
+    position = "chip {}, tile {}, core {}".format(*_place(core))
     size = f"{core.neurons:,} neuron{'s' * (core.neurons != 1)}, {core.synapse_bytes:,} bytes of synapses"
-    return f"{place}\n{neurons_on(placement, core)}\n{size}\n{loads}"
+    return f"{position}\n{neurons_on(placement, core)}\n{size}\n{loads}"
 
 
 def _scale() -> Html:
     steps = (html.box(i * 15.0, 0, 14, 10, "core", "", 0.18 + 0.82 * i / 7) for i in range(8))
     drawing = html.svg(120, 10, *steps, label="from empty to full")
-    words = ("empty", drawing, "full, by the limit that is closest")
-    return tag("p", *(part if isinstance(part, Html) else tag("span", part) for part in words), class_="scale")
+    parts = ("empty", drawing, "full, by the limit that is closest")
+    return tag("p", *(part if isinstance(part, Html) else tag("span", part) for part in parts), class_="scale")
 
 
 def _caption(placement: Placement, chip: Chip, mesh: Mesh) -> str:
     fullest = max(placement.cores, key=lambda core: max(core.load.values(), default=0.0), default=None)
-    most = mesh.columns * mesh.rows * mesh.cores_per_tile
+    cores_per_chip = mesh.columns * mesh.rows * mesh.cores_per_tile
     remarks = [
-        f"{len(placement.cores):,} of {most * placement.chips_used:,} cores on {placement.chips_used:,} "
+        f"{len(placement.cores):,} of {cores_per_chip * placement.chips_used:,} cores on {placement.chips_used:,} "
         f"chip{'s' * (placement.chips_used != 1)} of {chip.title}",
         f"{placement.synapse_bytes:,} bytes of synapses",
         f"{placement.total_hops:,} hops if every source spikes once",

@@ -50,10 +50,10 @@ class WorldResult:
     """Steps, episodes and decisions of a backend's network in a world.
 
     Attributes:
-        steps: control steps that the network decided in.
-        episodes: that ended.
-        mean_return: of these; None where none ended.
-        same: share of the decisions that are those of the first run, step by step.
+        steps: number of control steps in which the network decided.
+        episodes: number of finished episodes.
+        mean_return: mean return of these episodes; None without episodes.
+        same: share of the decisions that are equal to the decision of the first run in the same step.
     """
 
     steps: int
@@ -79,9 +79,9 @@ class Bill:
     reason: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        words = self.energy.as_dict() if self.energy else {"target": self.target, "reason": self.reason}
-        return {"counted_on": self.counted_on, **words}
+        """Return the bill for JSON."""
+        fields = self.energy.as_dict() if self.energy else {"target": self.target, "reason": self.reason}
+        return {"counted_on": self.counted_on, **fields}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +90,7 @@ class Run:
 
     Attributes:
         backend: name of the backend, or the table file of its chip.
-        refused: reasons for a refusal; "" if the network ran. `reason` is the first of them, in a line.
+        refused: reasons for a refusal; "" if the network ran. `reason` is the first reason, in a line.
         warnings: approximations and overflows.
         inputs: input compared with the first run: "same", "merged" (several spikes of a neuron in a step are one),
             "other".
@@ -129,17 +129,17 @@ class Run:
 
     @property
     def own(self) -> Energy | None:
-        """The bill on its own chip."""
+        """Bill on the chip of the backend."""
         return next((bill.energy for bill in self.bills if bill.target == self.backend), None)
 
     @property
     def neurons(self) -> dict[str, PopulationResult]:
-        """The populations that are not input."""
+        """Results of the populations that are not input."""
         return {name: part for name, part in self.populations.items() if not part.generator}
 
     @property
     def first(self) -> tuple[str, Divergence] | None:
-        """The earliest difference among its populations of neurons."""
+        """Earliest difference among the populations of neurons, with the name of the population."""
         differences = [(name, part.first) for name, part in self.neurons.items() if part.first is not None]
         return min(differences, key=lambda pair: pair[1].ms, default=None)
 
@@ -149,12 +149,12 @@ class Run:
 
     @property
     def per_spike(self) -> float | None:
-        """Spike-train distance per spike over all populations of neurons; None where it was not measured."""
+        """Spike-train distance per spike over all populations of neurons; None if it was not measured."""
         distances = [part.distance for part in self.neurons.values() if part.distance is not None]
         return sum(d.edits for d in distances) / max(sum(d.spikes for d in distances), 1) if distances else None
 
     def as_dict(self) -> dict[str, Any]:
-        """All but spikes and weights themselves, for JSON."""
+        """Return all but the spikes and weights, for JSON."""
         if self.refused:
             return {"ran": False, "reason": self.refused, "warnings": list(self.warnings)}
         assert self.counts is not None
@@ -185,15 +185,15 @@ class Comparison:
     """A network on several backends.
 
     Attributes:
-        network: its name.
-        ms: how long it ran.
+        network: name of the network.
+        ms: duration of the runs.
         resolution_ms: length of a step.
-        seed: of everything random, the same for all.
-        runs: of each backend, in the order asked for; the first that ran is what others are compared with.
-        histograms: of the weights of each projection as described and on each chip.
-        learnt: of the final weights of each projection that learns, on each backend.
-        notes: what else to know.
-        record: where it comes from, see `neuro.core.provenance`.
+        seed: seed of all random numbers, the same for all backends.
+        runs: run on each backend, in the given order; the others are compared with the first that ran.
+        histograms: histograms of the weights of each projection as described and on each chip.
+        learnt: histograms of the final weights of each projection that learns, on each backend.
+        notes: notes for the reader.
+        record: provenance, see `neuro.core.provenance`.
     """
 
     network: str
@@ -208,7 +208,7 @@ class Comparison:
 
     @property
     def first(self) -> Run:
-        """The run that others are compared with."""
+        """The run with which the others are compared."""
         return self.ran[0]
 
     @property
@@ -239,11 +239,11 @@ class Comparison:
 
     @property
     def bills(self) -> tuple[Bill, ...]:
-        """Each chip backend's own, then other targets, priced with the counts of the first run."""
+        """Bills of all chip backends, then of other targets with the counts of the first run."""
         return tuple(sorted((bill for run in self.ran for bill in run.bills), key=lambda b: b.target != b.counted_on))
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON; the keys stay, see docs/how-to/compare-backends.md."""
+        """Return the comparison for JSON. The keys are stable, see docs/how-to/compare-backends.md."""
         return {
             "format": FORMAT,
             "network": self.network,

@@ -1,4 +1,4 @@
-"""Run one network on several backends, with the same input, and compare each with the first."""
+"""Run one network on several backends with the same input, and compare each run with the first."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from neuro.realtime.closed_loop import ClosedLoop
 
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
-"""What the counts of the first run are priced for, beside each chip backend's own bill."""
+"""Targets for which the counts of the first run are priced, besides the bill of each chip backend."""
 
 Advance = Callable[[Simulation, int], object]
 
@@ -57,20 +57,20 @@ def compare(
     threads: int = 1,
     advance: Advance | None = None,
 ) -> Comparison:
-    """Run a network on several backends and compare each with the first.
+    """Run a network on several backends and compare each run with the first.
 
-    A backend that refuses the network is reported with its reason; others are compared with the first that runs.
+    A backend that refuses the network is reported with its reason. The others are compared with the first that runs.
 
     Args:
-        net: the network; it stays as it is.
-        backends: names, or table files of chips, two or more.
-        ms: how long, a multiple of the resolution.
-        seed: of everything random; all backends see the same input.
-        threads: cores to use, where a backend can.
-        advance: how to run a simulation for some steps, e.g. to show progress; `sim.run` if not given.
+        net: the network; it is not changed.
+        backends: two or more names of backends, or table files of chips.
+        ms: duration of the runs, a multiple of the resolution.
+        seed: seed of all random numbers; all backends receive the same input.
+        threads: number of cores, for backends that use several.
+        advance: function that runs a simulation for some steps, e.g. to show progress; by default `sim.run`.
 
     Raises:
-        ModelError: a name is unknown or said twice, fewer than two backends run the network, or `ms` is off the grid.
+        ModelError: a name is unknown or repeated, fewer than two backends run the network, or `ms` is off the grid.
     """
     names = [str(name) for name in backends]
     if len(names) < 2:
@@ -108,7 +108,7 @@ def compare(
 
 
 def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Mapping[str, Any]) -> Comparison:
-    """All runs together, if there are two or more."""
+    """Return the comparison of all runs, if there are two or more."""
     _enough(runs)
     program = next(run.program for run in runs if run.program is not None)
     fixed = {run.backend: run.fixed for run in runs if run.fixed is not None}
@@ -126,7 +126,7 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Map
 
 
 def _enough(runs: list[Run]) -> None:
-    """Refuse to compare one run with nothing; what is wrong on all backends share is reported as it is."""
+    """Raise an error if fewer than two backends ran. An error that all backends share is raised unchanged."""
     ran = sum(not run.refused for run in runs)
     refusals = dict.fromkeys(run.refused for run in runs if run.refused)
     if ran == 0 and len(refusals) == 1:
@@ -146,16 +146,16 @@ def _recording(net: Network) -> Network:
     for name, part in net.populations.items():
         emits = isinstance(part.model, Generator) and not isinstance(part.model, CurrentGenerator)
         if name not in probed and emits:
-            free = f"{name}.spikes"
-            while free in copied.probes:
-                free += "_"
-            copied.probe(free, name)
+            probe_name = f"{name}.spikes"
+            while probe_name in copied.probes:
+                probe_name += "_"
+            copied.probe(probe_name, name)
     return copied
 
 
 @contextmanager
 def _warnings() -> Iterator[list[str]]:
-    """Collect what backends warn of; other warnings go on."""
+    """Collect the warnings of backends; other warnings are passed on."""
     texts: list[str] = []
     kinds = (ApproximationWarning, OverflowWarning)
     with warnings.catch_warnings(record=True) as caught:
@@ -169,7 +169,7 @@ def _warnings() -> Iterator[list[str]]:
 
 
 def _gather(sim: Simulation, backend: str, first: bool) -> Run:
-    """Everything of a run that is compared or shown."""
+    """Return the results of a run that are compared or shown."""
     program, counts = sim.program, sim.counts()
     clock = Clock(program.resolution)
     trains, results = dict[str, ComparedSpikes](), dict[str, PopulationResult]()
@@ -197,13 +197,13 @@ def _gather(sim: Simulation, backend: str, first: bool) -> Run:
 
 
 def chip_of(backend: str) -> Chip | None:
-    """The chip that a backend emulates; None of a float backend."""
+    """Return the chip that a backend emulates; None for a float backend."""
     backend_chip = getattr(find_backend(backend), "chip", None)
     return backend_chip if isinstance(backend_chip, Chip) else None
 
 
 def on_chip(program: Program, backend: str) -> tuple[FixedProgram | None, Placement | None]:
-    """A program in the integers of a backend's chip, and on its cores."""
+    """Return a program in the integers of a backend's chip, and its placement on the cores."""
     backend_chip = chip_of(backend)
     if backend_chip is None:
         return None, None
@@ -211,15 +211,15 @@ def on_chip(program: Program, backend: str) -> tuple[FixedProgram | None, Placem
 
 
 def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
-    """A run with its differences from the first."""
+    """Return a run with its differences from the first."""
     if first is None:
         return run
     populations = {}
     for name, part in run.populations.items():
-        mine, its = first.trains[name], run.trains[name]
-        first_difference = divergence(mine, its)
-        far = distance(mine, its, duration_ms)
-        populations[name] = replace(part, same=first_difference is None, first=first_difference, distance=far)
+        first_train, train = first.trains[name], run.trains[name]
+        first_difference = divergence(first_train, train)
+        edits = distance(first_train, train, duration_ms)
+        populations[name] = replace(part, same=first_difference is None, first=first_difference, distance=edits)
     inputs = [name for name, part in populations.items() if part.generator and not part.same]
     merged = all(same_steps(first.trains[name], run.trains[name]) for name in inputs)
     return replace(
@@ -238,8 +238,8 @@ def _in_world(run: Run, loop: ClosedLoop, first: Run | None) -> Run:
     share = 1.0
     if first is not None and first.actions is not None:
         n = min(len(actions), len(first.actions))
-        same = (actions[:n] == first.actions[:n]).reshape(n, -1).all(axis=1)
-        share = float(same.mean()) if n else 1.0
+        is_equal = (actions[:n] == first.actions[:n]).reshape(n, -1).all(axis=1)
+        share = float(is_equal.mean()) if n else 1.0
     returns = records["returns"]
     mean_return = float(np.mean(returns)) if len(returns) else None
     return replace(run, actions=actions, world=WorldResult(len(actions), len(returns), mean_return, share))
@@ -247,9 +247,9 @@ def _in_world(run: Run, loop: ClosedLoop, first: Run | None) -> Run:
 
 def _bills(sim: Simulation, backend: str, first: bool) -> tuple[Bill, ...]:
     """Return the bill of a run on its own chip; for the first run also bills on other targets."""
-    own = (backend,) if chip_of(backend) else ()
-    others = tuple(name for name in TARGETS if first and name not in own)
-    return tuple(_bill(sim, backend, name) for name in own + others)
+    own_chip = (backend,) if chip_of(backend) else ()
+    others = tuple(name for name in TARGETS if first and name not in own_chip)
+    return tuple(_bill(sim, backend, name) for name in own_chip + others)
 
 
 def _bill(sim: Simulation, backend: str, target: str) -> Bill:
@@ -267,14 +267,14 @@ def _notes(runs: list[Run], ms: float) -> Iterable[str]:
         yield f"no neuron fired on '{ran[0].backend}': there is little to compare"
     populations = [(name, part) for run in ran[1:] for name, part in run.populations.items()]
     if any(part.distance is None for _, part in populations):
-        yield f"spike-train distances are left out: {install('compare')} installs what computes them"
+        yield f"spike-train distances are left out: {install('compare')} installs the library for them"
     measured = dict[str, None]()
     for name, part in populations:
-        far = part.distance
-        if far is not None and (far.neurons < part.neurons or far.until_ms < ms):
-            chosen = f"{far.neurons:,} of {part.neurons:,} neurons, evenly chosen"
-            neurons = chosen if far.neurons < part.neurons else "all neurons"
-            time = f", up to {far.until_ms:g} ms" if far.until_ms < ms else ""
+        distance = part.distance
+        if distance is not None and (distance.neurons < part.neurons or distance.until_ms < ms):
+            chosen = f"{distance.neurons:,} of {part.neurons:,} neurons, evenly chosen"
+            neurons = chosen if distance.neurons < part.neurons else "all neurons"
+            time = f", up to {distance.until_ms:g} ms" if distance.until_ms < ms else ""
             measured[f"the distance of '{name}' is of {neurons}{time}"] = None
     yield from measured
     for bill in ran[0].bills:

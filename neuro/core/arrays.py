@@ -1,4 +1,4 @@
-"""Arrays of numbers: lists and arrays of users as doubles, and the refusal of elements that are out of bounds."""
+"""Arrays of numbers: conversion of lists and arrays to doubles, and checks of the bounds of their elements."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from neuro.core.wrong import wrong
 
 
 def numbers(values: Any, what: str) -> NDArray[np.float64]:
-    """Any array of numbers as float64.
+    """Return an array of numbers as float64.
 
     Raises:
         ModelError: an element is not a number, or masked.
@@ -25,7 +25,7 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
         array = np.asarray(values)
     except ValueError:
         array = np.asarray(None)
-    if array.dtype.kind == "O" and all(map(is_number, array.flat)):  # some have more than 64 bits
+    if array.dtype.kind == "O" and all(map(is_number, array.flat)):  # integers of more than 64 bits
         array = array.astype(np.float64)
     if array.size and array.dtype.kind not in "iuf":
         items = [repr(item) if isinstance(item, str) else item for item in array.ravel().tolist()]
@@ -34,12 +34,12 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
 
 
 def finite(values: Any, what: str, **bounds: Any) -> NDArray[np.float64]:
-    """Any array of finite numbers as float64.
+    """Return an array of finite numbers as float64.
 
     Args:
-        values: what was given.
-        what: its name, for messages.
-        bounds: of every element, as of `Quantity`.
+        values: the array.
+        what: name of the array in messages.
+        bounds: bounds of every element, see `Quantity`.
 
     Raises:
         ModelError: an element is not a number, infinite, NaN, masked, or out of bounds.
@@ -54,23 +54,23 @@ def finite(values: Any, what: str, **bounds: Any) -> NDArray[np.float64]:
 
 
 def refuse_masked(value: Any, what: str) -> None:
-    """Refuse what numpy would take for other numbers: what lies under a mask, and the ids of neurons.
+    """Refuse masked values and views of neurons, which numpy would convert to other numbers.
 
     Raises:
-        ModelError: a value is masked, or these are neurons.
+        ModelError: a value is masked, or the value is a view of neurons.
     """
     if getattr(type(value), "are_neurons", False):
         raise ModelError(
-            f"{what}: found neurons, {shown(value)}: expected numbers", hint="their ids are np.asarray(...)"
+            f"{what}: found neurons, {shown(value)}: expected numbers", hint="np.asarray(...) returns their ids"
         )
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         index = np.argwhere(np.ma.getmaskarray(value))[0]
-        place = f"{what}[{', '.join(map(str, index))}]" if index.size else what
-        raise ModelError(f"{place} is masked: expected values for all", hint="fill it: values.filled(...)")
+        name = f"{what}[{', '.join(map(str, index))}]" if index.size else what
+        raise ModelError(f"{name} is masked: expected values for all", hint="fill it: values.filled(...)")
 
 
 def array_of(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
-    """A list, nested evenly, or an array of numbers as doubles that cannot be written."""
+    """Return an evenly nested list or an array of numbers as a read-only array of doubles."""
     refuse_masked(value, what)
     if isinstance(value, (list, tuple)):
         value = _leaves(q, value, what)
@@ -107,18 +107,18 @@ def _leaves(q: Quantity, items: Any, what: str, *index: int) -> Any:
 
 
 def check_each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
-    """Refuse an array of which an element is out of bounds; the first is named."""
-    good = ~np.isnan(array)
+    """Raise an error that names the first element out of bounds, if there is one."""
+    is_valid = ~np.isnan(array)
     if not q.infinite:
-        good &= np.isfinite(array)
+        is_valid &= np.isfinite(array)
     if q.whole:
-        good &= array == np.floor(array)
+        is_valid &= array == np.floor(array)
     if q.nonzero:
-        good &= array != 0.0
+        is_valid &= array != 0.0
     for _, bound, holds in q.bounds:
-        good &= holds(array, bound)
-    if not good.all():
-        index = tuple(int(i) for i in np.argwhere(~good)[0])
+        is_valid &= holds(array, bound)
+    if not is_valid.all():
+        index = tuple(int(i) for i in np.argwhere(~is_valid)[0])
         raise wrong(q, float(array[index]), what, *index)
 
 

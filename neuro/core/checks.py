@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.core import lists as lists  # it defines the kinds that are lists
+from neuro.core import lists as lists  # the module defines the kinds that are lists
 from neuro.core.arrays import (
     array_of,
     check_each,
@@ -49,18 +49,18 @@ def check(q: Quantity, value: Any, what: str, path: tuple[str, ...] = ()) -> Any
 
 
 def argument(name: str, value: Any, **more: Any) -> Any:
-    """The canonical form of a single argument of a function.
+    """Return a single argument of a function in its canonical form.
 
     Args:
-        name: of the argument, for messages.
-        value: what was given.
-        more: what it may be, as of `Quantity`; with `words` and no kind, one of these.
+        name: name of the argument in messages.
+        value: value of the argument.
+        more: accepted values, see `Quantity`; with `words` and no kind, one of the words.
 
     Raises:
-        ModelError: as `check`.
+        ModelError: see `check`.
     """
-    of = "word" if "words" in more else "number"
-    return check(Quantity(**{"kind": of, **more}), value, name)
+    default_kind = "word" if "words" in more else "number"
+    return check(Quantity(**{"kind": default_kind, **more}), value, name)
 
 
 def check_fields(part: Any, place: str = "") -> None:
@@ -68,22 +68,22 @@ def check_fields(part: Any, place: str = "") -> None:
 
     Args:
         part: the dataclass, from its `__post_init__`.
-        place: what stands before the names of its fields in messages, e.g. "task.ball".
+        place: prefix of the names of the fields in messages, e.g. "task.ball".
 
     Raises:
-        ModelError: as `check`; its path are the words of `place` and the field's name.
+        ModelError: see `check`; the path has the words of `place` and the name of the field.
     """
-    for one in fields(part):
-        if q := one.metadata.get("quantity"):
-            words = (*filter(None, place.split(".")), one.name)
-            object.__setattr__(part, one.name, check(q, getattr(part, one.name), ".".join(words), words))
+    for entry in fields(part):
+        if q := entry.metadata.get("quantity"):
+            words = (*filter(None, place.split(".")), entry.name)
+            object.__setattr__(part, entry.name, check(q, getattr(part, entry.name), ".".join(words), words))
 
 
 def check_span(after: int, to: int, since: float | None, until: float | None) -> None:
-    """Refuse a stretch of steps that ends before it begins, said by times in ms.
+    """Raise an error if a range of steps ends before it begins. The message has the times in ms.
 
     Raises:
-        ModelError: it does.
+        ModelError: the end is before the begin.
     """
     if since is not None and until is not None and after > to:
         raise ModelError(f"since = {since:g} ms and until = {until:g} ms: expected an end after the begin")
@@ -111,8 +111,8 @@ def _number(q: Quantity, value: Any, what: str) -> Any:
         return float(value)
     if not q.arrays:
         raise wrong(q, value, what)
-    of = "" if isinstance(value, type) else getattr(value, "kind", "")
-    if of == "distribution" or (q.of_distance and of == "of_distance"):
+    value_kind = "" if isinstance(value, type) else getattr(value, "kind", "")
+    if value_kind == "distribution" or (q.of_distance and value_kind == "of_distance"):
         return value if q.of_value else value.in_unit(q, what)
     if isinstance(value, FromFile):
         check_each(q, value.values, what)
@@ -141,8 +141,8 @@ def _is_whole(value: Any, most: float = LARGEST) -> bool:
 def _integer(q: Quantity, value: Any, what: str) -> int | str:
     if isinstance(value, str) and value in q.words:
         return value
-    most = LARGEST if q.at_most is None else abs(q.at_most)
-    if not _is_whole(value, max(most, LARGEST)) or not _within(q, int(value)):
+    limit = LARGEST if q.at_most is None else abs(q.at_most)
+    if not _is_whole(value, max(limit, LARGEST)) or not _within(q, int(value)):
         raise wrong(q, value, what)
     return int(value)
 
@@ -150,8 +150,8 @@ def _integer(q: Quantity, value: Any, what: str) -> int | str:
 @kind("microseconds", "a whole number of us")
 def _microseconds(q: Quantity, value: Any, what: str) -> int:
     """Return a whole number of microseconds; floats such as 1e6 are accepted."""
-    least = -(1 << 63) if q.at_least is None else q.at_least
-    if not _is_whole(value, 1 << 63) or not least <= int(value) < 1 << 63:
+    lowest = -(1 << 63) if q.at_least is None else q.at_least
+    if not _is_whole(value, 1 << 63) or not lowest <= int(value) < 1 << 63:
         raise wrong(q, value, what)
     return int(value)
 
@@ -185,7 +185,7 @@ def _names(q: Quantity, value: Any, what: str) -> tuple[str, ...]:
 
 @kind("words", "{name: value}")
 def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
-    """Numbers and texts, or lists of these, by name; a name may be written as a number."""
+    """Return numbers and texts, or lists of them, by name. A name may be written as a number."""
     if not isinstance(value, Mapping) or not value:
         raise wrong(q, value, what)
     for name, entry in value.items():
@@ -197,7 +197,7 @@ def _words(q: Quantity, value: Any, what: str) -> dict[str, Any]:
 
 @kind("expression", "an expression as text")
 def _expression(q: Quantity, value: Any, what: str) -> str:
-    """The part that has the expression reads it."""
+    """Return an expression as text. The part with the expression parses the text."""
     if not isinstance(value, str):
         raise wrong(q, value, what)
     return value
@@ -247,7 +247,7 @@ def _file(q: Quantity, value: Any, what: str) -> Path:
 
 @kind("events", "events")
 def _events(q: Quantity, value: Any, what: str) -> Any:
-    """As it is: the function that takes events says which."""
+    """Return events unchanged. The type is checked where the events are used."""
     return value
 
 

@@ -14,14 +14,14 @@ from neuro.core.values import same, shown
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """A named choice with parameters, said `name(parameters)` in Python and `{name: {parameters}}` in YAML.
+    """A named choice with parameters, written `name(parameters)` in Python and `{name: {parameters}}` in YAML.
 
-    Subclasses are frozen dataclasses whose fields are made by `quantity`. Two choices are equal when
-    they have the same name and equal parameters, arrays compared by value.
+    Subclasses are frozen dataclasses whose fields are made by `quantity`. Two choices are equal if
+    they have the same name and equal parameters; arrays are compared by value.
 
     Class attributes:
-        file_of: the parameter that `file` and `key` among the words in YAML stand for, "" if they do not.
-        strays: words that may be expected among the parameters and are none, with what to do instead.
+        file_of: parameter whose values the words `file` and `key` in YAML read from a file; "" if there is none.
+        strays: words that users may expect among the parameters, with a hint for each.
     """
 
     kind: ClassVar[str] = "choice"
@@ -30,10 +30,10 @@ class Choice:
     strays: ClassVar[Mapping[str, str]] = {}
 
     def __init_subclass__(cls) -> None:
-        cls.__repr__ = Choice.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
+        cls.__repr__ = Choice.__repr__  # type: ignore[method-assign]  # otherwise @dataclass would make another one
 
     def __new__(cls, /, *args: Any, **words: Any) -> Self:
-        """Refuse an unknown parameter by its nearest right name."""
+        """Refuse unknown parameters, with the nearest known name."""
         _check_class(cls)
         names = {entry.name for entry in fields(cls)}
         if len(args) > sum(not entry.kw_only for entry in fields(cls)):
@@ -64,14 +64,14 @@ class Choice:
         """
         numbers = {}
         for entry in self._measured():
-            own, value = entry.metadata["quantity"], getattr(self, entry.name)
+            own_quantity, value = entry.metadata["quantity"], getattr(self, entry.name)
             label, word = f"{what}: {self.name}.{word_of(entry.name)}", word_of(entry.name)
             try:
                 if isinstance(value, str):
                     numbers[entry.name] = with_unit(q, value, label)
                 else:
                     unit = "ms" if q.kind == "delay" else q.unit or q.taken_in
-                    converted = replace(own, of_value=False, taken_in=unit)
+                    converted = replace(own_quantity, of_value=False, taken_in=unit)
                     numbers[entry.name] = check(converted, value, label)
             except ModelError as error:
                 inner = error.path if isinstance(value, str) else error.path[1:]
@@ -84,28 +84,28 @@ class Choice:
         return bool(self._measured())
 
     def _measured(self) -> list[Field[Any]]:
-        """The parameters that do."""
-        own = (entry for entry in fields(self) if entry.metadata["quantity"].of_value)
-        return [entry for entry in own if _has_unit(getattr(self, entry.name))]
+        """Return the fields of parameters that still carry a unit."""
+        entries = (entry for entry in fields(self) if entry.metadata["quantity"].of_value)
+        return [entry for entry in entries if _has_unit(getattr(self, entry.name))]
 
     @classmethod
     def called(cls) -> str:
-        """The word that names this choice in the language: the name of its class, or `word`."""
+        """Return the word that names this choice in the language: the name of its class, or `word`."""
         return cls.word or cls.__name__
 
     @classmethod
     def identity(cls) -> str:
-        """Text beside name and parameters that identifies the choice in a saved state; "" for built-in choices."""
+        """Return a text that identifies the choice in a saved state, besides name and parameters; "" if built in."""
         return ""
 
     @property
     def name(self) -> str:
-        """The word that names this choice in the language."""
+        """Word that names this choice in the language."""
         return self.called()
 
     @classmethod
     def quantities(cls) -> dict[str, Quantity]:
-        """The parameters by their words, in the order of definition.
+        """Return the quantities of the parameters by word, in the order of definition.
 
         Raises:
             ModelError: a field was not made by `quantity`, or the class is no dataclass.
@@ -115,12 +115,12 @@ class Choice:
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
-        """Return the defaults of parameters by word, of those that have a default."""
+        """Return the defaults by word, for parameters with a default."""
         return {word_of(f.name): f.default for f in fields(cls) if f.default is not MISSING}
 
     @classmethod
     def from_words(cls, parameters: Mapping[str, Any]) -> Self:
-        """Make one from words and values.
+        """Make a choice from words and values.
 
         Raises:
             ModelError: a word is unknown, a required one is missing, or a value is out of bounds.
@@ -136,21 +136,21 @@ class Choice:
         return cls(**{names[word].name: value for word, value in parameters.items()})
 
     def parameters(self) -> dict[str, Any]:
-        """All parameters by their words, in the order of definition."""
+        """Return the values of all parameters by word, in the order of definition."""
         return {word_of(entry.name): getattr(self, entry.name) for entry in fields(self)}
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        mine, theirs = self.parameters(), other.parameters()
-        return all(same(mine[word], theirs[word]) for word in mine)
+        own, others = self.parameters(), other.parameters()
+        return all(same(own[word], others[word]) for word in own)
 
     __hash__ = None  # type: ignore[assignment]
 
     def changed(self) -> dict[str, Any]:
-        """The parameters that are not as by default, by the names of their fields."""
-        mine = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {f.name: mine[f.name] for f in fields(self) if f.default is MISSING or not same(mine[f.name], f.default)}
+        """Return the parameters that differ from the default, by field name."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {f.name: own[f.name] for f in fields(self) if f.default is MISSING or not same(own[f.name], f.default)}
 
     def __repr__(self) -> str:
         return f"{self.name}({', '.join(f'{name}={shown(value)}' for name, value in self.changed().items())})"
@@ -166,7 +166,7 @@ _CHECKED: dict[int, type[Choice]] = {}
 
 
 def _check_class(cls: type[Choice]) -> None:
-    """Refuse a class whose fields are not what `Choice` says."""
+    """Raise an error for a class whose fields are not made by `quantity`, or that is no dataclass."""
     if id(cls) in _CHECKED:
         return
     if any(isinstance(value, Field) for value in vars(cls).values()):

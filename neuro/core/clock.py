@@ -36,20 +36,20 @@ class Clock:
         self._per_ms = float(per_ms) if per_ms >= 1 and abs(per_ms * resolution - 1.0) < 1e-12 else 0.0
 
     def ms(self, step: int) -> float:
-        """The time of a step in ms."""
+        """Return the time of a step in ms."""
         return step / self._per_ms if self._per_ms else step * self.resolution
 
     def array_ms(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The times of many steps in ms."""
+        """Return the times of many steps in ms."""
         if self._per_ms:
             return steps / self._per_ms
         return steps.astype(np.float64) * self.resolution
 
     def floor(self, ms: Any, what: str) -> int:
-        """The last step at or before a time; infinite times give -1 or `NEVER`.
+        """Return the last step at or before a time; -1 or `NEVER` for infinite times.
 
         Args:
-            ms: the time, a number or with its unit: "1 s".
+            ms: time as a number, or as text with a unit, e.g. "1 s".
             what: name of the value in the message.
 
         Raises:
@@ -64,20 +64,20 @@ class Clock:
         return math.floor(float(ms) / self.resolution + TOLERANCE)
 
     def floors(self, times: NDArray[np.float64], what: str) -> NDArray[np.int64]:
-        """The last step at or before each of many finite times.
+        """Return the last step at or before each of many finite times.
 
         Raises:
             ModelError: a time is too late. The message names the first one.
         """
-        exact = times / self.resolution
-        self._refuse_long(times, exact, what)
-        return np.floor(exact + TOLERANCE).astype(np.int64)
+        quotients = times / self.resolution
+        self._refuse_long(times, quotients, what)
+        return np.floor(quotients + TOLERANCE).astype(np.int64)
 
     def step(self, ms: Any, what: str) -> int:
-        """The step of a time that must lie on the grid; infinity gives `NEVER`.
+        """Return the step of a time that must lie on the grid; `NEVER` for infinity.
 
         Args:
-            ms: the time, a number or with its unit: "1 s".
+            ms: time as a number, or as text with a unit, e.g. "1 s".
             what: name of the value in the message, e.g. "duration".
 
         Raises:
@@ -87,36 +87,36 @@ class Clock:
             ms = in_ms(ms, what)
         if not is_number(ms) or math.isnan(ms):
             raise ModelError(f"{what} = {shown(ms)}: expected a time in ms", path=words_of(what))
-        exact = float(ms) / self.resolution
+        quotient = float(ms) / self.resolution
         if math.isinf(float(ms)):
-            return NEVER if exact > 0 else -NEVER
-        if abs(exact) > LARGEST:
+            return NEVER if quotient > 0 else -NEVER
+        if abs(quotient) > LARGEST:
             raise self._too_long(float(ms), what)
-        step = round(exact)
-        if abs(exact - step) > TOLERANCE:
+        step = round(quotient)
+        if abs(quotient - step) > TOLERANCE:
             raise self._off_grid(float(ms), what)
         return step
 
     def steps(self, times: NDArray[np.float64], what: str) -> NDArray[np.int64]:
-        """The steps of many finite times that must lie on the grid.
+        """Return the steps of many finite times that must lie on the grid.
 
         Raises:
             ModelError: a time does not lie on the grid. The message names the first one.
         """
-        exact = times / self.resolution
-        self._refuse_long(times, exact, what)
-        steps = np.rint(exact)
-        near = np.abs(exact - steps) <= TOLERANCE
-        if not near.all():
-            bad = int(np.flatnonzero(~near.ravel())[0])
+        quotients = times / self.resolution
+        self._refuse_long(times, quotients, what)
+        steps = np.rint(quotients)
+        is_on_grid = np.abs(quotients - steps) <= TOLERANCE
+        if not is_on_grid.all():
+            bad = int(np.flatnonzero(~is_on_grid.ravel())[0])
             raise self._off_grid(float(times.ravel()[bad]), f"{what}[{bad}]" if times.size > 1 else what)
         return steps.astype(np.int64)
 
-    def _refuse_long(self, times: NDArray[np.float64], exact: NDArray[np.float64], what: str) -> None:
-        long = np.flatnonzero(np.isfinite(times.ravel()) & (np.abs(exact.ravel()) > LARGEST))
-        if long.size:
-            name = f"{what}[{long[0]}]" if times.size > 1 else what
-            raise self._too_long(float(times.ravel()[long[0]]), name)
+    def _refuse_long(self, times: NDArray[np.float64], quotients: NDArray[np.float64], what: str) -> None:
+        too_long = np.flatnonzero(np.isfinite(times.ravel()) & (np.abs(quotients.ravel()) > LARGEST))
+        if too_long.size:
+            name = f"{what}[{too_long[0]}]" if times.size > 1 else what
+            raise self._too_long(float(times.ravel()[too_long[0]]), name)
 
     def _too_long(self, ms: float, what: str) -> ModelError:
         return ModelError(
@@ -126,8 +126,8 @@ class Clock:
     def _off_grid(self, ms: float, what: str) -> ModelError:
         if not math.isfinite(ms):
             return ModelError(f"{what} = {ms}: expected a finite time in ms", path=words_of(what))
-        below = math.floor(ms / self.resolution)
-        near = [f"{self.ms(step):.12g}" for step in (below, below + 1) if step > 0]
+        step_below = math.floor(ms / self.resolution)
+        nearest = [f"{self.ms(step):.12g}" for step in (step_below, step_below + 1) if step > 0]
         message = f"{what} = {ms:.12g} ms: expected a multiple of the resolution, {self.resolution:g} ms"
-        hint = f"the nearest {'is' if len(near) == 1 else 'are'} {' or '.join(near)} ms" if near else ""
+        hint = f"the nearest {'is' if len(nearest) == 1 else 'are'} {' or '.join(nearest)} ms" if nearest else ""
         return ModelError(message, hint=hint, path=words_of(what), kind="resolution")

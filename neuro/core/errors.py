@@ -45,10 +45,10 @@ class ModelError(ValueError):
     Attributes:
         message: what was found and what was expected, in one sentence.
         where: place in the YAML file or the Python source, if known.
-        hint: nearest right name or a way out, if there is one.
+        hint: nearest valid name, or what to do; "" if none.
         path: words (and positions in lists) that lead to the value inside the part, e.g. `("initial", "V_m", "3")`.
         kind: code for programs, e.g. `"unit"`, `"unknown population"`, `"unknown word of"`; "" if no program needs one.
-        found: the unknown name, or the name without a value; "" if none.
+        found: the unknown name, or the name that lacks a value; "" if none.
         expected: known names, sorted.
         suggestion: nearest known name; "" if none is near.
         missing: required word that is absent.
@@ -80,26 +80,26 @@ class ModelError(ValueError):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        own = place + self.message + (f"\n  hint: {self.hint}" if self.hint else "")
-        return "\n".join([own, *map(str, self.others)])
+        own_text = place + self.message + (f"\n  hint: {self.hint}" if self.hint else "")
+        return "\n".join([own_text, *map(str, self.others)])
 
     def at(self, where: Where | None, context: str = "") -> ModelError:
-        """A copy with `where`, if it has none, and `context: ` before a message that does not begin with it."""
-        fresh = context and not self.message.startswith(context)
-        message = f"{context}: {self.message}" if fresh else self.message
+        """Return a copy with `where` unless a place is known, and `context: ` before the message unless present."""
+        is_new = context and not self.message.startswith(context)
+        message = f"{context}: {self.message}" if is_new else self.message
         others = tuple(other.at(where, context) for other in self.others)
         return self.but(message=message, where=self.where or where, others=others)
 
     def alone(self) -> str:
-        """Place and message in a line, without the hint and the others."""
+        """Return place and message in a line, without the hint and the other errors."""
         return str(self.but(hint="", others=()))
 
     def but(self, **changes: Any) -> ModelError:
-        """A copy, of the same class, with other attributes."""
-        other = type(self).__new__(type(self))
-        vars(other).update(vars(self) | changes)
-        other.args = (str(other),)
-        return other
+        """Return a copy of the same class with some attributes changed."""
+        copy = type(self).__new__(type(self))
+        vars(copy).update(vars(self) | changes)
+        copy.args = (str(copy),)
+        return copy
 
 
 def unknown(
@@ -109,13 +109,13 @@ def unknown(
 
     The message begins with a part that `what` quotes, as in "filter 'tar': unknown parameter 'tua'".
     """
-    names, (head, of, part) = tuple(sorted(known)), what.partition(" of ")
+    names, (head, separator, part) = tuple(sorted(known)), what.partition(" of ")
     return ModelError(
         f"{part}: unknown {head} '{name}'" if part.endswith("'") else f"unknown {what} '{name}'",
         where=where,
         hint=nearest(str(name), names),
         path=path,
-        kind=f"unknown {head}{of}".rstrip(),
+        kind=f"unknown {head}{separator}".rstrip(),
         found=str(name),
         expected=names,
         suggestion=next(iter(close_names(str(name), names)), ""),
@@ -123,26 +123,26 @@ def unknown(
 
 
 def words_of(what: str) -> tuple[str, ...]:
-    """The words of a full name in errors: `("iaf_psc_exp", "tau_m")` of "iaf_psc_exp.tau_m[3]"."""
+    """Return the words of a full name in errors, e.g. `("iaf_psc_exp", "tau_m")` for "iaf_psc_exp.tau_m[3]"."""
     return tuple(re.findall(r"[^\W\d]\w*", what))
 
 
 def naming_words(function: Callable[P, R]) -> Callable[P, R]:
-    """Wrap a function so that an unknown keyword argument raises an error with the nearest known one."""
-    words = function.__annotations__.keys() - {"return"}
+    """Wrap a function so that an unknown keyword argument raises an error with the nearest known argument."""
+    known = function.__annotations__.keys() - {"return"}
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         for word in kwargs:
-            if word not in words:
-                raise unknown(f"word of {function.__qualname__}", word, words, here())
+            if word not in known:
+                raise unknown(f"word of {function.__qualname__}", word, known, here())
         return function(*args, **kwargs)
 
     return call
 
 
 def here() -> Where | None:
-    """File and line of the nearest caller outside this library, for messages only."""
+    """Return file and line of the nearest caller outside this library, for messages only."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None:
         module = str(frame.f_globals.get("__name__", "")).partition(".")[0]
@@ -153,10 +153,10 @@ def here() -> Where | None:
 
 
 def a(name: str) -> str:
-    """A name behind its article: "a poisson_generator", "an iaf_psc_exp"."""
+    """Return a name with its article, e.g. "a poisson_generator" or "an iaf_psc_exp"."""
     return f"{'an' if name[:1].lower() in 'aeio' else 'a'} {name}"
 
 
 def some(n: int, noun: str) -> str:
-    """A number of something: "1 synapse", "1,000 synapses"."""
+    """Return a number with its noun, e.g. "1 synapse" or "1,000 synapses"."""
     return f"{n:,} {noun}{'s' * (n != 1)}"

@@ -1,4 +1,4 @@
-"""A Python file of the user's that registers parts, run before a command does its work."""
+"""Python files of the user that register parts. A command runs such files first."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from neuro.core.registry import registered
 __all__ = ["extensions", "named_by_user", "run_extension", "run_extensions"]
 
 _run: dict[Path, bytes] = {}
-"""The files that were run, and what they held."""
+"""Files that have run, and their contents."""
 
 
 def run_extension(file: Any) -> None:
@@ -38,16 +38,16 @@ def run_extension(file: Any) -> None:
         text = path.read_bytes()
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
-    place = path.resolve()
-    if place in _run:
-        if _run[place] != text:
+    resolved = path.resolve()
+    if resolved in _run:
+        if _run[resolved] != text:
             raise ModelError(f"{path}: was edited since it was run: expected a new start")
         return
-    _check_name(path, place)
-    before = registered()
+    _check_name(path, resolved)
+    n_registered = registered()
     _execute(path, text)
-    _run[place] = text
-    if registered() == before and not _has_environment(sys.modules[path.stem]):
+    _run[resolved] = text
+    if registered() == n_registered and not _has_environment(sys.modules[path.stem]):
         warnings.warn(
             f"{path}: registers nothing\n  hint: write @neuro.register above a class, or neuro.register(part)",
             stacklevel=2,
@@ -66,9 +66,9 @@ def extensions() -> tuple[str, ...]:
 
 
 def named_by_user(file: str) -> str:
-    """Return the path of the Python file that the user named by `--with`, for one that a record names.
+    """Return the path of the Python file of the option `--with` that has the name of a recorded file.
 
-    A record never runs code by itself. Of the recorded path only the name counts: the code is that of the user's file.
+    A record never runs code by itself. Only the name of the recorded path counts: the code is that of the user's file.
 
     Raises:
         ModelError: the user named no file of that name.
@@ -76,11 +76,11 @@ def named_by_user(file: str) -> str:
     for path in extensions():
         if Path(path).name == Path(file).name:
             return path
-    raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
+    raise ModelError(f"it was made with {file}", hint=f"if you trust this file, add --with {shlex.quote(file)}")
 
 
 def run_extensions(files: tuple[str, ...]) -> None:
-    """Run the files that another process ran, which has reported all that is to be reported."""
+    """Run the files that another process ran. That process has reported the warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for file in files:
@@ -92,9 +92,9 @@ def _check_name(path: Path, place: Path) -> None:
     name = path.stem
     if path.suffix != ".py" or not name.isidentifier():
         raise ModelError(f"{path}: expected a Python file with a plain name, such as my_filter.py")
-    there = sys.modules.get(name) or PathFinder.find_spec(name)
-    other = getattr(there, "__file__", None) or getattr(there, "origin", None)
-    if name in sys.stdlib_module_names or (there is not None and Path(other or "").resolve() != place):
+    module = sys.modules.get(name) or PathFinder.find_spec(name)
+    origin = getattr(module, "__file__", None) or getattr(module, "origin", None)
+    if name in sys.stdlib_module_names or (module is not None and Path(origin or "").resolve() != place):
         raise ModelError(f"{path}: '{name}' is the name of another module: expected a name of its own")
 
 
@@ -104,7 +104,7 @@ def _execute(path: Path, text: bytes) -> None:
     module = module_from_spec(spec)
     sys.modules[path.stem] = module
     if str(path.resolve().parent) not in sys.path:
-        sys.path.append(str(path.resolve().parent))  # what lies beside it is found, and hides nothing
+        sys.path.append(str(path.resolve().parent))  # modules beside the file are found, after all others
     try:
         exec(compile(text, str(path.resolve()), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
@@ -122,7 +122,7 @@ def _located(error: BaseException, path: Path, module: ModuleType) -> ModelError
     while trace is not None:
         line = trace.tb_lineno if trace.tb_frame.f_code.co_filename == module.__file__ else line
         trace = trace.tb_next
-    where = Where(str(path), line)
+    place = Where(str(path), line)
     if isinstance(error, ModelError):
-        return error.but(where=where)
-    return ModelError(f"{type(error).__name__}: {error}".removesuffix(": "), where=where)
+        return error.but(where=place)
+    return ModelError(f"{type(error).__name__}: {error}".removesuffix(": "), where=place)

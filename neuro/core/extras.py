@@ -11,10 +11,10 @@ from neuro.core.lazy import DISTRIBUTION, missing
 
 
 def install(extra: str) -> str:
-    """The command that installs an extra of this package from where the package itself came, for hints.
+    """Return the command that installs an extra of this package from the package's own source, for hints.
 
     Args:
-        extra: its name in `pyproject.toml`, e.g. "torch".
+        extra: name of the extra in `pyproject.toml`, e.g. "torch".
 
     Source: direct_url.json of the Python Packaging User Guide, "Recording the Direct URL Origin".
     """
@@ -24,23 +24,23 @@ def install(extra: str) -> str:
     origin = _origin()
     if origin is None:
         return f"pip install '{DISTRIBUTION}[{extra}]'"
-    place = urlsplit(origin.get("url", ""))
-    if place.scheme != "file":
+    url = urlsplit(origin.get("url", ""))
+    if url.scheme != "file":
         return f"pip install '.[{extra}]' in the folder of neuro's sources"
     option = "-e " if origin.get("dir_info", {}).get("editable") else ""
-    return f"pip install {option}{shlex.quote(f'{url2pathname(place.path)}[{extra}]')}"
+    return f"pip install {option}{shlex.quote(f'{url2pathname(url.path)}[{extra}]')}"
 
 
 def needed(module: str, extra: str, message: str) -> Any:
-    """A module of a package that is not always there.
+    """Return a module of an optional package.
 
     Args:
-        module: its name.
-        extra: the extra of this package that installs it.
-        message: what to say where it is not installed.
+        module: name of the module.
+        extra: the extra of this package that installs the module.
+        message: message of the error.
 
     Raises:
-        ModelError: it is not installed.
+        ModelError: the module is not installed.
     """
     try:
         return import_module(module)
@@ -49,11 +49,11 @@ def needed(module: str, extra: str, message: str) -> Any:
 
 
 def app(module: str, what: str) -> Any:
-    """A module of a package of `apps`, which may have been taken away.
+    """Return a module of a package of `apps`, which may be missing.
 
     Args:
-        module: its name, e.g. "neuro_events.playing".
-        what: what needs it: the subject of the message.
+        module: name of the module, e.g. "neuro_events.playing".
+        what: part that needs the module, the subject of the message.
 
     Raises:
         ModelError: the package is not installed.
@@ -83,7 +83,7 @@ class LazyModule:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
-        if name == "_module":  # not imported yet; later each use would ask for it again, which takes microseconds
+        if name == "_module":  # first use: later uses find the attribute, without a call of this method
             self._module = import_module(self._name)
             return self._module
         return getattr(self._module, name)

@@ -1,4 +1,4 @@
-"""Expressions as text to trees. The grammar is its own and small: nothing in a text is ever run.
+"""Parser of expressions: text to trees. The grammar is small, and nothing in a text is ever run.
 
     expression  = sum [("<" | "<=" | ">" | ">=") sum]
     sum         = product {("+" | "-") product}
@@ -28,7 +28,7 @@ _WINDOW = 60
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number as it stands; `unit` is the name of the unit written right after it, or ""."""
+    """A number; `unit` is the name of the unit that follows it, or ""."""
 
     value: float
     unit: str
@@ -45,7 +45,7 @@ class Name:
 
 @dataclass(frozen=True, slots=True)
 class Negative:
-    """The negative of a tree."""
+    """A tree with a minus sign."""
 
     of: Tree
     at: int
@@ -89,21 +89,21 @@ _TOKEN_OR_VIEW = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A text and what it says."""
+    """The text of an expression and its tree."""
 
     text: str
     tree: Tree
 
     def mistake(self, at: int, message: str, hint: str = "") -> Misread:
-        """The error for a place in the text."""
+        """Return the error for a place in the text."""
         return mistake(self.text, at, message, hint)
 
 
 class Misread(ModelError):
-    """A mistake at a place of an expression.
+    """A mistake at a place in an expression.
 
     Attributes:
-        place: of what is wrong, from 0.
+        place: index of the wrong character, from 0.
         bare: the message without the place.
     """
 
@@ -113,13 +113,13 @@ class Misread(ModelError):
 
 
 def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
-    """An error that shows its place.
+    """Return an error that shows its place.
 
     Args:
         text: the expression.
-        at: the place, from 0.
+        at: index of the wrong character, from 0.
         message: what was found and what was expected.
-        hint: the way out.
+        hint: what to do.
     """
     begin = max(0, min(at - _WINDOW // 2, len(text) - _WINDOW))
     line = "".join(letter if letter.isprintable() else " " for letter in text[begin : begin + _WINDOW])
@@ -136,7 +136,7 @@ class Hints:
     Attributes:
         signs: hints by a sign that is not an operator.
         shorter: hint for an expression that is too long.
-        names: by function the name that its last value may have, as in `after(a, b, within=20)`, and its position.
+        names: name and position of the argument that may have a name, by function, e.g. `after(a, b, within=20)`.
     """
 
     signs: Mapping[str, str] = field(default_factory=dict)
@@ -149,12 +149,12 @@ def parse(text: object, hints: Hints = Hints(), views: bool = False) -> Expressi
 
     Args:
         text: the expression.
-        hints: for what it cannot have.
-        views: whether a name may have an index, which is kept as a part of the name: `motors[0, 1]`,
-            and may be written in quotes: `"s-1"`.
+        hints: hints for errors.
+        views: whether a name may have an index, which becomes a part of the name, e.g. `motors[0, 1]`, and may be
+            written in quotes, e.g. `"s-1"`.
 
     Raises:
-        ModelError: it is none, or longer or deeper than is allowed; it names the column.
+        ModelError: the text is no expression, too long or too deep; the message names the column.
     """
     if isinstance(text, int | float) and not isinstance(text, bool):
         text = repr(text)
@@ -180,28 +180,28 @@ class _Parser:
 
     def _tokens(self) -> list[_Token]:
         tokens: list[_Token] = []
-        at, end = 0, len(self.text.rstrip())
-        while at < end:
-            match = self.pattern.match(self.text, at)
+        position, end = 0, len(self.text.rstrip())
+        while position < end:
+            match = self.pattern.match(self.text, position)
             if match is None or match.lastgroup is None:
-                at += len(self.text[at:]) - len(self.text[at:].lstrip())
-                raise self.mistake(at, *self.odd(self.text[at]))
+                position += len(self.text[position:]) - len(self.text[position:].lstrip())
+                raise self.mistake(position, *self.unexpected(self.text[position]))
             kind = match.lastgroup
             tokens.append(_Token(kind, match[kind].replace("**", "^"), match.start(kind)))
             if len(tokens) > MAX_TOKENS:
                 message = f"found more than {MAX_TOKENS} numbers, names and signs: expected fewer"
                 raise self.mistake(tokens[-1].at, message, self.hints.shorter)
-            at = match.end()
+            position = match.end()
         return [*tokens, _Token("end", "the end", end)]
 
     def mistake(self, at: int, message: str, hint: str = "") -> Misread:
         return mistake(self.text, at, message, hint)
 
-    def odd(self, letter: str) -> tuple[str, str]:
+    def unexpected(self, letter: str) -> tuple[str, str]:
         """Return message and hint for a character that begins no token."""
         character = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
         message = f"found {character}: expected a number, a name or an operator"
-        ascii_only = "" if letter.isascii() else "names are of the letters A to Z and a to z, digits and '_'"
+        ascii_only = "" if letter.isascii() else "names consist of the letters A to Z and a to z, digits and '_'"
         return message, self.hints.signs.get(letter, ascii_only)
 
     @property
@@ -229,8 +229,8 @@ class _Parser:
         left = self.beginning(depth)
         while self.token.kind == "sign" and _BINDING.get(self.token.text, 0) > binding:
             sign = self.take()
-            mine = _BINDING[sign.text]
-            right = self.expression(_SIGNED - 1 if sign.text == "^" else mine, depth + 1)
+            binding_of_sign = _BINDING[sign.text]
+            right = self.expression(_SIGNED - 1 if sign.text == "^" else binding_of_sign, depth + 1)
             left = Binary(sign.text, left, right, sign.at)
             if sign.text in COMPARISONS and self.token.text in COMPARISONS:
                 raise self.mistake(self.token.at, f"found a second '{self.token.text}': expected one comparison")
@@ -262,10 +262,10 @@ class _Parser:
     def call(self, name: _Token, depth: int) -> Call:
         self.take()
         arguments = [self.expression(0, depth + 1)]
-        word, place = self.hints.names.get(name.text, ("", 0))
+        word, position = self.hints.names.get(name.text, ("", 0))
         while self.token.text == ",":
             self.take()
-            if len(arguments) == place and self.token.text == word and self.tokens[self.next + 1].text == "=":
+            if len(arguments) == position and self.token.text == word and self.tokens[self.next + 1].text == "=":
                 self.next += 2
             arguments.append(self.expression(0, depth + 1))
         self.expect(")")

@@ -33,7 +33,7 @@ class JobResults:
 
     @property
     def kind(self) -> Kind:
-        """The kind of these files, for `check_output`."""
+        """Kind of these files, for `check_output`."""
         return sealed(self.what, f'"format": "{self.format}"', ', "digest": "{}"')
 
     def read(self, path: Path, of: Mapping[str, Any]) -> Result:
@@ -62,11 +62,11 @@ class GridJob(Protocol):
 
     @property
     def file(self) -> Path:
-        """The file of its result."""
+        """Return the file of its result."""
 
     @property
     def of(self) -> Mapping[str, Any]:
-        """All inputs that decide the result, as plain data."""
+        """Return all inputs that decide the result, as plain data."""
 
     def work(self, report: Callable[[Any], None]) -> Mapping[str, Any]:
         """Do the job and return its figures; figures with the name `refused` are not written."""
@@ -83,8 +83,8 @@ def grid(
     Args:
         results: files of the results.
         jobs: jobs to run; a killed grid continues after the last job whose file is complete.
-        processes: processes at a time, see `neuro.apps.side_by_side`.
-        report: called with the reports of jobs, and with None for each existing result.
+        processes: number of parallel processes, see `neuro.apps.side_by_side`.
+        report: function that is called with the reports of jobs, and with None for each existing result.
 
     Returns:
         results in the order of the jobs.
@@ -98,8 +98,8 @@ def grid(
         if result and report:
             report(None)
     to_run = [job for job, result in zip(jobs, existing, strict=True) if not result]
-    new = iter(side_by_side(partial(_do, results), to_run, processes, report))
-    return [result or next(new) for result in existing]
+    new_results = iter(side_by_side(partial(_do, results), to_run, processes, report))
+    return [result or next(new_results) for result in existing]
 
 
 def _do(results: JobResults, job: GridJob, report: Callable[[Any], None]) -> Result:

@@ -31,7 +31,7 @@ _HEAD = struct.Struct("<QI")  # header of a page: offset in the file, length
 
 
 class _Paged(io.RawIOBase):
-    """A file that is read with pages put over it."""
+    """A file with pages that replace parts of the content."""
 
     def __init__(self, disk: int) -> None:
         super().__init__()
@@ -48,45 +48,45 @@ class _Paged(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place."""
+        """Set the position."""
         self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
         return self._at
 
     def tell(self) -> int:
-        """The present place."""
+        """Return the position."""
         return self._at
 
     def readinto(self, buffer: Any) -> int:
-        """Read, with the pages in their places."""
+        """Read bytes, with the pages applied."""
         view = memoryview(buffer).cast("B")
         data = self.at(self._at, view.nbytes)
         view[: len(data)] = data
         self._at += len(data)
         return len(data)
 
-    def at(self, place: int, n: int) -> bytes | bytearray:
+    def at(self, offset: int, n: int) -> bytes | bytearray:
         """Return the bytes at an offset, with the pages applied; fewer bytes at the end of the file."""
-        data = _read(self._disk, place, max(0, min(n, self._size - place)))
+        data = _read(self._disk, offset, max(0, min(n, self._size - offset)))
         if not self._pages:
             return data
         patched = bytearray(data)
-        _patch(memoryview(patched), place, self._pages)
+        _patch(memoryview(patched), offset, self._pages)
         return patched
 
 
 class JournaledFile(_Paged):
-    """A file for `h5py.File(..., "w", userblock_size=FRONT)` that is whole on the disk after each commit.
+    """A file for `h5py.File(..., "w", userblock_size=FRONT)` that is complete on the disk after each commit.
 
     Args:
-        path: of the file, which is emptied; no other process may write it until it is closed.
-        format: of the file, e.g. "neuro results 3".
+        path: path of the file, which is emptied. No other process can write the file until it is closed.
+        format: format of the file, e.g. "neuro results 3".
 
     Attributes:
-        error: of the first failure; what comes after it stays in memory and is never committed.
+        error: error of the first failure. Later changes stay in memory and are never committed.
 
     Raises:
-        BlockingIOError: another process writes it.
-        OSError: it cannot be written.
+        BlockingIOError: another process writes the file.
+        OSError: the file cannot be written.
     """
 
     def __init__(self, path: Path, format: str) -> None:
@@ -114,44 +114,44 @@ class JournaledFile(_Paged):
         return True
 
     def write(self, data: Any) -> int:
-        """Write all of it, or keep the first failure."""
+        """Write all data, or store the first failure."""
         view = memoryview(data).cast("B")
-        old = min(view.nbytes, max(0, self._committed - self._at))
+        n_committed = min(view.nbytes, max(0, self._committed - self._at))
         if self.error is None:
             try:
-                _write(self._disk, self._at + old, view[old:])
+                _write(self._disk, self._at + n_committed, view[n_committed:])
             except OSError as error:
                 self.error = error
-        # HDF5 reads back what it wrote, also what did not reach the disk: a wrong table ends in other errors.
-        self._hold(view[:old] if self.error is None else view, self._at)
+        # HDF5 reads its own data back, also data that did not reach the disk: a wrong table would cause other errors.
+        self._hold(view[:n_committed] if self.error is None else view, self._at)
         self._at += view.nbytes
         self._size = max(self._size, self._at)
         return view.nbytes
 
     def truncate(self, size: int | None = None) -> int:
-        """Make it as long; the disk follows at a commit."""
+        """Set the length of the file. The length on the disk changes at a commit."""
         self._size = self._at if size is None else size
         return self._size
 
-    def _hold(self, data: memoryview, at: int) -> None:
-        """Keep a change of what is committed, or after a failure any change."""
+    def _hold(self, data: memoryview, offset: int) -> None:
+        """Store changes of committed data, or after a failure all changes."""
         while data.nbytes:
-            number, begin = divmod(at, PAGE)
-            n, first, page = min(data.nbytes, PAGE - begin), number * PAGE, self._pages.setdefault(number, bytearray())
+            number, begin = divmod(offset, PAGE)
+            n, start, page = min(data.nbytes, PAGE - begin), number * PAGE, self._pages.setdefault(number, bytearray())
             if len(page) < begin + n:
-                size = min(PAGE, self._committed - first) if self.error is None else PAGE
-                page += _read(self._disk, first + len(page), size - len(page))
+                size = min(PAGE, self._committed - start) if self.error is None else PAGE
+                page += _read(self._disk, start + len(page), size - len(page))
             page[begin : begin + n] = data[:n]
-            data, at = data[n:], at + n
+            data, offset = data[n:], offset + n
 
     def flush(self) -> None:
-        """Nothing is to be done before a commit."""
+        """Do nothing: data are written at a commit."""
 
     def commit(self) -> None:
-        """Let all that was written be what a reader sees; HDF5 has been flushed before.
+        """Make all written data visible to readers. HDF5 must be flushed before.
 
         Raises:
-            OSError: something could not be written, or the file is there no longer; what was committed before stays.
+            OSError: data could not be written, or the file was removed. Data of earlier commits stay.
         """
         if self.error is None:
             try:
@@ -168,7 +168,8 @@ class JournaledFile(_Paged):
             os.ftruncate(self._disk, self._size)
         self._seal()
         if self._pages:
-            end = max(self._committed, self._size)  # a file that becomes shorter keeps its end until the mark is there
+            # A file that becomes shorter keeps its end until the mark is written.
+            end = max(self._committed, self._size)
             pages = b"".join(_HEAD.pack(n * PAGE, len(page)) + page for n, page in sorted(self._pages.items()))
             mark = _MARK.pack(_WORD, end, len(pages), zlib.crc32(pages))
             _write(self._disk, end, memoryview(pages))
@@ -179,7 +180,7 @@ class JournaledFile(_Paged):
         self._pages, self._committed = {}, self._size
 
     def _seal(self) -> None:
-        """Write the front of what is to be committed."""
+        """Write the front of the next commit."""
         changed = {number * PAGE // BLOCK for number in self._pages}
         changed.update(range(min(self._committed, self._size) // BLOCK, -(-self._size // BLOCK)))
         update(self._sums, sorted(k for k in changed if k * BLOCK < self._size), self.at, self._size)
@@ -190,7 +191,7 @@ class JournaledFile(_Paged):
             _write(self._disk, 0, front)
 
     def close(self) -> None:
-        """Close the file; what was not committed is lost, and a file without a commit is removed."""
+        """Close the file. Uncommitted data are lost, and a file without a commit is removed."""
         if not self.closed:
             if not self._committed and os.fstat(self._disk).st_nlink:
                 with suppress(OSError):
@@ -235,8 +236,8 @@ class JournalReader:
             yield file
 
     def _checked(self) -> _Committed:
-        """The file after its check; a run may commit meanwhile, then it is checked once more."""
-        before = None
+        """Return the file after a check. If a run commits during the check, the check is repeated."""
+        previous = None
         while True:
             disk = _Committed(self._disk)
             front = disk.front
@@ -246,10 +247,10 @@ class JournalReader:
                 self._whole = front.written()
                 return disk
             status = os.fstat(self._disk)
-            now = status.st_size, status.st_mtime_ns
-            if now == before:
+            state = status.st_size, status.st_mtime_ns
+            if state == previous:
                 raise damaged(self._path, front)
-            before = now
+            previous = state
 
 
 class _Committed(_Paged):
@@ -264,7 +265,7 @@ class _Committed(_Paged):
 
 
 def _held_pages(disk: int) -> tuple[dict[int, bytes], int]:
-    """The pages of a commit that was cut short, by number, and where they begin; else none, and the end of the file."""
+    """Return the pages of an interrupted commit by number, and their offset; {} and the end of the file if none."""
     end = os.fstat(disk).st_size
     tail = os.pread(disk, _MARK.size, max(0, end - _MARK.size))
     if len(tail) < _MARK.size or not tail.startswith(_WORD):
@@ -275,17 +276,17 @@ def _held_pages(disk: int) -> tuple[dict[int, bytes], int]:
     data = _read(disk, begin, length)
     if zlib.crc32(data) != checksum:
         return {}, end
-    pages, at = {}, 0
-    while at < length:
-        place, n = _HEAD.unpack_from(data, at)
-        at += _HEAD.size
-        pages[place // PAGE] = data[at : at + n]
-        at += n
+    pages, position = {}, 0
+    while position < length:
+        offset, n = _HEAD.unpack_from(data, position)
+        position += _HEAD.size
+        pages[offset // PAGE] = data[position : position + n]
+        position += n
     return pages, begin
 
 
 def _patch(view: memoryview, at: int, pages: Any) -> None:
-    """Put pages over what was read from place `at` on."""
+    """Replace bytes that were read from offset `at` on by the bytes of pages."""
     if not pages or not view.nbytes:
         return
     for number in range(at // PAGE, (at + view.nbytes - 1) // PAGE + 1):
@@ -308,7 +309,7 @@ def _read(disk: int, at: int, n: int) -> bytes:
     return b"".join(parts) + bytes(remaining)
 
 
-def _write(disk: int, at: int, data: memoryview) -> None:
+def _write(disk: int, offset: int, data: memoryview) -> None:
     while data.nbytes:
-        n = os.pwrite(disk, data, at)
-        data, at = data[n:], at + n
+        n = os.pwrite(disk, data, offset)
+        data, offset = data[n:], offset + n

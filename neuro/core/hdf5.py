@@ -63,13 +63,13 @@ __all__ = [
 FRONT = 512
 BLOCK = 1 << 16
 WORD = b"neuro HDF5 1\n"
-"""How a file of ours begins."""
+"""First bytes of a file of this package."""
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
-"""How other HDF5 files begin."""
+"""First bytes of other HDF5 files."""
 
 Read = Callable[[int, int], Any]
-"""Gives bytes: at which place, and how many; fewer at the end of a file."""
+"""Function of an offset and a number of bytes that returns the bytes; fewer at the end of a file."""
 
 
 class Front(NamedTuple):
@@ -100,7 +100,7 @@ class Front(NamedTuple):
         return cls(format, size, hashlib.blake2b(head + sums, digest_size=16).hexdigest())
 
     def written(self) -> bytes:
-        """As the file has it."""
+        """Return the front as bytes."""
         return (WORD + f"{self.format}\n{self.size}\n{self.digest}\n".encode()).ljust(FRONT, b"\0")
 
     def fits(self, read: Read) -> bool:
@@ -116,7 +116,7 @@ def _sums(read: Read, size: int) -> bytes:
 
 
 def update(sums: bytearray, blocks: Iterable[int], read: Read, size: int) -> None:
-    """Bring the checksums of some blocks of a file to what it holds now."""
+    """Compute the checksums of some blocks of a file again."""
     del sums[4 * -(-size // BLOCK) :]
     for k in blocks:
         begin = max(FRONT, k * BLOCK)
@@ -129,11 +129,11 @@ def is_hdf5(head: bytes) -> bool:
 
 
 def kind(format: str, what: str = "") -> Kind:
-    """The kind of file of a format; it may be replaced by another of that format.
+    """Return the kind of file of a format. A file may be replaced by another file of the format.
 
     Args:
-        format: of the file, e.g. "neuro drone model 1".
-        what: it is, for messages; "a" and the format if not given.
+        format: format of the file, e.g. "neuro drone model 1".
+        what: noun for messages; by default "a" and the format.
     """
     return Kind(what or f"a {format}", lambda path: has_format(path, format))
 
@@ -157,16 +157,16 @@ def check(path: Path, format: str = "", what: str = "", hint: str = "") -> str:
 
     Args:
         path: the file.
-        format: that it is to have; if not given it may also be a third-party file, which has no digest.
-        what: it is to be, for messages; "a" and the format if not given.
-        hint: what to do where it is damaged.
+        format: expected format; if "", third-party files without a digest are accepted, too.
+        what: noun for messages; by default "a" and the format.
+        hint: hint for a damaged file.
 
     Returns:
-        Its format, "" of a third-party file.
+        the format of the file, "" for a third-party file.
 
     Raises:
-        ModelError: it is of another format, or not what was written.
-        OSError: it cannot be read.
+        ModelError: the file has another format, or does not match its digest.
+        OSError: the file cannot be read.
     """
     with path.open("rb", buffering=0) as file:
         disk = file.fileno()
@@ -195,9 +195,9 @@ def is_whole(path: Path, format: str) -> bool:
 def not_ours(path: Path, what: str) -> ModelError:
     """Return the error for a file of another kind; HDF5 without a front comes from another tool or an old version."""
     with path.open("rb") as file:
-        bare = file.read(len(MAGIC)) == MAGIC
-    hint = "it has no digest, as files of other tools and of versions before digests: make it again"
-    return ModelError(f"{path}: not {what}", hint=hint if bare else "")
+        has_no_front = file.read(len(MAGIC)) == MAGIC
+    hint = "the file has no digest: other tools or an old version wrote it: make it again"
+    return ModelError(f"{path}: not {what}", hint=hint if has_no_front else "")
 
 
 def damaged(path: Path, front: Front, hint: str = "") -> ModelError:
@@ -225,16 +225,16 @@ def seal(path: Path) -> None:
 
 @contextmanager
 def writing(path: Path, format: str, replace: bool = False, record: Mapping[str, Any] | None = None) -> Iterator[Any]:
-    """A new HDF5 file of a format, which takes the name `path` when the block ends well.
+    """Open a new HDF5 file of a format, which takes the name `path` when the block succeeds.
 
     Args:
-        path: of the file.
-        format: its attribute `format`.
-        replace: whether to replace any other file, too.
-        record: where it comes from, see `neuro.core.provenance`; nothing is said of files that are kept for a while.
+        path: path of the file.
+        format: format, which becomes the attribute `format`.
+        replace: whether to replace files of other kinds, too.
+        record: provenance, see `neuro.core.provenance`; None for temporary files.
 
     Raises:
-        Unwritable: as of `neuro.core.outputs.output`.
+        Unwritable: see `neuro.core.outputs.output`.
     """
     with output(path, kind(format), replace) as part, new_file(part, format) as file:
         file.attrs["format"] = format
@@ -245,15 +245,15 @@ def writing(path: Path, format: str, replace: bool = False, record: Mapping[str,
 
 @contextmanager
 def new_file(path: Path, format: str = "", **options: Any) -> Iterator[Any]:
-    """A new HDF5 file in the place of any other.
+    """Open a new HDF5 file, which replaces an existing file.
 
     Args:
-        path: of the file.
-        format: what its front says, e.g. "neuro drone model 1"; "" of a file without a front, for other tools.
-        options: of `h5py.File`.
+        path: path of the file.
+        format: format in the front, e.g. "neuro drone model 1"; "" for a file of another tool, without a front.
+        options: options of `h5py.File`.
 
     Raises:
-        OSError: it cannot be written, as on a full disk.
+        OSError: the file cannot be written, e.g. on a full disk.
     """
     import h5py
 
@@ -266,11 +266,11 @@ def new_file(path: Path, format: str = "", **options: Any) -> Iterator[Any]:
 
 @contextmanager
 def disk(path: Path, mode: str = "w+b") -> Iterator[_Disk]:
-    """A Python file for `h5py.File` to write into, also by a third-party package; the module's text has the reason.
+    """Open a Python file into which `h5py.File` writes, also for third-party packages; see the module for the reason.
 
     Args:
-        path: of the file.
-        mode: "w+b" of a new file in the place of any other, "r+b" of one that is changed.
+        path: path of the file.
+        mode: "w+b" for a new file that replaces an existing one, "r+b" to change a file.
 
     Raises:
         OSError: the file cannot be written; raised when the block ends.
@@ -287,7 +287,7 @@ class _Disk(io.FileIO):
     """A file whose methods do not fail.
 
     Attributes:
-        error: of the first failure; what comes after it is thrown away.
+        error: error of the first failure. Later data are discarded.
     """
 
     def __init__(self, path: Path, mode: str) -> None:
@@ -295,18 +295,18 @@ class _Disk(io.FileIO):
         self.error: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Write all of it, or keep the first failure."""
-        rest = memoryview(data)
-        size = rest.nbytes
+        """Write all data, or store the first failure."""
+        remainder = memoryview(data)
+        size = remainder.nbytes
         try:
-            while self.error is None and rest.nbytes:
-                rest = rest[super().write(rest) :]
+            while self.error is None and remainder.nbytes:
+                remainder = remainder[super().write(remainder) :]
         except OSError as error:
             self.error = error
         return size
 
     def truncate(self, size: int | None = None) -> int:
-        """Make it as long, or keep the first failure."""
+        """Set the length of the file, or store the first failure."""
         try:
             return super().truncate(size) if self.error is None else size or 0
         except OSError as error:
@@ -323,15 +323,15 @@ class _Disk(io.FileIO):
 
 @atexit.register
 def _close_python_files() -> None:
-    """Close the HDF5 files that are still open over Python files, while there is a Python to call."""
+    """Close the HDF5 files that are still open over Python files, before Python ends."""
     if "h5py" not in sys.modules:
         return
     from h5py import File, h5f, h5fd
 
-    with suppress(Exception):  # the process ends, and what was written into them was not complete
-        for each in h5f.get_obj_ids(h5f.OBJ_ALL, h5f.OBJ_FILE):
-            if each.get_access_plist().get_driver() == h5fd.fileobj_driver:
-                File(each).close()
+    with suppress(Exception):  # the process ends, and the files were incomplete
+        for file in h5f.get_obj_ids(h5f.OBJ_ALL, h5f.OBJ_FILE):
+            if file.get_access_plist().get_driver() == h5fd.fileobj_driver:
+                File(file).close()
 
 
 def check_tree(file: Any, several_names: bool = False) -> None:
@@ -342,10 +342,10 @@ def check_tree(file: Any, several_names: bool = False) -> None:
 
     Args:
         file: file opened by h5py.
-        several_names: allow parts with more than one name, as files of other tools have.
+        several_names: whether parts may have more than one name, as in files of other tools.
 
     Raises:
-        ValueError: a part lies in another file, or has more than one name where that is not allowed.
+        ValueError: a part lies in another file, or has more than one name although `several_names` is false.
     """
     from h5py import h5d, h5l, h5o, h5t
 
@@ -367,23 +367,23 @@ def check_tree(file: Any, several_names: bool = False) -> None:
     try:
         name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, refused_name, info=True)
     except (KeyError, RuntimeError):
-        raise ValueError("it has a name that leads to no part of it") from None
+        raise ValueError("a name leads to no part of the file") from None
     if name:
         raise ValueError(f"{name.decode('utf-8', 'replace')[:60]!r} lies elsewhere: expected a part of the file")
 
 
 @contextmanager
 def reading(path: Path, format: str, hint: str = "", what: str = "") -> Iterator[Any]:
-    """An HDF5 file of a format.
+    """Open an HDF5 file of a format.
 
     Args:
         path: the file.
-        format: that it is to have, e.g. "neuro drone model 1".
-        hint: what to do where it is damaged.
-        what: it is to be, for messages; "a" and the format if not given.
+        format: expected format, e.g. "neuro drone model 1".
+        hint: hint for a damaged file.
+        what: noun for messages; by default "a" and the format.
 
     Raises:
-        ModelError: there is no such file, it is of another format, or damaged.
+        ModelError: the file does not exist, has another format, or is damaged.
     """
     import h5py
 
@@ -396,7 +396,7 @@ def reading(path: Path, format: str, hint: str = "", what: str = "") -> Iterator
     except ModelError:
         raise
     except (OSError, LookupError, TypeError, AttributeError, ValueError, RuntimeError, MemoryError) as error:
-        raise ModelError(f"{path}: damaged {format}: {error}", hint=hint) from None  # h5py has all of these
+        raise ModelError(f"{path}: damaged {format}: {error}", hint=hint) from None  # h5py raises all of these
 
 
 def put(file: Any, name: str, part: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]]) -> None:
@@ -414,7 +414,7 @@ def put(file: Any, name: str, part: npt.NDArray[Any] | Mapping[str, npt.NDArray[
 
 
 def take(file: Any, name: str) -> Any:
-    """The array, or the arrays by name, that `put` wrote."""
+    """Return the array, or the arrays by name, that `put` wrote."""
     part = file[name]
     return {inner: data[()] for inner, data in part.items()} if hasattr(part, "items") else part[()]
 
@@ -424,39 +424,39 @@ _REFERENCE = [("length", "<u4"), ("heap", "<u8"), ("index", "<u4")]
 
 
 class Texts:
-    """The heaps of texts of a third-party file. Where a text is not in the file, HDF5 would read on beyond its end.
+    """The heaps of texts of a third-party file. If a text is not in the file, HDF5 would read beyond the end.
 
     Source: HDF5 File Format Specification 3.0, III.E, "Disk Format: Level 1E - Global Heap".
 
     Args:
-        content: of the file.
+        content: content of the file.
 
     Attributes:
-        whole: whether no heap ends elsewhere than it says.
+        whole: True if all heaps have the length that they declare.
     """
 
     def __init__(self, content: bytes) -> None:
         self._content = content
         self._lengths: dict[tuple[int, int], int] = {}
-        at, self.whole = content.find(b"GCOL"), True
-        while at >= 0 and self.whole:
-            self.whole = self._add(at)
-            at = content.find(b"GCOL", at + 4)
+        position, self.whole = content.find(b"GCOL"), True
+        while position >= 0 and self.whole:
+            self.whole = self._add(position)
+            position = content.find(b"GCOL", position + 4)
 
     def _add(self, at: int) -> bool:
-        """Take up the heap at a place; whether it is whole."""
+        """Add the heap at a position; return whether the heap is complete."""
         content = self._content
         end = at + int.from_bytes(content[at + 8 : at + 16], "little")
-        place = at + 16
-        while place + 16 <= end <= len(content):
-            index = int.from_bytes(content[place : place + 2], "little")
-            length = int.from_bytes(content[place + 8 : place + 16], "little")
+        position = at + 16
+        while position + 16 <= end <= len(content):
+            index = int.from_bytes(content[position : position + 2], "little")
+            length = int.from_bytes(content[position + 8 : position + 16], "little")
             self._lengths[at, index] = length
-            if index == 0:  # what is free, with its head
-                place += length if length else len(content)
+            if index == 0:  # free space, including its header
+                position += length if length else len(content)
             else:
-                place += 16 + -(-length // 8) * 8
-        return place <= end <= len(content)
+                position += 16 + -(-length // 8) * 8
+        return position <= end <= len(content)
 
     def has(self, data: Any) -> bool:
         """Return True if the strings of a data set are in the file; data sets stored in chunks are not checked."""

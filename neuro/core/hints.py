@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-# Words of other simulators, papers and habits, by ours; only those that are known at the place are suggested.
+# Words of other simulators and papers, by the word of this package. Only words that are valid at a place are suggested.
 _OTHERS = {
     "from": "source src pre",
     "source": "pre src from",
@@ -131,36 +131,36 @@ _OTHERS = {
     "repeats": "seeds trials",
 }
 ELSEWHERE: dict[str, tuple[str, ...]] = {}
-"""Ours, in order, by a word of others."""
+"""Words of this package, in order, by a word of others."""
 for _ours, _words in _OTHERS.items():
     for _word in _words.split():
         ELSEWHERE[_word] = (*ELSEWHERE.get(_word, ()), _ours)
 
-# Words of others without a counterpart, by what takes their place.
+# Words of others without a counterpart, by the hint for them.
 _WITHOUT = {
     "spikes are recorded without a device; 'probes' (YAML) or net.probe (Python) records the rest": "spike_recorder "
     "spike_detector multimeter voltmeter weight_recorder correlation_detector spin_detector spikemonitor statemonitor "
     "populationratemonitor record",
     "dopamine is a signal, or the spikes of a population: neuro models stdp_dopa": "volume_transmitter",
-    "write sim = neuro.compile(net), then sim.run(100.0); of a file neuro run FILE --for 100": "run simulate",
+    "write sim = neuro.compile(net), then sim.run(100.0); for a file neuro run FILE --for 100": "run simulate",
     "write net.population(name, shape, model), in YAML name: {shape: 3, model: iaf_psc_exp} in 'populations'": (
         "create population neurongroup ensemble"
     ),
     "write net.connect(source, target, rule), in YAML {from: source, to: target, rule: all_to_all} in 'projections'": (
         "connect projection connection synapses"
     ),
-    "it is given when the network runs: neuro run FILE --for 100, or sim.run(100.0)": "duration simtime run_time",
-    "it is given when the network runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)": "seed rng_seed",
-    "it is given when the network runs: neuro run FILE --threads 2, or neuro.compile(net, threads=2)": "threads",
+    "set it when the network runs: neuro run FILE --for 100, or sim.run(100.0)": "duration simtime run_time",
+    "set it when the network runs: neuro run FILE --seed 1, or neuro.compile(net, seed=1)": "seed rng_seed",
+    "set it when the network runs: neuro run FILE --threads 2, or neuro.compile(net, threads=2)": "threads",
     "the resistance is tau_m / C_m": "r r_m r_in",
     "the leak conductance is C_m / tau_m": "g_l gl g_leak",
-    "a state at the start is a word of 'initial', beside the model": "v_m v_init v0",
+    "write the initial value of a state in 'initial', beside the model": "v_m v_init v0",
     "write {name: {parameter: value}}": "params parameters cellparams",
     "weight and delay are words of a projection, beside its synapse": "weight delay",
     "write synapse: {static: {receptor: ex}}": "receptor receptor_type",
 }
 INSTEAD: dict[str, str] = {}
-"""A hint by a word of others; it is given where none of `ELSEWHERE` is known."""
+"""Hint by a word of others, used if no word of `ELSEWHERE` is known."""
 for _hint, _words in _WITHOUT.items():
     for _word in _words.split():
         INSTEAD[_word] = _hint
@@ -171,7 +171,7 @@ _MICRO = ("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return a hint with the nearest of the known names, or with all of them if none is near."""
+    """Return a hint with the nearest of the known names, or with all names if none is near."""
     names = sorted(known)
     if not names:
         return "none is defined"
@@ -179,8 +179,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(f"'{word}'" for word in close) + "?"
     if name.lower() in INSTEAD:
         return INSTEAD[name.lower()]
-    more = ", ..." if len(names) > _MAX_LISTED else ""
-    return "known: " + ", ".join(names[:_MAX_LISTED]) + more
+    ellipsis = ", ..." if len(names) > _MAX_LISTED else ""
+    return "known: " + ", ".join(names[:_MAX_LISTED]) + ellipsis
 
 
 def near(name: str, known: Iterable[str]) -> str:
@@ -237,14 +237,14 @@ def notation(text: str) -> str:
     number = _NUMBER.match(word)
     if number is None:
         return ""
-    rest = word[number.end() :].strip()
-    if rest[:1] in _MICRO and rest[1:].isalpha() and rest[1:].isascii():
-        return f"write {number[0]} u{rest[1:]}"
-    if unit := re.fullmatch(r"\*\s*([A-Za-z]+)", rest):
+    remainder = word[number.end() :].strip()
+    if remainder[:1] in _MICRO and remainder[1:].isalpha() and remainder[1:].isascii():
+        return f"write {number[0]} u{remainder[1:]}"
+    if unit := re.fullmatch(r"\*\s*([A-Za-z]+)", remainder):
         return f"write {number[0]} {unit[1]}"
-    if rest == "%":
+    if remainder == "%":
         return f"write {float(number[0]) / 100!r}"
-    if re.search(r"[-+*/()\d]", rest.lstrip("* ")):
+    if re.search(r"[-+*/()\d]", remainder.lstrip("* ")):
         return f"write $({word}) in YAML, or the result"
     return ""
 

@@ -1,4 +1,4 @@
-"""Elements of a page, with everything escaped that is not an element itself."""
+"""Elements of a page. All values that are not elements are escaped."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FOLDER = Path(__file__).parent
 
 
 class Html(str):
-    """Text that is HTML or SVG already."""
+    """Text that is HTML or SVG."""
 
     __slots__ = ()
 
@@ -31,14 +31,14 @@ class Html(str):
 def page(
     generator: str, title: str, parts: Iterable[object], script: str = "", record: Mapping[str, Any] | None = None
 ) -> str:
-    """A page that needs nothing else: no font, no network, no script but its own.
+    """Return a self-contained page, without other fonts, scripts or network connections.
 
     Args:
-        generator: the command that makes it, by which the file is known.
-        title: of the window.
-        parts: what it contains.
-        script: what the page runs; its policy lets the browser run nothing else.
-        record: where it comes from; what this process has read so far if not given, see `neuro.core.provenance`.
+        generator: command that makes the page, a mark of the file.
+        title: title of the window.
+        parts: content of the page.
+        script: script of the page; its policy lets the browser run no other script.
+        record: provenance of the page, see `neuro.core.provenance`; by default the files that this process has read.
     """
     template = Template((_FOLDER / "page.html").read_text("utf-8"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -54,7 +54,7 @@ def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: M
     """Return the first elements of a page's head.
 
     Args:
-        generator: the command that makes the page, a mark of the file.
+        generator: command that makes the page, a mark of the file.
         title: title of the window.
         scripts: scripts that the browser may run, in the words of its Content-Security-Policy.
         record: provenance of the page, see `neuro.core.provenance`; by default the files that this process has read.
@@ -74,44 +74,45 @@ def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: M
 
 
 def player_style() -> str:
-    """The style of pages that play something: panels, buttons, a time to drag. What each has alone follows it."""
+    """Return the style that pages with a player share: panels, buttons and a time slider."""
     return (_FOLDER / "player.css").read_text("utf-8").strip()
 
 
 def player_script() -> str:
-    """Return the script that all pages share: round marks on an axis."""
+    """Return the script that pages share: round marks on an axis."""
     return (_FOLDER / "player.js").read_text("utf-8").strip()
 
 
 _VOID = ("img", "input")
-"""Elements that contain nothing."""
+"""Elements without content."""
 
 
 def tag(name: str, *parts: object, **attributes: object) -> Html:
-    """An element.
+    """Return an element.
 
     Args:
-        name: of the element.
-        parts: what it contains: elements as they are, other values as text; None is left out.
-        attributes: by name; `class_` is "class", "_" is "-", None is left out, floats have at most two decimals.
+        name: name of the element.
+        parts: content: elements, and other values as text; None is left out.
+        attributes: attributes by name; `class_` is "class", "_" is "-", None is left out, floats have at most two
+            decimals.
     """
-    words = "".join(
+    text = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(_text(value))}"'
         for key, value in attributes.items()
         if value is not None
     )
-    return Html(f"<{name}{words}>" if name in _VOID else f"<{name}{words}>{join(parts)}</{name}>")
+    return Html(f"<{name}{text}>" if name in _VOID else f"<{name}{text}>{join(parts)}</{name}>")
 
 
 def join(parts: Iterable[object]) -> Html:
-    """Elements and texts one after the other."""
+    """Join elements and texts."""
     return Html("".join(p if isinstance(p, Html) else escape(_text(p)) for p in parts if p is not None))
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> Html:
-    """A table; columns whose name begins with ">" are numbers, set to the right.
+    """Return a table. Columns whose name begins with ">" are numbers, aligned to the right.
 
-    Where there is little room each row stands as a list, in which cells bear the names of their columns.
+    On a narrow screen each row is shown as a list of cells with the names of their columns.
     """
     kinds = ["n" if name.startswith(">") else None for name in columns]
     names = [name.lstrip(">") for name in columns]
@@ -120,12 +121,12 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str
         tag("tr", *(tag("td", cell, class_=k, data_is=n) for cell, k, n in zip(row, kinds, names, strict=True)))
         for row in rows
     ]
-    above = tag("caption", caption) if caption else None
-    return tag("div", tag("table", above, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
+    title = tag("caption", caption) if caption else None
+    return tag("div", tag("table", title, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
 
 
 def card(what: str, big: str, below: object) -> Html:
-    """A figure, large, with what it is; cards stand beside each other in an element of class "cards"."""
+    """Return a card with a large figure and its meaning. Cards are arranged by an element of class "cards"."""
     return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
 
 
@@ -139,7 +140,7 @@ def figure(picture: Html, caption: object, title: str = "", class_: str | None =
 
 
 def picture(drawing: Figure, label: str) -> Html:
-    """Return a Matplotlib figure as an image in its own colours, scaled to fit. `figure_svg` uses those of the page.
+    """Return a Matplotlib figure as an image in its own colours, scaled to fit; see also `figure_svg`.
 
     Args:
         drawing: the figure.
@@ -161,7 +162,7 @@ _COLOURS = {
     "#e69f00": "item1",
     "#56b4e9": "item6",
 }
-"""Colours of `neuro.plots`, and those of the style by which the page replaces them."""
+"""Colours of `neuro.plots`, and the style colours of the page that replace them."""
 _SPACE, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
 
 
@@ -170,8 +171,8 @@ def figure_svg(drawing: Figure, label: str) -> Html:
 
     Args:
         drawing: the figure. Its attribute `titles` has, by the `gid` of an artist, a text for each marker, line or cell
-            of the artist, which shows when this is pointed at.
-        label: for screen readers.
+            of the artist; the page shows the text under the pointer.
+        label: description for screen readers.
     """
     from matplotlib import rc_context
 
@@ -183,7 +184,7 @@ def figure_svg(drawing: Figure, label: str) -> Html:
     for part in root.iter():
         part.tag = part.tag.removeprefix(_SPACE)
         part.attrib = {name.removeprefix(_LINK): _shorter(name, value) for name, value in part.attrib.items()}
-        part.text, part.tail = (words and (words.strip() or None) for words in (part.text, part.tail))
+        part.text, part.tail = (content and (content.strip() or None) for content in (part.text, part.tail))
     for group in root.iter("g"):
         marks = list(group.iter("use")) or list(group.iter("path"))
         for mark, text in zip(marks, titles.get(group.attrib.pop("id", ""), ()), strict=False):
@@ -193,13 +194,13 @@ def figure_svg(drawing: Figure, label: str) -> Html:
         content = content.replace(colour, f"var(--{name})")
     width, height = drawing.get_size_inches() * 72
     box = f"0 0 {_text(float(width))} {_text(float(height))}"
-    # Text of 10 points stays readable: on a narrow screen the figure scrolls.
+    # On a narrow screen the figure scrolls, so that text of 10 points stays readable.
     style = f"max-width:{width * 96 / 72:.0f}px;min-width:{width * 0.75:.0f}px"
     return tag("svg", Html(content), viewBox=box, role="img", aria_label=label, style=style)
 
 
 def _shorter(name: str, value: str) -> str:
-    """An attribute of an SVG with two decimals, without superfluous spaces and the font, which is that of the page."""
+    """Return an attribute of an SVG with two decimals, without superfluous spaces and without the font."""
     if name in ("d", "x", "y", "transform"):
         value = re.sub(r"(\.\d\d)\d+", r"\1", " ".join(value.split()))
         return re.sub(r" (?=[MLCQz-])|(?<=[MLCQ]) ", "", value) if name == "d" else value
@@ -210,19 +211,19 @@ def _shorter(name: str, value: str) -> str:
 
 
 def legend(*entries: tuple[str, str]) -> Html:
-    """Small squares, each of a class, and what they mean."""
+    """Return small squares of some classes, with their meanings."""
     return tag("p", *(tag("span", tag("i", class_=kind), text) for kind, text in entries), class_="legend")
 
 
 def svg(width: float, height: float, *parts: object, label: str, class_: str | None = None) -> Html:
-    """A drawing as wide as its place allows.
+    """Return a drawing that is scaled to the available width.
 
     Args:
-        width: in units of its own, which are pixels where there is room.
-        height: likewise.
-        parts: what it shows.
-        label: for screen readers.
-        class_: of the element.
+        width: width in units of the drawing, which are pixels if there is room.
+        height: height in the same units.
+        parts: content of the drawing.
+        label: description for screen readers.
+        class_: class of the element.
     """
     box = f"0 0 {_text(width)} {_text(height)}"
     style = f"max-width:{_text(width)}px"
@@ -230,19 +231,19 @@ def svg(width: float, height: float, *parts: object, label: str, class_: str | N
 
 
 def text(x: float, y: float, words: object, class_: str | None = None, anchor: str | None = None) -> Html:
-    """Words in a drawing."""
+    """Return a text in a drawing."""
     return tag("text", words, x=x, y=y, class_=class_, text_anchor=anchor)
 
 
 def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:
-    """A line in a drawing."""
+    """Return a line in a drawing."""
     return tag("line", x1=x1, y1=y1, x2=x2, y2=y2, class_=class_)
 
 
 def box(
     x: float, y: float, width: float, height: float, class_: str, title: str = "", opacity: float | None = None
 ) -> Html:
-    """A rectangle in a drawing; `title` shows when it is pointed at."""
+    """Return a rectangle in a drawing. `title` is shown under the pointer."""
     hover = tag("title", title) if title else None
     return tag("rect", hover, x=x, y=y, width=width, height=height, class_=class_, fill_opacity=opacity)
 

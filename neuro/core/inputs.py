@@ -13,7 +13,7 @@ from typing import Any
 from neuro.core.errors import ModelError
 
 CLOSED = "NEURO_STREAMS_CLOSED"
-"""An environment variable: a process that has it, and those that it starts, open no stream."""
+"""Environment variable of processes that open no stream; child processes inherit it."""
 __all__ = ["CLOSED", "digest_of", "existing", "file_path", "gathering", "record_input", "recorded_inputs"]
 
 _BLOCK = 1 << 20
@@ -22,26 +22,26 @@ _lists: list[dict[str, None]] = []
 
 
 def record_input(path: str | os.PathLike[str]) -> None:
-    """A file is an input of what is made in this process from now on."""
+    """Record a file as an input of all later results of this process."""
     name = os.path.abspath(os.fspath(path))
-    for each in (_read, *_lists):
-        each[name] = None
+    for files in (_read, *_lists):
+        files[name] = None
 
 
 def recorded_inputs() -> tuple[str, ...]:
-    """All files that were read so far, as absolute paths, in the order in which they were first read."""
+    """Return all files that were read so far, as absolute paths, in the order of the first read."""
     return tuple(_read)
 
 
 @contextmanager
 def gathering() -> Iterator[dict[str, None]]:
-    """The files that are read in a block, as keys."""
+    """Collect the files that are read in a block, as keys."""
     files: dict[str, None] = {}
     _lists.append(files)
     try:
         yield files
     finally:
-        _lists[:] = [each for each in _lists if each is not files]
+        _lists[:] = [other for other in _lists if other is not files]
 
 
 def _folder_digest(folder: Path) -> str:
@@ -67,7 +67,7 @@ def digest_of(path: str | os.PathLike[str]) -> str:
         state = os.stat(path)
         if stat.S_ISDIR(state.st_mode):
             return _folder_digest(Path(path))
-        if not stat.S_ISREG(state.st_mode):  # a pipe would be waited for
+        if not stat.S_ISREG(state.st_mode):  # reading a pipe would wait
             return ""
         key = os.fspath(path), state.st_mtime_ns, state.st_size
         if key not in _digests:

@@ -1,4 +1,4 @@
-"""Being asked to end while there is something to finish, or while compiled code runs."""
+"""Requests to end during work that must be finished, or while compiled code runs."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
         end()
 
     signals = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup asks for
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores it
         signals.append(signal.SIGHUP)
-    before = {each: signal.signal(each, ask) for each in signals}
+    previous = {number: signal.signal(number, ask) for number in signals}
     try:
         yield
     finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 # Python calls the handler of a signal between two of its instructions, so never while compiled code runs. The signal
@@ -58,18 +58,18 @@ BETWEEN_STEPS, AT_ONCE = 1, 2
 """Requests to a compiled loop: end between two steps, or at once, which leaves a step unfinished."""
 
 PATIENCE_S = 0.25
-"""Seconds after which a loop that has not ended between two steps shall end at once."""
+"""Time in s after which a loop that has not ended between two steps must end at once."""
 
 _ASKING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
 class _Watch:
-    """The pipe and the thread that reads it.
+    """A pipe for signals, and the thread that reads the pipe.
 
     Attributes:
-        stop: what the compiled code looks at that the main thread runs now.
-        before: the descriptor that others had set; what is read is passed on to it.
-        set_at: when the descriptor was set last.
+        stop: the number that the compiled code of the main thread tests.
+        before: descriptor that others had set; signals are passed on to it.
+        set_at: time at which the descriptor was last set.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ class _Watch:
     def _watch(self) -> None:
         while numbers := os.read(self.read, 64):
             if self.before >= 0:
-                with suppress(OSError):  # closed since
+                with suppress(OSError):  # the descriptor may be closed
                     os.write(self.before, numbers)
             stop = self.stop
             if stop is None or _ASKING.isdisjoint(numbers):
@@ -96,7 +96,7 @@ class _Watch:
 _watch: _Watch | None = None
 _MAIN = threading.main_thread().ident
 _AGAIN_S = 0.01
-"""Seconds after which the descriptor is set again, as others may have set theirs: to set it takes as long as a step."""
+"""Time in s after which the descriptor is set again, as others may set theirs. Setting takes as long as a step."""
 
 
 def _forget() -> None:
@@ -109,12 +109,13 @@ os.register_at_fork(after_in_child=_forget)
 
 
 class Interruptible:
-    """A block in which compiled code of the main thread is told to end when the program is asked to.
+    """A block in which a request to end also ends compiled code of the main thread.
 
-    Signals reach the main thread only; in another one this does nothing.
+    Signals reach the main thread only; in other threads the block does nothing.
 
     Args:
-        stop: one number, cleared when the block begins. A signal sets it to `BETWEEN_STEPS`, and later to `AT_ONCE`.
+        stop: array of one number, cleared when the block begins. A signal sets it to `BETWEEN_STEPS`, and later to
+            `AT_ONCE`.
     """
 
     def __init__(self, stop: NDArray[np.int64]) -> None:
@@ -122,18 +123,18 @@ class Interruptible:
 
     def __enter__(self) -> None:
         global _watch
-        if self._stop.item():  # a signal came as the last block ended
+        if self._stop.item():  # a signal came at the end of the last block
             self._stop[0] = 0
         if get_ident() != _MAIN:
             return
         if _watch is None:
             _watch = _Watch()
-        now = monotonic()
-        if now - _watch.set_at > _AGAIN_S:
-            before = signal.set_wakeup_fd(_watch.write, warn_on_full_buffer=False)
-            if before != _watch.write:
-                _watch.before = before
-            _watch.set_at = now
+        time_s = monotonic()
+        if time_s - _watch.set_at > _AGAIN_S:
+            descriptor = signal.set_wakeup_fd(_watch.write, warn_on_full_buffer=False)
+            if descriptor != _watch.write:
+                _watch.before = descriptor
+            _watch.set_at = time_s
         _watch.stop = self._stop
 
     def __exit__(self, kind: object, error: object, traceback: object) -> None:
@@ -144,7 +145,7 @@ class Interruptible:
 
 
 def end_if_stopped(stop: NDArray[np.int64]) -> None:
-    """Clear a stop between two steps; to be called when compiled code has returned, after handlers of the signal.
+    """Clear a stop between two steps. Call it after compiled code has returned and signal handlers have run.
 
     Raises:
         KeyboardInterrupt: a step is unfinished.
@@ -157,8 +158,8 @@ def end_if_stopped(stop: NDArray[np.int64]) -> None:
 
 
 def torn() -> ModelError:
-    """Return the error of a network that goes on after it was interrupted within a step."""
+    """Return the error for a network that continues after it was interrupted within a step."""
     return ModelError(
         "the network was interrupted within a step: expected whole steps",
-        hint="sim.reset() begins anew; sim.restore continues from a saved state",
+        hint="use sim.reset() to begin anew, or sim.restore to continue from a saved state",
     )

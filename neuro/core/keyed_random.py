@@ -1,7 +1,7 @@
-"""Randomness as a function of a key, so that nothing else can change it.
+"""Random numbers as a function of a key, so that nothing else can change them.
 
 A draw depends on (seed, purpose, name of the part, neuron, step) alone: it is the same on every backend, for
-any number of threads, for any cutting of a run, and when another part is added to the network.
+any number of threads, for any division of a run, and when another part is added to the network.
 The mixing function is the finaliser of SplitMix64: Steele, Lea & Flood, OOPSLA 2014, figure 16.
 """
 
@@ -17,7 +17,7 @@ STEP_STRIDE = 0x9E3779B97F4A7C15
 NEURON_STRIDE = 0xD1B54A32D192ED03
 LARGEST_MEAN = 500.0
 NTH_STRIDE = 1 << 48
-"""More than there are steps."""
+"""Larger than the largest number of steps."""
 
 
 def key(seed: int, purpose: str, name: str) -> int:
@@ -27,7 +27,7 @@ def key(seed: int, purpose: str, name: str) -> int:
 
 
 def generator(seed: int, purpose: str, name: str) -> np.random.Generator:
-    """A NumPy generator for what is drawn once, while compiling (connections, weights, initial states)."""
+    """Return a NumPy generator for draws at compilation (connections, weights, initial states)."""
     return np.random.Generator(np.random.PCG64(key(seed, purpose, name)))
 
 
@@ -46,12 +46,12 @@ def uniform(part_key: int, step: int, neurons: NDArray[np.int64]) -> NDArray[np.
 
 
 def nth(step: int, n: int) -> int:
-    """In place of a step, for the draws of the n-th event of it, from 0."""
+    """Return a number that replaces the step in draws of the n-th event of a step, from 0."""
     return step + n * NTH_STRIDE
 
 
 def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDArray[np.float64]:
-    """The numbers of `uniform` for many steps and the first `neurons` neurons, shape (steps, neurons)."""
+    """Return the numbers of `uniform` for many steps and the first `neurons` neurons, shape (steps, neurons)."""
     base = mix(np.uint64(part_key) + steps.astype(np.uint64) * np.uint64(STEP_STRIDE))
     words = mix(base[:, None] + np.arange(neurons, dtype=np.uint64) * np.uint64(NEURON_STRIDE))
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
@@ -66,7 +66,7 @@ def uniform_pairs(part_key: int, pre: NDArray[np.int64], post: NDArray[np.int64]
 
 @lru_cache(maxsize=1024)
 def poisson_table(mean: float) -> NDArray[np.float64]:
-    """Cumulative probabilities of a Poisson variable, up to where they stop growing.
+    """Return the cumulative probabilities of a Poisson variable, up to the last that differs from its predecessor.
 
     The number drawn for a uniform u is the count of entries <= u. `mean` must not exceed `LARGEST_MEAN`.
     """
@@ -83,9 +83,9 @@ def poisson_table(mean: float) -> NDArray[np.float64]:
 
 
 def normal_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDArray[np.float64]:
-    """Standard normal numbers for many steps and the first `neurons` neurons, shape (steps, neurons)."""
+    """Return standard normal numbers for many steps and the first `neurons` neurons, shape (steps, neurons)."""
     from scipy.special import ndtri
 
     u = uniform_table(part_key, steps, neurons)
-    normal: NDArray[np.float64] = ndtri(np.maximum(u, 2.0**-54, out=u), out=u)  # of 0 it would be infinite
+    normal: NDArray[np.float64] = ndtri(np.maximum(u, 2.0**-54, out=u), out=u)  # for u = 0 the result would be infinite
     return normal

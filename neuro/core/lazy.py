@@ -1,4 +1,4 @@
-"""Public names that are imported on first use, so that a start imports only what it needs."""
+"""Public names that are imported on first use, so that a start imports few modules."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 DISTRIBUTION = "neuro-snn"
-"""The name of this package where packages are installed; on the index `neuro` is another one."""
+"""Name of this package in package indexes, where `neuro` is another package."""
 
 PACKAGES = {"neuro.events": "neuro_events", "neuro.live": "neuro_live", "neuro.sweeps": "neuro_sweeps"}
-"""Public modules of `neuro` that are packages of their own, in `apps`: the package of each."""
+"""Package of each public module of `neuro` that is a separate package in `apps`."""
 
 
 def public_names(
@@ -46,9 +46,9 @@ def public_names(
             raise AttributeError(f"module '{module}' has no attribute '{name}'{hint and f': {hint}'}")
         try:
             home = import_module(homes[name])
-            # The module itself would look here again for a name that is a module inside it.
-            inside = homes[name] == module or not hasattr(home, name)
-            value = import_module(f"{homes[name]}.{name}") if inside else getattr(home, name)
+            # For a submodule, getattr of the module itself would call this function again.
+            is_submodule = homes[name] == module or not hasattr(home, name)
+            value = import_module(f"{homes[name]}.{name}") if is_submodule else getattr(home, name)
         except ModuleNotFoundError as error:
             package = PACKAGES.get(f"{module}.{name}", homes[name].partition(".")[0])
             if error.name not in (package, f"{module}.{name}"):
@@ -61,14 +61,14 @@ def public_names(
 
 
 def missing(package: str) -> str:
-    """The end of a sentence on something that a package of `apps` brings which is not installed."""
+    """Return the end of a message about a part of a package of `apps` that is not installed."""
     return f"is in the package {package}, which is not installed: it comes with {DISTRIBUTION}"
 
 
 def taken_away(entry: EntryPoint) -> str:
-    """The package of an entry point of ours, such as a command or a backend, that was deleted; "" for all others.
+    """Return the deleted package of an entry point of this distribution, e.g. of a command; "" for all others.
 
-    An entry point of another distribution whose package is missing is broken, which who asks for it reports.
+    A missing package of another distribution is an error, which its user reports.
     """
     from importlib.util import find_spec
 
@@ -87,7 +87,7 @@ class PublicModules:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The place of a module; None for all others.
+        """Return the spec of a public module; None for all others.
 
         Raises:
             ModuleNotFoundError: the package is not installed.
@@ -102,12 +102,12 @@ class PublicModules:
             if error.name != PACKAGES[public]:
                 raise
             raise ModuleNotFoundError(f"{fullname} {missing(PACKAGES[public])}", name=fullname) from None
-        loader: Any = self  # its base class would take a slow import
-        place = (module, module.__spec__)
-        return ModuleSpec(fullname, loader, loader_state=place, is_package=hasattr(module, "__path__"))
+        loader: Any = self  # the base class would need a slow import
+        state = (module, module.__spec__)
+        return ModuleSpec(fullname, loader, loader_state=state, is_package=hasattr(module, "__path__"))
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """The module under its own name."""
+        """Return the module under its own name."""
         module: ModuleType = spec.loader_state[0]
         return module
 
@@ -119,15 +119,15 @@ class PublicModules:
 
 
 def homes_in(file: str, block: str = "") -> dict[str, str]:
-    """The module from which a file imports each name as itself, in the block under a line or everywhere."""
+    """Return the module of each name that a file imports as itself, in the block under a line or everywhere."""
     homes: dict[str, str] = {}
-    home, inside = "", not block
-    # Read by words: importing `ast`, `re` or `pathlib` for it would take half as long as the rest of `import neuro`.
+    home, is_in_block = "", not block
+    # The file is split into words, since importing `ast`, `re` or `pathlib` would take half as long as `import neuro`.
     with open(file, encoding="utf-8") as source:
         for line in source:
             if block and line.strip() and not line.startswith(" "):
-                inside = line == block
-            elif inside:
+                is_in_block = line == block
+            elif is_in_block:
                 words = line.replace("(", " ").replace(")", " ").replace(",", " ").split()
                 if words[:1] == ["from"]:
                     home, words = words[1], words[3:]

@@ -59,8 +59,8 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
     bad = np.flatnonzero(~(np.isfinite(times) & (times > 0) & (np.diff(times, prepend=0.0) >= 0)))
     if bad.size:
         k = int(bad[0])
-        place = ", ".join(map(str, [*index, k]))
-        message = f"{what}[{place}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order"
+        position = ", ".join(map(str, [*index, k]))
+        message = f"{what}[{position}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order"
         raise ModelError(message, path=tuple(map(str, [*index, k])))
     return times
 
@@ -103,17 +103,17 @@ def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     bad |= ~((np.abs(payloads) < 2**31) & (payloads == np.floor(payloads))).all(axis=1)
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
-        before = f" after {shown(float(times[k - 1]))} ms" if k and times[k] < times[k - 1] else ""
+        previous = f" after {shown(float(times[k - 1]))} ms" if k and times[k] < times[k - 1] else ""
         carried = "".join(f" with payload {_or_beyond(payload)}" for payload in payloads[k])
-        spike = f"{shown(float(times[k]))} ms of neuron {_or_beyond(ids[k])}{carried}{before}"
+        spike = f"{shown(float(times[k]))} ms of neuron {_or_beyond(ids[k])}{carried}{previous}"
         raise ModelError(f"{what}[{k}] = {spike}: expected {q.expected()}", path=(str(k),))
     return rows
 
 
 def _or_beyond(value: float) -> str:
     """Return a number as text, and the largest whole number if the number exceeds it."""
-    beyond = f", above {LARGEST}" if value > LARGEST else f", below -{LARGEST}" if value < -LARGEST else ""
-    return shown(float(value)) + beyond
+    bound = f", above {LARGEST}" if value > LARGEST else f", below -{LARGEST}" if value < -LARGEST else ""
+    return shown(float(value)) + bound
 
 
 def _rows(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:

@@ -47,9 +47,7 @@ def _groups() -> list[Path]:
         lines = []
     inner = [line[4:] for line in lines if line.startswith("0::/")]
     own = [_GROUP / name for name in inner if ".." not in name]
-    return list(
-        dict.fromkeys([_GROUP, *(group for each in own for group in (each, *each.parents) if _GROUP in group.parents)])
-    )
+    return list(dict.fromkeys([_GROUP, *(group for g in own for group in (g, *g.parents) if _GROUP in group.parents)]))
 
 
 def _of_group(group: Path) -> int | None:
@@ -63,7 +61,7 @@ def _of_group(group: Path) -> int | None:
 
 
 def _table(path: Path) -> dict[str, int]:
-    """The lines of a file that are a word and a whole number."""
+    """Return the lines of a file that consist of a word and a whole number."""
     try:
         lines = [line.split() for line in path.read_text().splitlines()]
     except OSError:
@@ -80,14 +78,14 @@ def discard(array: NDArray[Any], first: int, last: int) -> None:
     if not hasattr(mmap, "MADV_DONTNEED"):
         return
     data = array.ctypes.data
-    least = -(-data // mmap.PAGESIZE) * mmap.PAGESIZE
-    begin, end = (max(least, (data + k * array.itemsize) // _HUGE * _HUGE) for k in (first, last))
+    first_page = -(-data // mmap.PAGESIZE) * mmap.PAGESIZE
+    begin, end = (max(first_page, (data + k * array.itemsize) // _HUGE * _HUGE) for k in (first, last))
     if begin < end:
         _library().madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), mmap.MADV_DONTNEED)
 
 
 def give_back() -> None:
-    """Give to the system what was freed and is kept ready for this process, where its C library can."""
+    """Return freed memory that the C library holds to the system, if the library can."""
     try:
         _library().malloc_trim(0)
     except (AttributeError, OSError, TypeError):  # another C library, or another system
@@ -96,5 +94,5 @@ def give_back() -> None:
 
 @cache
 def _library() -> ctypes.CDLL:
-    """The C library of this process."""
+    """Return the C library of this process."""
     return ctypes.CDLL(None)

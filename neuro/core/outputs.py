@@ -1,4 +1,4 @@
-"""Output files: atomic, and never in place of files of others.
+"""Output files: written atomically, and never in place of files of others.
 
 The rule for every file that this package and its apps write:
 
@@ -51,9 +51,9 @@ __all__ = [
 ]
 
 PART = ".part"
-"""The end of the name of a file that is not complete."""
+"""End of the name of an incomplete file."""
 HEAD = 4096
-"""Bytes at the beginning of a file among which its mark is."""
+"""Number of bytes at the beginning of a file that contain its mark."""
 
 _HOST = re.sub(r"\W", "-", platform.node())[:24]
 _PART = re.compile(rf"\..*\.{_HOST}\.(\d{{1,9}})\.\d+\.part", re.DOTALL)
@@ -66,11 +66,11 @@ _number = itertools.count()
 _swept: set[Path] = set()
 _pipes: dict[tuple[int, int], int] = {}
 _READER_S = 2.0
-"""Seconds in which the reader of a pipe must come."""
+"""Time within which the reader of a pipe must open the pipe, s."""
 
 
 class Unwritable(ModelError):
-    """A file cannot be written, or what stands there is not to be replaced.
+    """A file cannot be written, or an existing file must not be replaced.
 
     Attributes:
         what: the message without the name of the file.
@@ -83,14 +83,14 @@ class Unwritable(ModelError):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of file that is written here.
+    """A kind of output file.
 
     Attributes:
-        what: it is, for messages, e.g. "a page of 'neuro compare'".
-        ours: whether a file is one that was written here. Kinds without a mark, as event files, cannot tell, and are
-            replaced only where the user asks for it.
-        ask: how the user asks, "" where there is no way.
-        seal: gives a text that is to be written what shows later that it was not edited.
+        what: noun for messages, e.g. "a page of 'neuro compare'".
+        ours: function that returns whether this package wrote a file of this kind. Kinds without a mark, such as event
+            files, return False, and are replaced only if the user asks.
+        ask: option with which the user asks to replace a file, "" if there is none.
+        seal: function that adds a digest to a text before it is written, so that later edits are detected.
     """
 
     what: str
@@ -100,7 +100,7 @@ class Kind:
 
 
 def marked(what: str, mark: str, ask: str = "", anywhere: bool = False) -> Kind:
-    """A kind of file that has a text near its beginning, or anywhere."""
+    """Return a kind of file that contains a text near its beginning, or anywhere."""
 
     def ours(path: Path) -> bool:
         with path.open("rb") as file:
@@ -120,14 +120,14 @@ def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
         digest: format of the digest, with "{}" for the digits.
         ask: see `Kind`.
     """
-    before, after = (part.encode() for part in digest.split("{}"))
-    place = re.compile(
-        re.escape(mark.encode()) + b"(" + re.escape(before) + b"([0-9a-f]{32})" + re.escape(after) + b")"
+    prefix, suffix = (part.encode() for part in digest.split("{}"))
+    pattern = re.compile(
+        re.escape(mark.encode()) + b"(" + re.escape(prefix) + b"([0-9a-f]{32})" + re.escape(suffix) + b")"
     )
 
     def ours(path: Path) -> bool:
         content = path.read_bytes()
-        match = place.search(content[:HEAD])
+        match = pattern.search(content[:HEAD])
         return match is not None and _digest(content[: match.start(1)], content[match.end(1) :]) == match[2].decode()
 
     def seal(text: str) -> str:
@@ -151,9 +151,9 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep
     Args:
         path: path of the file.
         kind: kind of the file.
-        replace: the user allows to replace any other file.
-        keep: write to `path` with ".part" appended, and leave that file, unless it is empty, if the block fails or the
-            process is killed; if such a file exists the new one gets a number, e.g. walk.2.dat.part.
+        replace: whether to replace files of other kinds.
+        keep: whether to write to `path` with ".part" appended, and to leave that file, unless it is empty, if the block
+            fails or the process is killed; if such a file exists, the new one gets a number, e.g. walk.2.dat.part.
 
     Raises:
         Unwritable: see `check_output`; or the disk is full.
@@ -173,16 +173,16 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep
 
 
 def check_output(path: Path, kind: Kind, replace: bool = False) -> None:
-    """See whether a file may be written, before long work; nothing is left behind.
+    """Raise an error if a file cannot be written. Called before long work; no file is left.
 
     Args:
-        path: of the file.
-        kind: what is written.
-        replace: whether the user asks for the place of any other file.
+        path: path of the file.
+        kind: kind of the file.
+        replace: whether to replace files of other kinds.
 
     Raises:
-        Unwritable: there is no such folder, it cannot be written to, `path` is a folder or something else that no
-            file can be written to, or a file that is not ours.
+        Unwritable: the folder does not exist or cannot be written to, `path` is a folder, a disk or a socket, or
+            `path` is a file of another kind.
     """
     with _telling(path):
         number = _descriptor(path)
@@ -191,19 +191,19 @@ def check_output(path: Path, kind: Kind, replace: bool = False) -> None:
             return
         mode = _mode(path)
         if mode is not None:
-            _check_there(path, mode)
+            _check_existing(path, mode)
             if stat.S_ISREG(mode) and not replace and not kind.ours(path):
                 raise _in_the_way(path, kind)
         part = _part(path)
         if path.is_symlink() and not part.parent.is_dir():
-            raise Unwritable(path, f"leads to {_leads_to(path)}: expected a link into a folder that is there")
+            raise Unwritable(path, f"leads to {_leads_to(path)}: expected a link into an existing folder")
         _sweep(part.parent)
         part.touch(exist_ok=False)
         part.unlink()
 
 
-def _check_there(path: Path, mode: int) -> None:
-    """Refuse what no file can be written to."""
+def _check_existing(path: Path, mode: int) -> None:
+    """Raise an error if an existing path cannot be written to."""
     if stat.S_ISDIR(mode):
         raise Unwritable(path, "is a folder, expected the name of a file")
     if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
@@ -215,7 +215,7 @@ def _check_there(path: Path, mode: int) -> None:
 
 
 def _open_pipe(path: Path) -> None:
-    """Open a pipe that has a reader, and keep the pipe open until the write: a reader stops when no writer is left."""
+    """Open a pipe that has a reader, and keep it open until the write, because a reader stops without a writer."""
     state = path.stat()
     until = time.monotonic() + _READER_S
     while (state.st_dev, state.st_ino) not in _pipes:
@@ -232,7 +232,7 @@ def _open_pipe(path: Path) -> None:
 
 
 def _descriptor(path: Path) -> int | None:
-    """The open descriptor that a name, or the link of that name, stands for; None for all other names."""
+    """Return the open descriptor of a name, or of a link with that name; None for all other names."""
     name = os.path.abspath(path)
     for _ in range(40):
         match = _DESCRIPTOR.fullmatch(name)
@@ -271,7 +271,7 @@ def _is_special(path: Path) -> bool:
 
 
 def write_text(path: Path, text: str, kind: Kind, replace: bool = False) -> None:
-    """Write a text, with the seal of its kind; arguments and errors as of `output`."""
+    """Write a text with the seal of its kind; see `output` for arguments and errors."""
     with output(path, kind, replace) as part:
         part.write_text(kind.seal(text), "utf-8")
 
@@ -301,7 +301,7 @@ def make_folder(path: Path) -> None:
 
 @contextmanager
 def _telling(path: Path, part: Path | None = None) -> Iterator[None]:
-    """Tell what the system refuses as the user's file has it; errors about other files than the part go on."""
+    """Report errors of the system with the name of the user's file. Errors about other files are passed on."""
     try:
         yield
     except OSError as error:
@@ -313,24 +313,24 @@ def _telling(path: Path, part: Path | None = None) -> Iterator[None]:
 
 
 def _part(path: Path) -> Path:
-    """A new name beside the file that a name leads to; for what is no file a new name among temporary files."""
+    """Return a new name in the folder of the file, or in the folder of temporary files for pipes and devices."""
     folder = Path(tempfile.gettempdir()) if _is_special(path) else _leads_to(path).parent
     return folder / f".{path.name[:50]}.{_HOST}.{os.getpid()}.{next(_number)}.part"
 
 
 def kept_parts(path: Path) -> Iterator[Path]:
-    """Names of parts that stay after a failure, without end: of walk.dat walk.dat.part, walk.2.dat.part, and so on."""
+    """Yield names of parts that stay after a failure: walk.dat.part, walk.2.dat.part, ... for walk.dat."""
     target = _leads_to(path)
     names = itertools.chain([target.name], (f"{target.stem}.{k}{target.suffix}" for k in itertools.count(2)))
     return (target.with_name(name + PART) for name in names)
 
 
 def free_part(path: Path, is_kept: Callable[[Path], bool] = os.path.lexists) -> Path:
-    """The first of `kept_parts` that may be written.
+    """Return the first name of `kept_parts` that may be written.
 
     Args:
-        path: of the complete file.
-        is_kept: whether a part must stay; every part that exists if not given.
+        path: path of the complete file.
+        is_kept: function that returns whether a part must stay; by default every existing part stays.
     """
     return next(part for part in kept_parts(path) if not is_kept(part))
 
@@ -340,7 +340,7 @@ def _leads_to(path: Path) -> Path:
 
 
 def _take_place(part: Path, path: Path) -> None:
-    """Put what is written where it belongs, all at once where that is a file."""
+    """Rename the written file to the final name, or copy the content to a pipe or device."""
     try:
         if _is_special(path):
             with part.open("rb") as source, _opened(path) as target:
@@ -354,7 +354,7 @@ def _take_place(part: Path, path: Path) -> None:
 
 
 def _opened(path: Path) -> IO[bytes]:
-    """A pipe, device or descriptor to write into; a descriptor goes on where it is, as others may write there, too."""
+    """Open a pipe, device or descriptor for writing. A descriptor keeps its position, since others may write, too."""
     number = _descriptor(path)
     if number is None:
         state = path.stat()
@@ -370,9 +370,9 @@ def _opened(path: Path) -> IO[bytes]:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what killed processes of this user and machine have left in a folder, as far as that can be done.
+    """Remove files that killed processes of this user and machine have left in a folder, if possible.
 
-    Once, since it may have many files.
+    A folder is searched only once, since it may have many files.
     """
     if folder in _swept:
         return

@@ -1,4 +1,4 @@
-"""Checks of third-party classes: whether they have the functions and methods that backends and the compiler call."""
+"""Checks that third-party classes have the functions and methods that backends and the compiler call."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) 
     """Refuse a model whose arithmetic lacks a function, or has one with other arguments.
 
     Args:
-        label: what messages call the model.
+        label: name of the model in messages.
         model: the class.
-        functions: how many arguments each takes.
+        functions: number of arguments of each function, by name.
 
     Raises:
-        TypeError: it says which.
+        TypeError: a function is missing or has other arguments; the message names the function.
     """
     arithmetic = model.arithmetic
     for name, count in functions.items():

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PICTURE = "a picture of neuro"
-# Of a PNG the whole chunk of text: of the length 14, then its kind, keyword and text.
+# For PNG the complete chunk of text: the length 14, then kind, keyword and text.
 _PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
     ".png": (marked(_PICTURE, "\0\0\0\x0etEXtSoftware\0neuro"), {"Software": "neuro"}),
     ".pdf": (marked(_PICTURE, "/Creator (neuro)", anywhere=True), {"Creator": "neuro"}),
@@ -21,7 +21,7 @@ _PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Write a figure as PNG, or as PDF or SVG where its name ends so; errors as of `output`."""
+    """Write a figure as PNG, PDF or SVG, by the ending of the name; see `output` for errors."""
     ending = path.suffix if path.suffix in _PICTURES else ".png"
     kind, metadata = _PICTURES[ending]
     with output(path, kind) as part:
@@ -29,7 +29,7 @@ def write_picture(path: Path, figure: Figure) -> None:
 
 
 def check_picture(path: Path) -> None:
-    """See whether a picture may be written, before long work; errors as of `check_output`, and for another ending."""
+    """Raise an error if a picture cannot be written, see `check_output`, or if the name has another ending."""
     if path.suffix not in _PICTURES:
         raise ModelError(f"{path}: expected a name ending in {', '.join(_PICTURES)}")
     check_output(path, _PICTURES[path.suffix][0])

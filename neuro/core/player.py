@@ -1,7 +1,7 @@
-"""Pages that play something in a browser: tracks along one time, with buttons, keys and a time to drag.
+"""Pages with a player in a browser: tracks along one time, with buttons, keys and a time slider.
 
-All data lie in the page, arrays as base64 of little-endian numbers, so it needs nothing else; no screen is needed to
-make it. The script `tracks.js` draws each kind of track.
+The page contains all data, arrays as base64 of little-endian numbers, and is made without a screen. The script
+`tracks.js` draws each kind of track.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ class Track:
 
     Attributes:
         kind: frames (pictures by moment), events (of a camera), image (numbers by moment as shades), raster (spikes),
-            curve (lines along time), bars (numbers by moment), or one that the script of the page adds.
-        name: of the element that it is drawn in.
-        label: the text for screen readers.
-        data: what is drawn, by the names that `tracks.js` reads; arrays are packed. With `at`, (moments,) times, the
-            track has moments of its own. `notes` are texts for the title: before the first moment, then of each.
-        height: px; 0 if it follows from the data.
-        square: the drawing is as high as it is wide.
+            curve (lines along time), bars (numbers by moment), or a kind that the script of the page adds.
+        name: name of the element of the drawing.
+        label: description for screen readers.
+        data: data by the names that `tracks.js` reads; arrays are packed. With `at`, (moments,) times, the track has
+            its own moments. `notes` are texts for the title: before the first moment, then for each moment.
+        height: height in px; 0 if it follows from the data.
+        square: whether the drawing is as high as wide.
     """
 
     kind: str
@@ -54,10 +54,10 @@ class Panel:
     """A box with a title and tracks below each other.
 
     Attributes:
-        title: of the box.
-        tracks: in it.
-        note: text or an element beside the title, such as a key of colours.
-        controls: the box has the buttons, too.
+        title: title of the box.
+        tracks: tracks in the box.
+        note: text or an element beside the title, e.g. a key of colours.
+        controls: whether the box has the buttons, too.
         content: an element below the tracks.
     """
 
@@ -73,10 +73,10 @@ class Readout:
     """A number beside the buttons.
 
     Attributes:
-        name: of it.
-        values: (moments,), NaN where there is none.
-        digits: after the point; None shows three significant digits.
-        unit: with a space before it.
+        name: name of the number.
+        values: value at each moment, (moments,); NaN for no value.
+        digits: number of digits after the point; None for three significant digits.
+        unit: unit, with a space before it.
     """
 
     name: str
@@ -90,20 +90,20 @@ class Timeline:
     """The time of a page.
 
     Attributes:
-        end: the last time, in units of the page.
-        begin: where the page opens.
-        rate: units that pass in a ms of the viewer at speed 1.
-        speeds: that can be chosen.
-        speed: index of the one chosen first.
-        speed_label: what the speeds are.
+        end: last time, in units of the page.
+        begin: time at which the page opens.
+        rate: units of the page per ms of the viewer at speed 1.
+        speeds: speeds that can be chosen.
+        speed: index of the initial speed.
+        speed_label: meaning of the speeds.
         moments: (n,) ascending times to which the arrow keys move; None if these are 0, 1, ... end and nothing lies
             between them.
-        shift: moments by which an arrow moves with shift.
-        help: what the arrow keys do, with `<kbd>` elements.
-        label: words before the time.
-        scale: by which a time is multiplied to be shown.
-        digits: of the time shown.
-        unit: of the time shown, with a space before it.
+        shift: number of moments by which an arrow with shift moves.
+        help: explanation of the arrow keys, with `<kbd>` elements.
+        label: text before the time.
+        scale: factor from a time to the shown time.
+        digits: number of digits of the shown time.
+        unit: unit of the shown time, with a space before it.
         readouts: numbers beside the buttons.
     """
 
@@ -124,12 +124,12 @@ class Timeline:
 
 
 def closest(speeds: Sequence[tuple[str, float]], speed: float) -> int:
-    """Return the index of the speed with the smallest ratio to a wanted one."""
+    """Return the index of the speed that is nearest to a given speed, by their ratio."""
     return min(range(len(speeds)), key=lambda k: abs(log(speeds[k][1] / speed)))
 
 
 def evenly(many: int, most: int) -> int:
-    """Return n, so that one of every n of so many things gives at most so many."""
+    """Return n so that every n-th of `many` items are at most `most` items."""
     return max(1, -(-many // most))
 
 
@@ -147,27 +147,27 @@ def page(
     """Return the text of a page.
 
     Args:
-        generator: the command that makes it, by which the file is known.
-        title: of the page.
-        about: a few words each, below the title.
-        timeline: of all tracks.
-        top: panels beside each other; those of a sequence stand below each other.
+        generator: command that makes the page, a mark of the file.
+        title: title of the page.
+        about: short texts below the title.
+        timeline: time of all tracks.
+        top: panels beside each other; panels of a sequence are below each other.
         below: panels over the whole width; one of them has the controls.
         columns: widths of the columns of `top` on a wide screen, in the words of CSS.
-        script: what the page adds to the script: kinds of tracks as functions in `draws`.
+        script: additional script of the page, with further kinds of tracks as functions in `draws`.
     """
-    parts = [tag("div", *map(_panel, one), class_="side") if not isinstance(one, Panel) else _panel(one) for one in top]
-    panels = [each for one in [*top, below] for each in ([one] if isinstance(one, Panel) else one)]
+    parts = [tag("div", *map(_panel, p), class_="side") if not isinstance(p, Panel) else _panel(p) for p in top]
+    panels = [panel for p in [*top, below] for panel in ([p] if isinstance(p, Panel) else p)]
     controls = _controls(timeline)
     body = tag(
         "main",
         tag("h1", title),
         tag("p", " · ".join(about)),
         tag("div", *parts, id="top", style=f"--columns: {columns}"),
-        *(_panel(one, "wave", controls) for one in below),
+        *(_panel(panel, "wave", controls) for panel in below),
     )
-    tracks = [{"kind": one.kind, "name": one.name, **one.data} for panel in panels for one in panel.tracks]
-    words = json.dumps({"clock": timeline, "tracks": tracks}, default=_packed).replace("<", "\\u003c")
+    tracks = [{"kind": track.kind, "name": track.name, **track.data} for panel in panels for track in panel.tracks]
+    data = json.dumps({"clock": timeline, "tracks": tracks}, default=_packed).replace("<", "\\u003c")
     code = "\n".join(['"use strict";', html.player_script(), _text("tracks.js"), script, "draw();"])
     return f"""<!doctype html>
 <html lang="en">
@@ -180,7 +180,7 @@ def page(
 </head>
 <body>
 {body}
-<script type="application/json" id="data">{words}</script>
+<script type="application/json" id="data">{data}</script>
 <script>
 {code}
 </script>
@@ -213,24 +213,24 @@ def write(file: Path, kind: Kind, what: str, make: Callable[[], tuple[str, T]]) 
     return result
 
 
-def _panel(one: Panel, class_: str | None = None, controls: Html | None = None) -> Html:
-    note = tag("span", one.note) if one.note else None
-    dynamic = [tag("span", id=f"{each.name}Note") for each in one.tracks if "notes" in each.data]
-    head = tag("h2", one.title, note, *dynamic) if one.title else None
+def _panel(panel: Panel, class_: str | None = None, controls: Html | None = None) -> Html:
+    note = tag("span", panel.note) if panel.note else None
+    dynamic = [tag("span", id=f"{track.name}Note") for track in panel.tracks if "notes" in track.data]
+    head = tag("h2", panel.title, note, *dynamic) if panel.title else None
     drawings = []
-    for each in one.tracks:
-        element, word = ("img", "alt") if each.kind == "frames" else ("canvas", "aria_label")
-        shape = "square" if each.square else "fixed" if each.height else None
-        style = f"height: {each.height}px" if each.height else None
-        drawings.append(tag(element, id=each.name, class_=shape, style=style, **{word: each.label}))
-    return tag("section", head, *drawings, one.content, controls if one.controls else None, class_=class_)
+    for track in panel.tracks:
+        element, word = ("img", "alt") if track.kind == "frames" else ("canvas", "aria_label")
+        shape = "square" if track.square else "fixed" if track.height else None
+        style = f"height: {track.height}px" if track.height else None
+        drawings.append(tag(element, id=track.name, class_=shape, style=style, **{word: track.label}))
+    return tag("section", head, *drawings, panel.content, controls if panel.controls else None, class_=class_)
 
 
 def _controls(timeline: Timeline) -> Html:
     row = (
         tag("button", "Play", id="play"),
         tag("output", id="now"),
-        *(tag("span", f"{one.name} ", tag("output", id=one.name)) for one in timeline.readouts),
+        *(tag("span", f"{number.name} ", tag("output", id=number.name)) for number in timeline.readouts),
         tag("label", f"{timeline.speed_label} ", tag("select", id="speed")),
         tag(
             "span", Html(f"<kbd>space</kbd> plays and pauses, <kbd>←</kbd> <kbd>→</kbd> {timeline.help}"), class_="keys"
@@ -243,7 +243,7 @@ def _controls(timeline: Timeline) -> Html:
 def _packed(values: Any) -> dict[str, Any] | float:
     """Return a value as JSON. An array becomes `{type: base64 of the bytes}`, with the smallest type of integers."""
     if isinstance(values, Timeline | Readout):
-        return {one.name: getattr(values, one.name) for one in fields(values)}
+        return {field.name: getattr(values, field.name) for field in fields(values)}
     if isinstance(values, np.generic):
         return float(values)
     array = np.asarray(values)

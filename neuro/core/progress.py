@@ -18,9 +18,9 @@ def _is_terminal() -> bool:
 
 
 class Bar:
-    """A bar with what is being done and how long it will still take, of which nothing stays.
+    """A bar with a description and the remaining time, which is removed at the end.
 
-    Where stderr is no terminal, a log say, the same is printed as a line every ten seconds.
+    If stderr is no terminal, e.g. a log, a line is printed every ten seconds instead.
     """
 
     def __enter__(self) -> Bar:
@@ -41,11 +41,11 @@ class Bar:
         self.stop()
 
     def stop(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._bar.stop()
 
     def say(self, text: str) -> None:
-        """Say what is going on, how long it takes being unknown."""
+        """Show a description of work whose duration is unknown."""
         self._bar.update(self._task, description=text, total=None)
         self._line(text)
 
@@ -61,7 +61,7 @@ class Bar:
             done: completed amount.
             total: total amount.
             text: description.
-            line: also print a line if stderr is no terminal; False if the work is logged otherwise.
+            line: whether to print a line if stderr is no terminal; False if the work is logged otherwise.
         """
         if done < self._done:
             self._bar.reset(self._task)
@@ -74,31 +74,31 @@ class Bar:
             self._line(f"{text}, {remaining_s:,.0f} s left" if remaining_s >= 1 else text)
 
     def keep(self, text: str) -> None:
-        """A line that stays."""
+        """Print a line that stays."""
         self._console.print(text, markup=False)
 
     def _line(self, text: str) -> None:
-        now = time.monotonic()
-        if not self._moves and sys.stderr is not None and now - self._told >= EVERY_S:
-            self._told = now
+        time_s = time.monotonic()
+        if not self._moves and sys.stderr is not None and time_s - self._told >= EVERY_S:
+            self._told = time_s
             self.keep(text)
 
 
 def advance(sim: Any, steps: int, bar: Bar) -> float:
-    """Run in stretches of about a fifth of a second, between which the bar moves and Ctrl-C is heard.
+    """Run in stretches of about a fifth of a second. Between them the bar moves and Ctrl-C is handled.
 
     Running in parts gives the same bits. Processes that share a network must keep step, so they run at once.
 
     Args:
-        sim: a simulation, that of `neuro.compile` or one that runs like it.
-        steps: how many.
-        bar: shows how far it is.
+        sim: a simulation of `neuro.compile`, or an object that runs like it.
+        steps: number of steps.
+        bar: bar that shows the progress.
 
     Returns:
-        how long the first step took in s where others follow: in it kernels are compiled, once on a machine, which
-        reports nothing of the others; else 0.
+        duration of the first of several steps in s, else 0. The first step compiles kernels, once on a machine, so it
+        is no measure for the others.
     """
-    from neuro.core.clock import Clock  # with numpy, which a start of the command line does not pay for
+    from neuro.core.clock import Clock  # imports numpy, which a start of the command line avoids
 
     clock = Clock(sim.program.resolution)
     sim.check_room(steps)

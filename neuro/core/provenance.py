@@ -1,4 +1,4 @@
-"""Provenance of files: the facts to make a file again, and to tell what has changed since.
+"""Provenance of files: the facts that reproduce a file, and that show what has changed since.
 
 A record is plain data, written as JSON into every file of results, states, models and reports:
 
@@ -33,11 +33,11 @@ from neuro.core.version import VERSION
 __all__ = ["ATTRIBUTE", "command", "commit", "differences", "machine", "provenance", "versions"]
 
 ATTRIBUTE = "provenance"
-"""Of HDF5 files, and the name of a <meta> of pages: the record as JSON."""
+"""Name of the record as JSON: an attribute of HDF5 files, and a <meta> of pages."""
 
 COMPUTE = ("numpy", "numba", "scipy", "llvmlite")
 _ALSO = ("torch", "scikit-learn", "nest-simulator")
-"""Named where they were imported."""
+"""Packages whose versions are recorded only if they were imported."""
 
 _MODULES = {"scikit-learn": "sklearn", "nest-simulator": "nest"}
 _MANY = 100
@@ -45,11 +45,11 @@ _FOLDER = Path(__file__).parents[2]
 
 
 def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[str, Any]:
-    """The record of what this process makes now.
+    """Return the record of a result of this process.
 
     Args:
-        files: what it is made of; all files that were read so far if not given.
-        of_a_run: backend, threads, seed and network, where there are such; None is left out.
+        files: input files; by default all files that were read so far.
+        of_a_run: backend, threads, seed and network of a run; None is left out.
     """
     read = _outermost(inputs.recorded_inputs() if files is None else files)
     return {
@@ -66,20 +66,20 @@ def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[s
 
 def _outermost(files: Iterable[str]) -> list[str]:
     """Remove this package's tables and files within folders that are inputs; many files of a folder become one."""
-    own, every = str(_FOLDER / "neuro") + os.sep, list(dict.fromkeys(files))
-    every = [name for name in every if not name.startswith(own)]
-    if len(every) > _MANY:
+    own_folder, names = str(_FOLDER / "neuro") + os.sep, list(dict.fromkeys(files))
+    names = [name for name in names if not name.startswith(own_folder)]
+    if len(names) > _MANY:
         by_folder: dict[str, list[str]] = {}
-        for name in every:
+        for name in names:
             by_folder.setdefault(os.path.dirname(name), []).append(name)
-        every = [name for folder, names in by_folder.items() for name in ([folder] if len(names) > _MANY else names)]
-    folders = {name + os.sep for name in every if os.path.isdir(name)}
-    return [name for name in every if not any(name.startswith(folder) for folder in folders)]
+        names = [name for folder, part in by_folder.items() for name in ([folder] if len(part) > _MANY else part)]
+    folders = {name + os.sep for name in names if os.path.isdir(name)}
+    return [name for name in names if not any(name.startswith(folder) for folder in folders)]
 
 
 @cache
 def commit() -> str:
-    """The commit of the sources that run, with "+" where they were edited since; "" where they are no checkout."""
+    """Return the commit of the running sources, with "+" if they were edited; "" if they are no checkout."""
     if not (_FOLDER / ".git").exists():
         return ""
     try:
@@ -91,9 +91,9 @@ def commit() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computes."""
-    also = [name for name in _ALSO if _MODULES.get(name, name) in sys.modules]
-    return {"python": platform.python_version()} | {name: _version(name) for name in (*COMPUTE, *also)}
+    """Return the versions of Python and of the packages that compute."""
+    imported = [name for name in _ALSO if _MODULES.get(name, name) in sys.modules]
+    return {"python": platform.python_version()} | {name: _version(name) for name in (*COMPUTE, *imported)}
 
 
 @cache
@@ -107,13 +107,13 @@ def _version(name: str) -> str:
 def command() -> str:
     """Return the command line of this process: `neuro run net.yaml`, or `python script.py`."""
     name = Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "python"
-    first = ["neuro"] if name in ("neuro", "__main__.py") else ["python", *sys.argv[:1]]
-    return shlex.join([*first, *sys.argv[1:]])
+    program = ["neuro"] if name in ("neuro", "__main__.py") else ["python", *sys.argv[:1]]
+    return shlex.join([*program, *sys.argv[1:]])
 
 
 @cache
 def machine() -> str:
-    """The machine in words."""
+    """Return a description of the machine."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     parts = (platform.system(), platform.release(), _processor(), f"{os.cpu_count()} cores", f"{memory:.0f} GiB")
     return ", ".join(parts)
@@ -133,8 +133,8 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     for word in ("neuro", "commit", "backend", "threads", "seed", "network", "machine"):
         if word in then and word in now and then[word] != now[word]:
             lines.append(f"{word}: {then[word]} then, {now[word]} now")
-    before, after = then.get("versions", {}), now.get("versions", {})
-    for name in sorted(before.keys() & after.keys()):
-        if before[name] != after[name]:
-            lines.append(f"{name}: {before[name]} then, {after[name]} now")
+    old_versions, new_versions = then.get("versions", {}), now.get("versions", {})
+    for name in sorted(old_versions.keys() & new_versions.keys()):
+        if old_versions[name] != new_versions[name]:
+            lines.append(f"{name}: {old_versions[name]} then, {new_versions[name]} now")
     return lines

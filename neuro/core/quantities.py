@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from neuro.core.errors import ModelError, words_of
 
 LARGEST = 2**31 - 1
-"""The largest whole number, unless a quantity has a bound of its own, and the negative of the smallest."""
+"""Largest whole number, and the negative of the smallest, unless a quantity has its own bound."""
 
 Value: TypeAlias = Any  # float | per-element array | Choice (a distribution) | FromFile; narrowed by check()
 
@@ -24,9 +24,9 @@ class Kind(NamedTuple):
     """A kind of quantities.
 
     Attributes:
-        noun: a value of it, in messages.
-        check: returns a value in its canonical form; its arguments are the quantity, the value, and the name of the
-            value in messages.
+        noun: noun for a value in messages.
+        check: function that returns a value in its canonical form; its arguments are the quantity, the value, and the
+            name of the value in messages.
         is_list: True if a value is a list, which may also come from a file.
     """
 
@@ -36,7 +36,7 @@ class Kind(NamedTuple):
 
 
 KINDS: dict[str, Kind] = {}
-"""The kinds by name; `neuro.core.checks` and `neuro.core.lists` define them."""
+"""Kinds by name, defined by `neuro.core.checks` and `neuro.core.lists`."""
 
 _Check = TypeVar("_Check", bound=Callable[..., Any])
 
@@ -78,7 +78,7 @@ class Quantity:
         part: class of kind "part", a `Choice`.
         choice: base class of the choices of kinds "choice" and "choices".
         of_value: the parameter takes the unit of the value that its distribution or function describes, e.g. `low` of
-            `uniform` is in pA where the weight is. Until that unit is known, a number with a unit stays a text.
+            `uniform` is in pA if the weight is. Until that unit is known, a number with a unit stays a text.
         taken_in: unit of numbers with a unit, if `unit` does not give it.
         of_distance: a function of the distance between two neurons is accepted.
         bounds: sign, number and comparison of each bound.
@@ -106,10 +106,10 @@ class Quantity:
 
     def __post_init__(self) -> None:
         bounds = ((sign, getattr(self, word), holds) for word, sign, holds in _BOUNDS)
-        object.__setattr__(self, "bounds", tuple(one for one in bounds if one[1] is not None))
+        object.__setattr__(self, "bounds", tuple(bound for bound in bounds if bound[1] is not None))
 
     def expected(self) -> str:
-        """The sentence part that says what is accepted, e.g. "a number > 0 ms"."""
+        """Return the accepted values as a part of a sentence, e.g. "a number > 0 ms"."""
         if self.kind == "word":
             return "one of " + ", ".join(self.words)
         if self.kind == "microseconds":
@@ -136,18 +136,18 @@ class Quantity:
 
 
 def quantity(default: Any = MISSING, unit: str = "", doc: str = "", **more: Any) -> Any:
-    """A dataclass field that carries a `Quantity`; see there for `more`."""
+    """Return a dataclass field with a `Quantity`; see `Quantity` for `more`."""
     q = Quantity(unit=unit, doc=doc, optional=default is None, **more)
     return field(default=default, metadata={"quantity": q})
 
 
 def word_of(name: str) -> str:
-    """The word of the language for a Python field name (`lambda_` is `lambda`)."""
+    """Return the word of the language for a Python field name, e.g. `lambda` for `lambda_`."""
     return name.rstrip("_")
 
 
 def field_of(word: str) -> str:
-    """The Python field name for a word of the language: keywords get a trailing underscore (`lambda` is `lambda_`)."""
+    """Return the Python field name for a word of the language. Keywords get an underscore, e.g. `lambda_`."""
     return f"{word}_" if keyword.iskeyword(word) else word
 
 

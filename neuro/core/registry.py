@@ -25,7 +25,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _REGISTRIES: list[Registry[Any]] = []
-_ROOMS = (
+_REGISTRY_MODULES = (
     "neuro.model.neurons",
     "neuro.model.synapses",
     "neuro.model.rules",
@@ -42,21 +42,22 @@ _ROOMS = (
     "neuro.coding.world",
     "neuro_sweeps.function",
 )
-"""Where registries are made, some in packages that may be missing. A class or an instance brings its own along; a
-plain function does not."""
+"""Modules that define registries; some packages may be missing. The module of a class imports its registry, but the
+module of a plain function may not."""
 
 
 class Registry(Mapping[str, T], Generic[T]):
-    """All parts of one kind, by name, ours first.
+    """All parts of one kind, by name, built-in parts first.
 
     Args:
-        kind: what one is, for messages, e.g. "synapse model".
-        own: those of this package, or by name the module of each, which is imported when the part is asked for.
-        takes: whether a thing is of this kind; a kind of plain functions is said to `register`.
-        group: the entry points of installed packages.
-        name: how a part is called.
-        complete: returns a third-party part if it has all that is relied on, and raises `TypeError` if not. It is
-            asked when the part is first used: a decorator sees a class before the functions below it.
+        kind: name of the kind in messages, e.g. "synapse model".
+        own: parts of this package, or the module of each part by name, which is imported at the first use of the part.
+        takes: function that returns whether an object is of this kind; None for kinds of plain functions, whose kind
+            is an argument of `register`.
+        group: group of entry points of installed packages.
+        name: function that returns the name of a part.
+        complete: function that returns a third-party part if it has all needed functions, and else raises `TypeError`.
+            It is called at the first use of the part, since a decorator sees a class before the functions below it.
     """
 
     def __init__(
@@ -89,24 +90,24 @@ class Registry(Mapping[str, T], Generic[T]):
         name = self._name(part)
         if self._closed_by:
             message = f"{self.kind} '{name}' is registered too late: {self._closed_by}"
-            hint = "register it first; an instance of it works in Python without being registered"
+            hint = "register it earlier; in Python an instance works without registration"
             raise ModelError(message, where=here(), hint=hint)
         if name in self:
             raise ModelError(f"{self.kind} '{name}' is registered twice", where=here(), hint="give it another name")
         self._registered[name] = part
 
     def check(self, part: T) -> None:
-        """Refuse a part, registered or not, that lacks what is relied on.
+        """Refuse a part, registered or not, that lacks a needed function.
 
         Raises:
-            ModelError: it says what.
+            ModelError: a function is missing; the message names it.
         """
         ours = id(part) in self._whole or self._homes.get(self._name(part)) == part.__module__
         if not ours:
             self._completed(part)
 
     def close(self, reason: str) -> None:
-        """Take no more parts from now on, since `reason`."""
+        """Refuse further parts, for a reason that messages contain."""
         self._closed_by = self._closed_by or reason
 
     def __getitem__(self, name: str) -> T:
@@ -123,7 +124,7 @@ class Registry(Mapping[str, T], Generic[T]):
                 try:
                     part = entry.load()
                 except Exception as error:
-                    hint = "install again the package that brings it"
+                    hint = "install the package with this part again"
                     raise ModelError(f"{message}: {type(error).__name__}: {error}", hint=hint) from error
                 if self.takes is not None and not self.takes(part):
                     raise ModelError(f"{message}: found {part!r:.60}: expected a {self.kind}")
@@ -134,9 +135,9 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __iter__(self) -> Iterator[str]:
         """Yield names, those of installed packages last, so that built-in parts need no look at entry points."""
-        here = dict.fromkeys((*self._homes, *self._parts, *self._registered))
-        yield from here
-        yield from (name for name in sorted(self._present()) if name not in here)
+        local_names = dict.fromkeys((*self._homes, *self._parts, *self._registered))
+        yield from local_names
+        yield from (name for name in sorted(self._present()) if name not in local_names)
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -146,11 +147,11 @@ class Registry(Mapping[str, T], Generic[T]):
         return ours or name in self._registered or name in self._entries()
 
     def values(self) -> ValuesView[T]:
-        """All parts; of installed packages those that can be loaded."""
+        """Return all parts. Parts of installed packages that cannot be loaded are left out."""
         return _Values(self)
 
     def items(self) -> ItemsView[str, T]:
-        """All parts with their names; of installed packages those that can be loaded."""
+        """Return all parts with their names. Parts of installed packages that cannot be loaded are left out."""
         return _Items(self)
 
     def _whole_ones(self) -> Iterator[tuple[str, T]]:
@@ -164,11 +165,11 @@ class Registry(Mapping[str, T], Generic[T]):
             else:
                 yield name, part
         for name in self._entries() & {*self._own, *self._registered}:
-            where = installed(self._group)[name].value
-            self._tell(name, f"{self.kind} '{name}' of {where} is not used: there is one of that name")
+            origin = installed(self._group)[name].value
+            self._tell(name, f"{self.kind} '{name}' of {origin} is not used: the name is taken")
 
     def _tell(self, name: str, what: str) -> None:
-        """Warn once of a part that an installed package brings in vain: its name was not asked for."""
+        """Warn once of a part of an installed package that cannot be used."""
         if name not in self._told:
             self._told.add(name)
             warnings.warn(what, stacklevel=2)
@@ -177,7 +178,7 @@ class Registry(Mapping[str, T], Generic[T]):
         return installed(self._group).names if self._group else set()
 
     def _present(self) -> set[str]:
-        """The names of entry points without those of packages of ours that were deleted."""
+        """Return the names of entry points, without those of deleted packages of this distribution."""
         entries = installed(self._group) if self._group else ()
         return {entry.name for entry in entries if not taken_away(entry)}
 
@@ -191,7 +192,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
 
 class _Values(ValuesView[T]):
-    """The parts of a registry. Each is loaded when it is asked for: to find one of ours needs no look at packages."""
+    """The parts of a registry. A part is loaded at its turn, so built-in parts need no look at packages."""
 
     _mapping: Registry[T]
 
@@ -200,7 +201,7 @@ class _Values(ValuesView[T]):
 
 
 class _Items(ItemsView[str, T]):
-    """The parts of a registry with their names, loaded likewise."""
+    """The parts of a registry with their names, see `_Values`."""
 
     _mapping: Registry[T]
 
@@ -210,14 +211,14 @@ class _Items(ItemsView[str, T]):
 
 @cache
 def installed(group: str) -> EntryPoints:
-    """The entry points of one group of all installed packages."""
+    """Return the entry points of a group, of all installed packages."""
     entry_points: EntryPoints = _installed().select(group=group)
     return entry_points
 
 
 @cache
 def _installed() -> Any:
-    from importlib.metadata import entry_points  # it takes as long as all models
+    from importlib.metadata import entry_points  # this import takes as long as the import of all models
 
     return entry_points()
 
@@ -229,18 +230,18 @@ def register(*, kind: str) -> Callable[[R], R]: ...
 def register(thing: Any = None, *, kind: str = "") -> Any:
     """Make a part known by its name: in YAML, Python, on the command line, in `neuro models` and `neuro schema`.
 
-    Also a decorator. A class of neurons, generators, synapses, rules, distributions or filters, an event format, a
-    chip and a backend are recognised by their class; a plain function says what it is by `kind`.
+    The function is also a decorator. Neurons, generators, synapses, rules, distributions, filters, event formats, chips
+    and backends are recognised by their class. A plain function needs the argument `kind`.
 
     Args:
         thing: the part.
-        kind: of a function, e.g. `@neuro.register(kind="segmenter")`.
+        kind: kind of a function, e.g. `@neuro.register(kind="segmenter")`.
 
     Returns:
         The part itself.
 
     Raises:
-        ModelError: it is of no known kind, its name is taken, or it comes too late.
+        ModelError: the part is of no known kind, its name is taken, or it is registered too late.
     """
     if thing is None:
         return lambda function: register(function, kind=kind)
@@ -251,9 +252,9 @@ def register(thing: Any = None, *, kind: str = "") -> Any:
 def _registry_of(thing: object, kind: str) -> Registry[Any]:
     registry_of_kind = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if registry_of_kind is None:
-        for room in _ROOMS:
-            if find_spec(room.partition(".")[0]) is not None:
-                import_module(room)
+        for module in _REGISTRY_MODULES:
+            if find_spec(module.partition(".")[0]) is not None:
+                import_module(module)
         registry_of_kind = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
     if registry_of_kind is not None:
         return registry_of_kind
@@ -261,8 +262,8 @@ def _registry_of(thing: object, kind: str) -> Registry[Any]:
     hint = "write neuro.register(kind=...) above a function" if callable(thing) and not kind else ""
     if any(registry.kind == kind for registry in _REGISTRIES):
         raise ModelError(f"neuro.register: found {thing!r:.60}: expected a {kind}", where=here())
-    what = f"kind = {kind!r}" if kind else f"found {thing!r:.60}"
-    raise ModelError(f"neuro.register: {what}: expected one of these: {kinds}", where=here(), hint=hint)
+    problem = f"kind = {kind!r}" if kind else f"found {thing!r:.60}"
+    raise ModelError(f"neuro.register: {problem}: expected one of these: {kinds}", where=here(), hint=hint)
 
 
 def _is_of(registry: Registry[Any], thing: object, kind: str) -> bool:
@@ -290,10 +291,10 @@ class OfModule:
         self._functions = functions
 
     def __get__(self, model: object, kind: type[Any]) -> Any:
-        for each in kind.__mro__:
-            if any(isinstance(vars(each).get(name), FunctionType) for name in self._functions):
+        for base in kind.__mro__:
+            if any(isinstance(vars(base).get(name), FunctionType) for name in self._functions):
                 return kind
-            module = sys.modules.get(each.__module__)
+            module = sys.modules.get(base.__module__)
             if module is not None and any(hasattr(module, name) for name in self._functions):
                 return module
         return sys.modules[kind.__module__]

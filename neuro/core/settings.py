@@ -25,9 +25,9 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", *, op
         unit: physical unit.
         doc: meaning of the value.
         source: origin of the default.
-        option: placeholder of the value on the command line, after another name than the field's if it has one:
-            "N", or "--for MS". Without it the command line has no option for the field.
-        more: bounds and words of `Quantity`; its `kind` follows from the default if not given.
+        option: placeholder of the value on the command line, e.g. "N", or name and placeholder if the name differs
+            from the field's, e.g. "--for MS"; "" for no option on the command line.
+        more: bounds and words of `Quantity`; by default its `kind` follows from the default.
     """
     example = default[0] if isinstance(default, tuple) and default else default
     kinds = {bool: "boolean", int: "integer", str: "word" if more.get("words") else "name"}
@@ -56,7 +56,7 @@ class Row:
 class Settings:
     """Base of settings: values that are checked when an instance is made.
 
-    A field is made by `setting` or `part`. A plain field has a name as well, but no check; one with the metadata
+    A field is made by `setting` or `part`. A plain field has a name as well, but no check; a field with the metadata
     ``{"fixed": True}`` can be neither changed by name nor written to a file.
 
     Class attributes:
@@ -67,24 +67,24 @@ class Settings:
 
     def __post_init__(self) -> None:
         place = self.place()
-        for one in fields(self):
-            if q := one.metadata.get("quantity"):
-                what = f"{place}: {one.name}" if place else one.name
-                object.__setattr__(self, one.name, self.checked(one, q, getattr(self, one.name), what))
+        for entry in fields(self):
+            if q := entry.metadata.get("quantity"):
+                name = f"{place}: {entry.name}" if place else entry.name
+                object.__setattr__(self, entry.name, self.checked(entry, q, getattr(self, entry.name), name))
 
-    def checked(self, one: Field[Any], q: Quantity, value: Any, what: str) -> Any:
+    def checked(self, entry: Field[Any], q: Quantity, value: Any, what: str) -> Any:
         """Return the value of a field in its canonical form; several values become a tuple.
 
         Args:
-            one: the field.
-            q: its quantity.
-            value: to check.
-            what: the name of the value in messages.
+            entry: the field.
+            q: quantity of the field.
+            value: value to check.
+            what: name of the value in messages.
 
         Raises:
-            ModelError: the value is out of bounds, or no list where the default is one.
+            ModelError: the value is out of bounds, or no list although the default is a list.
         """
-        if not isinstance(one.default, tuple) or q.kind == "names":
+        if not isinstance(entry.default, tuple) or q.kind == "names":
             return check(q, value, what)
         if not isinstance(value, (list, tuple)) or not value:
             raise ModelError(f"{what} = {value!r}: expected a list, each of it {q.expected()}")
@@ -102,53 +102,53 @@ class Settings:
     @classmethod
     def own(cls) -> dict[str, Field[Any]]:
         """Return the fields that can be changed by name."""
-        return {one.name: one for one in fields(cls) if "fixed" not in one.metadata}
+        return {entry.name: entry for entry in fields(cls) if "fixed" not in entry.metadata}
 
     def rows(self, before: str = "") -> Iterator[Row]:
         """Yield all checked values; values of parts have the name of the part as prefix."""
-        for one in fields(self):
-            value = getattr(self, one.name)
+        for entry in fields(self):
+            value = getattr(self, entry.name)
             if isinstance(value, Part):
-                yield Row(before + one.name, value.called(), "", value.about(), value.source)
-                yield from value.rows(f"{before}{one.name}.")
-            elif q := one.metadata.get("quantity"):
-                yield Row(before + one.name, value, q.unit, q.doc, one.metadata["source"])
+                yield Row(before + entry.name, value.called(), "", value.about(), value.source)
+                yield from value.rows(f"{before}{entry.name}.")
+            elif q := entry.metadata.get("quantity"):
+                yield Row(before + entry.name, value, q.unit, q.doc, entry.metadata["source"])
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Return settings with some values changed.
 
         Args:
-            values: by name; a part by the name of another, or its values by ``part.value``. The name of a part's value
-                is enough where no other has it.
+            values: new values by name. A part takes the name of another part, and its values are ``part.value``, or
+                only the name of the value if no other part has that name.
 
         Raises:
-            ModelError: a name is unknown or could mean several, or a value is out of its bounds.
+            ModelError: a name is unknown or ambiguous, or a value is out of bounds.
         """
-        own = self.own()
-        new = {name: self._part_of(own[name], value) for name, value in values.items() if _holds_part(own.get(name))}
-        new |= {name: values[name] for name in values if name in own and name not in new}
-        whole = replace(self, **new)
+        known = self.own()
+        new = {name: self._part_of(known[name], v) for name, v in values.items() if _holds_part(known.get(name))}
+        new |= {name: values[name] for name in values if name in known and name not in new}
+        new_settings = replace(self, **new)
         inner: dict[str, dict[str, Any]] = {}
         for name in values:
-            if name not in own:
-                holder, word = whole._holder(name)
+            if name not in known:
+                holder, word = new_settings._holder(name)
                 inner.setdefault(holder, {})[word] = values[name]
-        return replace(whole, **{name: getattr(whole, name).changed(each) for name, each in inner.items()})
+        return replace(new_settings, **{name: getattr(new_settings, name).changed(v) for name, v in inner.items()})
 
-    def _part_of(self, one: Field[Any], value: Any) -> Part:
+    def _part_of(self, entry: Field[Any], value: Any) -> Part:
         """Return the part with a name; the current part keeps its values."""
-        kind: type[Part] = one.metadata["part"]
+        kind: type[Part] = entry.metadata["part"]
         if isinstance(value, kind):
             return value
-        present: Part = getattr(self, one.name)
+        present: Part = getattr(self, entry.name)
         return present if value == present.called() else kind.named(value)
 
     def _holder(self, name: str) -> tuple[str, str]:
         """Return the part, and the value in it, that a name means."""
-        parts = {word: getattr(self, word) for word, one in self.own().items() if _holds_part(one)}
-        first, dot, rest = name.partition(".")
-        if dot and first in parts:
-            return first, rest
+        parts = {word: getattr(self, word) for word, entry in self.own().items() if _holds_part(entry)}
+        part_name, dot, value_name = name.partition(".")
+        if dot and part_name in parts:
+            return part_name, value_name
         holders = [word for word, part in parts.items() if part.takes(name)]
         if len(holders) > 1:
             raise ModelError(
@@ -165,24 +165,24 @@ class Settings:
 
     def as_words(self) -> dict[str, Any]:
         """Return all values as plain data, for files: a part is ``{name: values}``."""
-        words: dict[str, Any] = {}
+        plain_values: dict[str, Any] = {}
         for name in self.own():
             value = getattr(self, name)
             if isinstance(value, Part):
-                words[name] = {value.called(): value.as_words()}
+                plain_values[name] = {value.called(): value.as_words()}
             else:
-                words[name] = list(value) if isinstance(value, tuple) else value
-        return words
+                plain_values[name] = list(value) if isinstance(value, tuple) else value
+        return plain_values
 
     @classmethod
     def from_words(cls, words: Mapping[str, Any]) -> Self:
-        """Return the settings of which `as_words` gave these words, also after a way through JSON."""
+        """Return the settings from the result of `as_words`, also after storage as JSON."""
         values: dict[str, Any] = {}
-        for name, one in cls.own().items():
+        for name, entry in cls.own().items():
             value = words[name]
-            if _holds_part(one):
+            if _holds_part(entry):
                 ((part_name, inner),) = value.items()
-                values[name] = type(one.metadata["part"].named(part_name)).from_words(inner)
+                values[name] = type(entry.metadata["part"].named(part_name)).from_words(inner)
             else:
                 values[name] = tuple(value) if isinstance(value, list) else value
         return cls(**values)
@@ -193,8 +193,8 @@ class Part(Settings):
     """Base of the parts of settings. A kind of part is a subclass with `kind`, whose subclasses are the parts.
 
     Class attributes:
-        kind: its name in messages.
-        source: where the part is described.
+        kind: name of the kind in messages.
+        source: publication of the part.
         known: the parts of this kind by name.
     """
 
@@ -207,7 +207,7 @@ class Part(Settings):
         """Return the part of this kind with a name and the default values.
 
         Raises:
-            ModelError: there is none.
+            ModelError: there is no such part.
         """
         if not isinstance(name, str) or name not in cls.known:
             raise unknown(cls.kind, str(name), cls.known)
@@ -224,5 +224,5 @@ class Part(Settings):
         return (cls.__doc__ or "").partition("\n")[0]
 
 
-def _holds_part(one: Field[Any] | None) -> bool:
-    return one is not None and "part" in one.metadata
+def _holds_part(entry: Field[Any] | None) -> bool:
+    return entry is not None and "part" in entry.metadata

@@ -1,4 +1,4 @@
-"""The machine and the processes on it: cores, parts of Linux alone, processes of mpirun, threads, the collector."""
+"""The machine and its processes: cores, interfaces of Linux, processes of mpirun, threads, the collector."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from neuro.core.errors import ModelError
 
 
 def usable_cores() -> int:
-    """Return the number of cores that this process may use; all cores where the system gives no number."""
+    """Return the number of cores that this process may use; all cores if the system gives no number."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
@@ -21,10 +21,10 @@ def only_on_linux(what: str) -> None:
     """Refuse a part that needs interfaces of Linux.
 
     Args:
-        what: the part, the subject of the message.
+        what: name of the part, the subject of the message.
 
     Raises:
-        ModelError: this is another system.
+        ModelError: the system is not Linux.
     """
     if sys.platform != "linux":
         raise ModelError(f"{what} needs Linux: found the system '{sys.platform}'")
@@ -94,13 +94,13 @@ def mapped(function: Callable[[T], R], items: Sequence[T], threads: int) -> Iter
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Let the collector of cycles rest while millions of small things are made, at which it would look many times."""
-    working = gc.isenabled()
+    """Stop the collector of cycles while millions of small objects are made, which it would check many times."""
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if working:
+        if was_enabled:
             gc.freeze()
-            gc.unfreeze()  # among the old ones, which are looked at least often
+            gc.unfreeze()  # moves the objects to the oldest generation, which is checked least often
             gc.enable()

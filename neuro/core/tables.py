@@ -1,4 +1,4 @@
-"""Tables as all that is printed shows them, in a terminal, as plain text and in a notebook."""
+"""Tables of all printed output, for a terminal, as plain text and for a notebook."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Table:
     """Rows of text under a head.
 
     Attributes:
-        title: what the rows are.
-        head: names of the columns; those that begin with ">" are numbers, set to the right.
-        rows: one text for each column.
+        title: meaning of the rows.
+        head: names of the columns; columns whose name begins with ">" are numbers, aligned to the right.
+        rows: rows with a text for each column.
     """
 
     title: str
@@ -25,8 +25,8 @@ class Table:
 
 
 def as_text(heading: str, tables: Iterable[Table]) -> str:
-    """A heading and tables as plain text; tables without rows are left out."""
-    return "\n\n".join([heading, *("\n".join(_lines(each)) for each in tables if each.rows)])
+    """Return a heading and tables as plain text, without empty tables."""
+    return "\n\n".join([heading, *("\n".join(_lines(table)) for table in tables if table.rows)])
 
 
 def _lines(table: Table) -> Iterator[str]:
@@ -43,7 +43,7 @@ def aligned(rows: Sequence[Sequence[str]], sides: str = "") -> list[str]:
 
     Args:
         rows: the cells.
-        sides: of each column ">" if it is set to the right; columns beyond its end are set to the left.
+        sides: alignment of each column: ">" for right, "<" for left; further columns are aligned to the left.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     columns = list(zip(widths, sides.ljust(len(widths), "<"), strict=False))
@@ -53,8 +53,8 @@ def aligned(rows: Sequence[Sequence[str]], sides: str = "") -> list[str]:
 
 
 def as_html(heading: str, tables: Iterable[Table]) -> str:
-    """The same for a notebook: tables alone, everything escaped, no script and no style of the page."""
-    return f"<p><b>{escape(heading)}</b></p>" + "".join(_html(each) for each in tables if each.rows)
+    """Return a heading and tables as HTML for a notebook, escaped, without script and without style sheets."""
+    return f"<p><b>{escape(heading)}</b></p>" + "".join(_html(table) for table in tables if table.rows)
 
 
 def _html(table: Table) -> str:
@@ -73,7 +73,7 @@ def _html(table: Table) -> str:
 
 
 def console() -> Any:
-    """Return standard output; where it is no terminal, tables are as wide as COLUMNS says, or 120."""
+    """Return standard output. If it is no terminal, the width of tables is COLUMNS, or 120."""
     from rich.console import Console
 
     out = Console(highlight=False)
@@ -90,10 +90,9 @@ def echo(text: str) -> None:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> Any:
-    """Return a table that fits `console()`; columns whose name begins with ">" are numbers, set to the right.
+    """Return a table that fits `console()`; columns whose name begins with ">" are numbers, aligned to the right.
 
-    Cells wrap between words. Only where the longest words of all columns together are wider than the console, words
-    are split.
+    Cells wrap between words. Words are split only if the longest words of all columns are wider than the console.
     """
     from rich import box
     from rich.table import Table
@@ -103,28 +102,28 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str =
     cells = [[str(cell) for cell in row] for row in rows]
     texts = list(zip(names, *cells, strict=True))
     widths = [max(map(len, "\n".join(column).split("\n"))) for column in texts]
-    words = [max(map(len, " ".join(column).split()), default=0) for column in texts]
-    room = console().width - 4  # two for the box, and two for padding at the edges, which rich counts but does not draw
-    is_tight = sum(words) + 3 * (len(names) - 1) > room
+    word_widths = [max(map(len, " ".join(column).split()), default=0) for column in texts]
+    available = console().width - 4  # 2 for the box, and 2 for edge padding, which rich counts but does not draw
+    is_tight = sum(word_widths) + 3 * (len(names) - 1) > available
     out = Table(
         box=box.SIMPLE_HEAD, title=Text(title) if title else None, title_justify="left", pad_edge=False,
         collapse_padding=is_tight,
     )  # fmt: skip
     gap = 2 if is_tight else 3
-    fitted = _fitted(widths, words, room - gap * (len(names) - 1))
-    for name, right, width in zip(names, (name.startswith(">") for name in columns), fitted, strict=True):
-        out.add_column(Text(name), justify="right" if right else "left", overflow="fold", width=width)
+    fitted = _fitted(widths, word_widths, available - gap * (len(names) - 1))
+    for name, is_number, width in zip(names, (name.startswith(">") for name in columns), fitted, strict=True):
+        out.add_column(Text(name), justify="right" if is_number else "left", overflow="fold", width=width)
     for row in cells:
         out.add_row(*map(Text, row))
     return out
 
 
-def _fitted(widths: Sequence[int], least: Sequence[int], room: int) -> Sequence[int | None]:
-    """Return the widths of columns, the widest ones reduced towards `least` until all fit; None where they do not."""
+def _fitted(widths: Sequence[int], lowest: Sequence[int], available: int) -> Sequence[int | None]:
+    """Return the widths of columns, the widest ones reduced towards `least` until all fit; None if they do not fit."""
     fitted = list(widths)
-    while sum(fitted) > room:
-        wide = [k for k, width in enumerate(fitted) if width > least[k]]
-        if not wide:
+    while sum(fitted) > available:
+        reducible = [k for k, width in enumerate(fitted) if width > lowest[k]]
+        if not reducible:
             return [None] * len(fitted)
-        fitted[max(wide, key=fitted.__getitem__)] -= 1
+        fitted[max(reducible, key=fitted.__getitem__)] -= 1
     return fitted

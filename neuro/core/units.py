@@ -37,18 +37,18 @@ TENS: Mapping[str, tuple[int, Dimension]] = {
     )
     for name, tens in units.items()
 }
-"""What one of a unit is in mV, ms and pA, as a power of ten, and its dimension."""
+"""Size of each unit in mV, ms and pA as a power of ten, and its dimension."""
 UNITS: Mapping[str, tuple[float, Dimension]] = {
     name: (float(f"1e{tens}"), dimension) for name, (tens, dimension) in TENS.items()
 }
-"""Likewise as a number."""
+"""Size of each unit in mV, ms and pA as a number, and its dimension."""
 
 _NAMES = {dimension: name for name, (tens, dimension) in TENS.items() if tens == 0 and name != "kHz"}
 _MEASURED = re.compile(r"\s*([-+]?(?:inf\b|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(.*)", re.S | re.ASCII)
 
 
 def times(a: Dimension, b: Dimension, power: Fraction | int = 1) -> Dimension:
-    """The dimension of a product of `a` and a power of `b`."""
+    """Return the dimension of a product of `a` and a power of `b`."""
     return a[0] + power * b[0], a[1] + power * b[1], a[2] + power * b[2]
 
 
@@ -61,11 +61,11 @@ def unit_of(dimension: Dimension) -> str:
     if times(dimension, TIME) in _NAMES:
         return f"{_NAMES[times(dimension, TIME)]}/ms"
     powers = dict(zip(("mV", "ms", "pA"), dimension, strict=True))
-    over = [_power(name, power) for name, power in powers.items() if power > 0]
-    under = [_power(name, -power) for name, power in powers.items() if power < 0]
-    if not under:
-        return " ".join(over)
-    return f"{' '.join(over) or '1'}/{under[0] if len(under) == 1 else '(' + ' '.join(under) + ')'}"
+    above = [_power(name, power) for name, power in powers.items() if power > 0]
+    below = [_power(name, -power) for name, power in powers.items() if power < 0]
+    if not below:
+        return " ".join(above)
+    return f"{' '.join(above) or '1'}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
 
 
 def _power(name: str, power: Fraction) -> str:
@@ -110,7 +110,7 @@ def _tens_of(text: str) -> tuple[int, Dimension]:
     return _unit(expression, expression.tree)
 
 
-def _unit(whole: Expression, tree: Tree) -> tuple[int, Dimension]:
+def _unit(expression: Expression, tree: Tree) -> tuple[int, Dimension]:
     match tree:
         case Name(name) if name in TENS:
             return TENS[name]
@@ -119,15 +119,15 @@ def _unit(whole: Expression, tree: Tree) -> tuple[int, Dimension]:
         case Number(1.0, name) if name in TENS:
             return TENS[name]
         case Binary("*" | "/" as sign, left, right):
-            (a, of_a), (b, of_b) = _unit(whole, left), _unit(whole, right)
+            (a, of_a), (b, of_b) = _unit(expression, left), _unit(expression, right)
             return (a + b, times(of_a, of_b)) if sign == "*" else (a - b, times(of_a, of_b, -1))
         case Binary("^", left, Number(power, "")) if power in (1.0, 2.0, 3.0):
-            tens, dimension = _unit(whole, left)
+            tens, dimension = _unit(expression, left)
             return tens * int(power), times(NONE, dimension, int(power))
         case Name() | Number() | Binary() | Call() | Negative():
             known_units = ", ".join(UNITS)
             raise mistake(
-                whole.text, tree.at, "expected a unit", f"known: {known_units}, and their products with * / ^"
+                expression.text, tree.at, "expected a unit", f"known: {known_units}, and their products with * / ^"
             )
 
 
@@ -154,16 +154,16 @@ def is_measure(value: object) -> bool:
 
 
 def dimension_of(text: str) -> Dimension:
-    """The dimension of a unit, e.g. of "ms".
+    """Return the dimension of a unit, e.g. "ms".
 
     Raises:
-        ModelError: it is no unit.
+        ModelError: the text is no unit.
     """
     return _tens_of(text)[1]
 
 
 def in_base(value: str) -> tuple[float, Dimension]:
-    """A number with its unit, for which `is_measure` holds, in mV, ms and pA.
+    """Convert a number with a unit, for which `is_measure` holds, to mV, ms and pA.
 
     Raises:
         ModelError: there is no such unit.
@@ -173,19 +173,19 @@ def in_base(value: str) -> tuple[float, Dimension]:
 
 
 def converted(value: str, to: str) -> float:
-    """A number with its unit in another unit, to the nearest double: `1 s` in ms is 1000.
+    """Convert a number with a unit to another unit, as the nearest double, e.g. `1 s` to 1000 in ms.
 
     Args:
-        value: for which `is_measure` holds.
-        to: a unit, "" for none.
+        value: number with a unit, for which `is_measure` holds.
+        to: the other unit, "" for none.
 
     Raises:
-        ModelError: it has another dimension, or no unit that is known.
+        ModelError: the number has another dimension, or its unit is unknown.
     """
     try:
         wanted_tens, target = _tens_of(to)
     except ModelError:
-        match = _WRITTEN.fullmatch(value)  # a unit that has no other beside it, as a degree
+        match = _WRITTEN.fullmatch(value)  # a unit without conversion, e.g. a degree
         if match is None or match[2].strip() != to:
             raise ModelError(f"expected a number in {to}") from None
         return float(match[1])
@@ -197,7 +197,7 @@ def converted(value: str, to: str) -> float:
 
 
 def scaled(number: str, tens: int) -> float:
-    """A number as it is written, times a power of ten, to the nearest double."""
+    """Return the nearest double to a written number times a power of ten."""
     digits, _, exponent = number.lower().partition("e")
     return float(f"{digits}e{int(exponent or 0) + tens}")
 

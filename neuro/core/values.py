@@ -1,4 +1,4 @@
-"""Values of parameters: what is a number, and how values are kept, compared and shown."""
+"""Values of parameters: the test for numbers, values from files, comparison and text."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def is_number(value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """A number, an array or a distribution: what a `FromFile` holds, and all else as it is."""
+    """Return the values of a `FromFile`, and all other values unchanged."""
     return value.values if isinstance(value, FromFile) else value
 
 
 def same(a: Any, b: Any) -> bool:
-    """Equality that compares arrays by value and looks through `FromFile`."""
+    """Return whether two values are equal. Arrays are compared by value, also in a `FromFile`."""
     a, b = plain(a), plain(b)
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return type(a) is type(b) and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))
@@ -87,10 +87,10 @@ def _text(value: Any) -> str:
 
 
 def literal(text: str) -> str:
-    """A text as matplotlib shows it letter by letter, also with what would be a formula between two dollars."""
+    """Return a text for matplotlib in which dollar signs do not start a formula."""
     return text.replace("$", r"\$")
 
 
 def printable(text: str) -> str:
-    """Replace each character that would steer a terminal or turn the order of letters by its escape of Python."""
+    """Replace characters that control a terminal or change the direction of text by their Python escapes."""
     return _STEERING.sub(lambda match: match[0].encode("unicode_escape").decode(), text)

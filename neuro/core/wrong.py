@@ -17,8 +17,8 @@ _BOOLEANS = {"true": "true", "yes": "true", "on": "true", "false": "false", "no"
 
 def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
     """Return the error for a value, or for its element at `index`, that a quantity does not accept."""
-    place = f"{what}[{', '.join(map(str, index))}]" if index else what
-    assignment = f"{place} has no value" if value is None else f"{place} = {shown(value)}"
+    name = f"{what}[{', '.join(map(str, index))}]" if index else what
+    assignment = f"{name} has no value" if value is None else f"{name} = {shown(value)}"
     expected = _with_exceeded(q, value).expected()
     if isinstance(value, float) and not math.isfinite(value):
         expected = expected.replace("a number", "a finite number", 1)
@@ -60,8 +60,8 @@ def _as_call(base: type[Any], name: object, mapping: Any) -> str:
     choice = next((kind for kind in base.__subclasses__() if kind.called() == name), None)
     if choice is None or not isinstance(mapping, Mapping) or not set(mapping) <= set(choice.quantities()):
         return ""
-    words = ", ".join(f"{word}={value!r:.60}" for word, value in mapping.items())
-    return f"write {_home(choice)}{name}({words})"
+    arguments = ", ".join(f"{word}={value!r:.60}" for word, value in mapping.items())
+    return f"write {_home(choice)}{name}({arguments})"
 
 
 def _home(kind: type[Any]) -> str:

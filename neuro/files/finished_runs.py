@@ -31,10 +31,10 @@ READABLE = "spikes, traces and weights are read without"
 
 
 class RecordingSearch:
-    """A search for recordings in folders, which remembers those that are in none.
+    """A search for recordings in folders, which remembers missing recordings.
 
     Args:
-        folders: where to look, in this order.
+        folders: folders to search, in this order.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
@@ -66,7 +66,7 @@ class RecordingSearch:
                 message = "the network plays events of a program, which results do not hold"
                 raise ModelError(message, hint=f"describe it again with these events; {READABLE} them")
             folders = ", ".join(map(str, self._folders))
-            hint = f"results.network(recordings=FOLDER) says where it lies; {READABLE} it"
+            hint = f"results.network(recordings=FOLDER) finds it in FOLDER; {READABLE} it"
             raise ModelError(f"the network plays the recording {name!r}: not found in {folders}", hint=hint)
 
 
@@ -87,7 +87,7 @@ def resolved(results: Any, net: Network) -> Program:
     return compile_network(without_recordings(results, net), int(results.about["seed"]))
 
 
-_DRAWN = "without 'draw: backend' in its rule they are"
+_DRAWN = "without 'draw: backend' in the rule the synapses are known"
 
 
 def without_recordings(results: Any, net: Network) -> Network:
@@ -116,7 +116,7 @@ def energy(
         results: results of the run.
         net: the network that ran.
         target: chip or file of costs, see `neuro.Simulation.energy`.
-        step_s: seconds of a step, see `neuro.Simulation.energy`.
+        step_s: duration of a step in s, see `neuro.Simulation.energy`.
         chips: number of chips, see `neuro.Simulation.energy`.
 
     Raises:
@@ -143,7 +143,7 @@ def energy(
 
 
 def native_counts(results: Any) -> dict[str, int]:
-    """Return what only the backend of a run counts, by name."""
+    """Return the counts that only the backend of a run has, by name."""
     counts = {name: value for name, value in results.about.items() if name.startswith(_NATIVE)}
     return {name.removeprefix(_NATIVE): int(value) for name, value in counts.items()}
 
@@ -171,7 +171,7 @@ def one_each(results: Any, name: Any, what: Any, of: Any, pre: Any, post: Any) -
     """
     if what not in ("weight", "delay"):
         message = f"projection '{name}': a file of results has no {what!r}: expected 'weight' or 'delay'"
-        raise ModelError(message, hint=f"a probe records states of synapses: net.probe('name', '{name}', {what!r})")
+        raise ModelError(message, hint=f"record states of synapses with net.probe('name', '{name}', {what!r})")
     part = _with_weights(results, name)
     indices = _synapses(results, part, name, of, pre, post)
     values = part.weight.reshape(-1) if what == "weight" else _delays(results, part, name)
@@ -193,14 +193,14 @@ def _with_weights(results: Any, name: Any) -> Any:
 
 def _synapses(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
     """Return the indices of the synapses between the neurons; None stands for all synapses."""
-    words = [word for word, value in (("of", of), ("pre", pre), ("post", post)) if value is not None]
-    if not words:
+    selections = [word for word, value in (("of", of), ("pre", pre), ("post", post)) if value is not None]
+    if not selections:
         return None
     if part.pre is None:
-        refuse_some_of_a_grid(name, words[0])
+        refuse_some_of_a_grid(name, selections[0])
     if of is not None:
-        if len(words) > 1:
-            raise ModelError(f"found both 'of' and '{words[1]}': expected pairs, or the neurons at either end")
+        if len(selections) > 1:
+            raise ModelError(f"found both 'of' and '{selections[1]}': expected pairs, or the neurons at either end")
         sizes = (results.populations[part.source].size, results.populations[part.target].size)
         return places_of_pairs(Ends(name, (part.source, part.target), sizes, part.pre, part.post), of)
     matches = np.ones(part.pre.size, dtype=np.bool_)
@@ -213,7 +213,7 @@ def _synapses(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) 
 def _neurons(results: Any, name: str, word: str, value: Any, population: str) -> Ints:
     """Return the ids of neurons of a population; the value is the population, a view of it, or ids."""
     shape = results.populations[population].shape
-    neurons = view_of_index(value, {each: results.laid(each) for each in results.populations})
+    neurons = view_of_index(value, {key: results.laid(key) for key in results.populations})
     if isinstance(neurons, (Part, View, str)):
         part = neurons.population if isinstance(neurons, View) else neurons
         part_name = part if isinstance(part, str) else part.name
@@ -233,10 +233,10 @@ def _delays(results: Any, part: Any, name: str) -> Floats:
     if part.delay_ms is not None:
         return np.asarray(part.delay_ms)
     program = resolved(results, results.network(played=False))
-    index, projection = next((k, each) for k, each in enumerate(program.projections) if each.name == name)
+    index, projection = next((k, p) for k, p in enumerate(program.projections) if p.name == name)
     if part.pre is not None and not all(map(np.array_equal, program.connections(index), (part.pre, part.post))):
         message = f"the delays of '{name}': this version draws other synapses than the file has, of version"
-        hint = "run.network() runs once more, and a simulation has them"
+        hint = "compile run.network() and run it: the simulation has the delays"
         raise ModelError(f"{message} {results.about.get('neuro')}", hint=hint)
     delay_ms = Clock(program.resolution).array_ms(projection.delay.astype(np.int64))
     return np.broadcast_to(delay_ms, projection.size).copy()

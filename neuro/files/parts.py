@@ -18,7 +18,7 @@ __all__ = ["Fed", "Trace", "Train", "Weights"]
 Opener = Callable[[], AbstractContextManager[Any]]
 _MISSING: Any = object()
 _CHUNK = 1 << 17
-"""Spikes in a stretch of a stream that is played again, at least one step."""
+"""Number of spikes in a stretch of a replayed stream; a stretch has at least one step."""
 
 
 class Stored:
@@ -37,9 +37,9 @@ class Stored:
         """Read the whole array."""
         return self[: self._length]
 
-    def __getitem__(self, where: Any) -> Any:
+    def __getitem__(self, key: Any) -> Any:
         with self._opener() as file:
-            return file[self._name][where]
+            return file[self._name][key]
 
     def span(self, after: float, to: float) -> slice:
         """Return the slice of an ascending array with after < x <= to, by bisection in the file."""
@@ -56,13 +56,13 @@ def span(times: Any, after: float, to: float) -> slice:
 
 
 def _first_above(data: Any, bound: float, length: int) -> int:
-    low, high = 0, length
-    if not high or data[high - 1] <= bound:
-        return high
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (middle + 1, high) if data[middle] <= bound else (low, middle)
-    return low
+    begin, end = 0, length
+    if not end or data[end - 1] <= bound:
+        return end
+    while begin < end:
+        middle = (begin + end) // 2
+        begin, end = (middle + 1, end) if data[middle] <= bound else (begin, middle)
+    return begin
 
 
 class Lazy:
@@ -104,7 +104,7 @@ class Train:
         recorded: True if spikes were recorded; otherwise `steps`, `ids` and `multiplicity` are empty.
         resolution_ms: length of a step in ms.
         steps, ids, multiplicity: one entry for each neuron and step with spikes.
-        spike_counts, event_counts: spikes of each neuron, and its steps with spikes, also without a recording.
+        spike_counts, event_counts: number of spikes and of steps with spikes of each neuron, also without a recording.
         emits: "spikes" or "current".
         payloads: payload of each entry of a graded population; None otherwise.
     """
@@ -124,7 +124,7 @@ class Train:
 
     @property
     def times_ms(self) -> Floats:
-        """The time of each entry in ms."""
+        """Time of each entry in ms."""
         return Clock(self.resolution_ms).array_ms(np.asarray(self.steps))
 
     @property
@@ -165,15 +165,15 @@ class Fed:
         steps, sizes, ids = np.asarray(self.steps), np.asarray(self.sizes), unread(self, "ids")
         to_come = np.minimum.accumulate(steps[::-1])[::-1]
         ends = np.cumsum(sizes)
-        first, entry = 0, 0
+        first_spike, entry = 0, 0
         while entry < steps.size:
-            end = max(entry + 1, int(np.searchsorted(ends, first + _CHUNK)))
-            each, last = np.repeat(steps[entry:end], sizes[entry:end]), int(ends[end - 1])
-            neurons = np.asarray(ids[first:last], dtype=np.int64)
-            later = each > step
+            end = max(entry + 1, int(np.searchsorted(ends, first_spike + _CHUNK)))
+            entry_steps, last_spike = np.repeat(steps[entry:end], sizes[entry:end]), int(ends[end - 1])
+            neurons = np.asarray(ids[first_spike:last_spike], dtype=np.int64)
+            is_later = entry_steps > step
             until = NEVER if end == steps.size else int(to_come[end]) - 1
-            yield Stretch(until, each[later], neurons[later])
-            first, entry = last, end
+            yield Stretch(until, entry_steps[is_later], neurons[is_later])
+            first_spike, entry = last_spike, end
 
     def spikes_of(self, events: Any) -> tuple[Ints, Ints]:
         """Refuse events: the stream has its spikes already."""

@@ -60,8 +60,8 @@ def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
     """Return the intervals between spikes of a neuron in ms, and the neuron of each, by neuron, then time."""
     order = np.lexsort((times_ms, ids))
     times_ms, ids = times_ms[order], ids[order]
-    same = ids[1:] == ids[:-1]
-    return np.diff(times_ms)[same], ids[1:][same]
+    is_same_neuron = ids[1:] == ids[:-1]
+    return np.diff(times_ms)[is_same_neuron], ids[1:][is_same_neuron]
 
 
 def variation(times_ms: Floats, ids: Ints) -> Floats:
@@ -110,11 +110,11 @@ class StateTrace:
 
     def within(self, window: Window) -> StateTrace:
         """Return the part of the trace in a window, begin and end included."""
-        inside = slice(int(np.searchsorted(self.times_ms, window[0])), up_to(self.times_ms, window[1]))
+        rows = slice(int(np.searchsorted(self.times_ms, window[0])), up_to(self.times_ms, window[1]))
         pre, post = self.pre, self.post
         if pre is not None and post is not None and self.at_pre_spikes:
-            pre, post = pre[inside], post[inside]
-        return replace(self, times_ms=self.times_ms[inside], values=self.values[inside], pre=pre, post=post)
+            pre, post = pre[rows], post[rows]
+        return replace(self, times_ms=self.times_ms[rows], values=self.values[rows], pre=pre, post=post)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,13 +167,13 @@ class Recorded:
         return {name: trace.probe or name for name, trace in self._traces.items()}
 
     def trace(self, name: str) -> StateTrace:
-        """Return the trace of this name."""
+        """Return the trace of a name."""
         part = self._traces[name]
         noun = "" if part.single else "synapse" if part.projection else "neuron"
         columns = part.ids if part.ids is not None else np.arange(0 if part.at_pre_spikes else part.columns)
         values = part.values[:, None] if part.single else part.values
-        words = (part.state, part.unit, noun, columns, part.times_ms, values)
-        return StateTrace(part.projection or part.population, *words, part.pre, part.post)
+        fields = (part.state, part.unit, noun, columns, part.times_ms, values)
+        return StateTrace(part.projection or part.population, *fields, part.pre, part.post)
 
 
 def recorded(run: Any) -> Recorded:
@@ -198,9 +198,9 @@ def _of_simulation(run: Any) -> Recorded:
     sizes = [part.size for part in program.populations]
 
     def weights(name: str) -> SynapseWeights:
-        part = next((each for each in program.projections if each.name == name), None)
+        part = next((p for p in program.projections if p.name == name), None)
         if part is None:
-            raise unknown("projection", name, [each.name for each in program.projections])
+            raise unknown("projection", name, [p.name for p in program.projections])
         values, shape = run.weights(name), (sizes[part.source], sizes[part.target])
         return SynapseWeights(shape, *values) if part.grid is None else SynapseWeights(shape, None, None, values)
 
@@ -229,8 +229,8 @@ def _of_results(run: Any) -> Recorded:
             hint = f"'neuro run --record {population}' keeps them"
             raise ModelError(f"spikes of '{population}' were not kept", hint=hint)
         times = part.times_ms
-        first = up_to(times, since) if since > 0 else 0
-        times, ids = one_by_one(population, part.multiplicity[first:], times[first:], part.ids[first:])
+        begin = up_to(times, since) if since > 0 else 0
+        times, ids = one_by_one(population, part.multiplicity[begin:], times[begin:], part.ids[begin:])
         return times, ids
 
     def weights(name: str) -> SynapseWeights:
@@ -259,7 +259,7 @@ def _of_results(run: Any) -> Recorded:
 
 
 def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain]:
-    """Spikes of populations or of some of their neurons.
+    """Return the spikes of populations or of some of their neurons.
 
     Args:
         run: recording of the run.
@@ -277,15 +277,15 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain
     if not parts:
         raise ModelError(f"of = {shown(of)}: expected a population, a view of one, a name, or a list of these")
     spike_trains = []
-    for each in parts:
-        view = view_of_index(each, {name: NameAndShape(name, shape) for name, shape in run.shapes.items()})
+    for item in parts:
+        view = view_of_index(item, {name: NameAndShape(name, shape) for name, shape in run.shapes.items()})
         part = view.population if isinstance(view, View) else view
         name = getattr(part, "name", part)
         if not isinstance(name, str) or name not in run.shapes:
             raise unknown("population", name, run.shapes)
         times, ids = run.spikes(name, begin)
-        last = up_to(times, end)
-        times, ids = times[:last], ids[:last]
+        end_index = up_to(times, end)
+        times, ids = times[:end_index], ids[:end_index]
         neurons = np.arange(math.prod(run.shapes[name]))
         if isinstance(view, View):
             neurons = view.within(run.shapes[name])[0]
@@ -308,11 +308,11 @@ def checked_window(run: Recorded, window: Any) -> Window:
     if len(pair) != 2 or not all(is_number(ms) and math.isfinite(ms) for ms in pair) or not 0 <= pair[0] < pair[1]:
         raise ModelError(f"window = {shown(window)}: expected (begin, end) in ms with 0 <= begin < end")
     if pair[0] < run.held_ms:
-        message = f"window = {shown(window)}: what was recorded up to {run.held_ms:g} ms is not held any more"
+        message = f"window = {shown(window)}: records up to {run.held_ms:g} ms were forgotten"
         raise ModelError(f"{message}: expected a begin >= {run.held_ms:g} ms")
     if pair[1] > run.duration_ms * (1.0 + _SAME):
-        last = f"{run.duration_ms:.12g} ms"
-        raise ModelError(f"window = {shown(window)}: the run ends at {last}: expected an end <= {last}")
+        end_text = f"{run.duration_ms:.12g} ms"
+        raise ModelError(f"window = {shown(window)}: the run ends at {end_text}: expected an end <= {end_text}")
     return float(pair[0]), float(pair[1])
 
 
@@ -413,13 +413,13 @@ def to_neo(run: object) -> neo.Block:
     """
     neo = needed("neo", "neo", "to_neo: the package neo is not installed")
     source = recorded(run)
-    about = {
+    annotations = {
         "simulator": "neuro",
         "backend": source.backend,
         "seed": source.seed,
         "resolution_ms": source.resolution_ms,
     }
-    block, segment = neo.Block(name=source.network, **about), neo.Segment(name=source.network)
+    block, segment = neo.Block(name=source.network, **annotations), neo.Segment(name=source.network)
     block.segments.append(segment)
     parts: dict[str, list[Any]] = {}
     for train in trains(source) if source.with_spikes else []:
@@ -456,7 +456,7 @@ def _signal(name: str, trace: StateTrace, run: Recorded) -> Any:
     import neo
 
     unit = trace.unit or "dimensionless"
-    about: dict[str, Any] = {
+    annotations: dict[str, Any] = {
         "name": trace.state,
         "array_annotations": {"channel_index": trace.columns},
         "probe": name,
@@ -464,10 +464,10 @@ def _signal(name: str, trace: StateTrace, run: Recorded) -> Any:
     }
     steps_ms = np.diff(trace.times_ms)
     if steps_ms.size and np.ptp(steps_ms) > _EVEN * trace.times_ms[-1]:
-        return neo.IrregularlySampledSignal(trace.times_ms, trace.values, units=unit, time_units="ms", **about)
+        return neo.IrregularlySampledSignal(trace.times_ms, trace.values, units=unit, time_units="ms", **annotations)
     import quantities
 
     span_ms = float(trace.times_ms[-1] - trace.times_ms[0]) if steps_ms.size else run.resolution_ms
     period = span_ms / max(1, steps_ms.size)
     period, start = period * quantities.ms, trace.times_ms[0] * quantities.ms
-    return neo.AnalogSignal(trace.values, units=unit, t_start=start, sampling_period=period, **about)
+    return neo.AnalogSignal(trace.values, units=unit, t_start=start, sampling_period=period, **annotations)

@@ -28,7 +28,7 @@
 
 A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not recorded have no arrays. A
 file that a run still writes (`neuro.run.collect`) gets its weights at the end. The counts of each neuron decide the
-bill, so a report and the simulation give the same joules.
+bill, so a report and the simulation have the same joules.
 """
 
 from __future__ import annotations
@@ -190,32 +190,32 @@ class Results:
         """Return the recorded spikes of a graded population, in the form of `spikes`, and the payload of each.
 
         Raises:
-            ModelError: the errors of `spikes`, or the spikes carry no payloads.
+            ModelError: see `spikes`; or the spikes have no payloads.
         """
         name, ids = self._neurons(of)
         times, neurons, payloads = self.graded_spikes_of(name, ids, since, until)
         if payloads is None:
-            raise ModelError(f"payloads of '{name}', {a(self.populations[name].model)}: its spikes carry none")
+            raise ModelError(f"payloads of '{name}', {a(self.populations[name].model)}: its spikes have no payloads")
         return times, neurons, payloads
 
     def graded_spikes_of(
         self, name: str, ids: Ints | None, since: float | None, until: float | None
     ) -> tuple[Floats, Ints, Ints | None]:
-        """Return the spikes of some neurons of a population, None for all, with payloads if the spikes carry any."""
+        """Return the spikes of some neurons of a population, None for all, with payloads if the spikes have any."""
         train = self.populations[name]
         if not train.recorded:
             raise ModelError(f"spikes of '{name}', {a(train.model)}, are not recorded")
         clock = Clock(float(self.about["resolution_ms"]))
         bounds = (-1.0 if since is None else since, np.inf if until is None else until)
-        after, to = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))
-        check_span(after, to, since, until)
-        part = span(unread(train, "steps"), after, to)
+        since_step, until_step = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))
+        check_span(since_step, until_step, since, until)
+        part = span(unread(train, "steps"), since_step, until_step)
         steps, neurons, multiplicity = (unread(train, word)[part] for word in ("steps", "ids", "multiplicity"))
         payloads = None if unread(train, "payloads") is None else unread(train, "payloads")[part].astype(np.int64)
         if ids is not None:
-            some = np.isin(neurons, ids)
-            steps, neurons, multiplicity = steps[some], neurons[some], multiplicity[some]
-            payloads = None if payloads is None else payloads[some]
+            is_selected = np.isin(neurons, ids)
+            steps, neurons, multiplicity = steps[is_selected], neurons[is_selected], multiplicity[is_selected]
+            payloads = None if payloads is None else payloads[is_selected]
         steps, neurons = one_by_one(name, multiplicity, steps, neurons)
         return clock.array_ms(steps), neurons, payloads
 
@@ -228,8 +228,8 @@ class Results:
         name = _name(of)
         if name in self.traces:
             return self.traces[name].times_ms, self.traces[name].read()
-        several = [trace for trace in self.traces.values() if trace.probe == name]
-        if not several:
+        matches = [trace for trace in self.traces.values() if trace.probe == name]
+        if not matches:
             # A probe of spikes has times and neurons.
             probes = self.network(played=False).probes
             if name not in probes:
@@ -237,23 +237,24 @@ class Results:
             probe = probes[name]
             return self.spikes(probe.of if probe.view is None else probe.view)
         by_name: dict[str, Any] = {}
-        for trace in several:
+        for trace in matches:
             values = trace.read()
             by_name |= values if isinstance(values, dict) else {trace.state: values}
-        return several[0].times_ms, by_name
+        return matches[0].times_ms, by_name
 
     def weights(self, part: Any, /, *, of: Any = None, pre: Any = None, post: Any = None, delays: bool = False) -> Any:
         """Return the weights of a projection at the end of the run, in the form of `Simulation.weights`.
 
         Args:
             part: the projection, or its name.
-            of: pairs (source, target) of the synapses to return, in their order.
+            of: pairs (source, target) of the synapses to return, in the order of the pairs.
             pre: source neurons of the synapses to return: a population, a view of it, or ids.
             post: target neurons of the synapses to return.
-            delays: return the delays in ms, too; network and seed decide delays that no rule changes.
+            delays: whether to return the delays in ms, too. Network and seed decide delays that no rule changes.
 
         Returns:
-            (pre, post, weight), with `delays` a fourth array; the kernels of a grid, with `delays` (kernels, delay).
+            (pre, post, weight), or with `delays` (pre, post, weight, delay). For a grid the kernels, or with `delays`
+            (kernels, delay).
 
         Raises:
             ModelError: the projection does not exist, or its weights were not stored.
@@ -276,7 +277,7 @@ class Results:
         recorded = [word for word, trace in self.traces.items() if (trace.population, trace.state) == (name, what)]
         hint = f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
         if recorded:
-            hint = f"run.trace({recorded[0]!r}) is what was recorded"
+            hint = f"run.trace({recorded[0]!r}) returns the records"
         raise ModelError(message, hint=hint)
 
     def states(self, of: Any) -> list[str]:
@@ -287,7 +288,7 @@ class Results:
         """
         name, _ = self._neurons(of)
         message = f"states of '{name}': a file of results has none: expected a simulation"
-        raise ModelError(message, hint="run.traces has what was recorded, neuro.compile(run.network()) the states")
+        raise ModelError(message, hint="run.traces has the recorded states, neuro.compile(run.network()) all states")
 
     def counts(self) -> Counts:
         """Return the counts of the run."""
@@ -319,7 +320,7 @@ class Results:
                 (Path(folder) / name).write_bytes(content)
             net = load(Path(folder) / YAML)
         if differing := sorted(net.populations.keys() ^ self.populations.keys()):
-            raise ModelError(f"damaged results: expected {differing[0]!r} both in them and in their network")
+            raise ModelError(f"damaged results: expected {differing[0]!r} both in the results and in their network")
         if played:
             search.check()
         return net
@@ -343,7 +344,7 @@ def _name(of: Any) -> Any:
 
 
 def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[str, Weights]] = ()) -> None:
-    """Write the file, replacing any other; callers ask first, with `neuro.core.outputs.output` and `KIND`.
+    """Write results to a file, and replace an existing file. Callers check the path with `neuro.core.outputs.output`.
 
     Args:
         results: results to write.
@@ -383,7 +384,7 @@ def read(path: str | PathLike[str]) -> Results:
     """
     path = Path(path)
     if not path.exists() and unfinished(path).exists():
-        hint = f"{unfinished(path)} has what a run recorded that did not come to its end"
+        hint = f"{unfinished(path)} has the records of an unfinished run"
         raise ModelError(f"{path}: there is no such file", hint=hint)
     path = existing(path)
     record_input(path)
@@ -422,7 +423,7 @@ def is_kept(part: Path) -> bool:
 def recorded_in(part: Path) -> str:
     """Return a sentence with the end of the recording in a partial file; "" if the file cannot be read."""
     try:
-        return f"{part} has what was recorded up to {read(part).time:g} ms"
+        return f"{part} has the records up to {read(part).time:g} ms"
     except ModelError:
         return ""
 
@@ -453,30 +454,28 @@ P = TypeVar("P", Train, Weights, Trace, Fed)
 
 def write_part(group: h5py.Group, part: Any) -> None:
     """Write the arrays and attributes of a part that the group does not have yet."""
-    for each in fields(part):
-        value = getattr(part, each.name)
-        if each.name in group:
+    for f in fields(part):
+        value = getattr(part, f.name)
+        if f.name in group:
             continue
         if isinstance(value, np.ndarray):
             # Counts are rewritten during a run; each rewrite of compressed data would enlarge the file.
-            compresses = value.size > _LARGE and not each.name.endswith("_counts")
+            compresses = value.size > _LARGE and not f.name.endswith("_counts")
             options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compresses else {}
-            group.create_dataset(each.name, data=value, **options)
+            group.create_dataset(f.name, data=value, **options)
         elif isinstance(value, dict):
             group.attrs.update({_COUNT + name: number for name, number in value.items()})
         elif value is not None:
-            group.attrs[each.name] = value
+            group.attrs[f.name] = value
 
 
 def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
-    words: dict[str, Any] = {
-        each.name: _plain(group.attrs[each.name]) for each in fields(kind) if each.name in group.attrs
-    }
-    words |= {name: Stored(opener, f"{group.name}/{name}", len(data)) for name, data in group.items()}
-    if any(each.name == "counts" for each in fields(kind)):
+    values: dict[str, Any] = {f.name: _plain(group.attrs[f.name]) for f in fields(kind) if f.name in group.attrs}
+    values |= {name: Stored(opener, f"{group.name}/{name}", len(data)) for name, data in group.items()}
+    if any(f.name == "counts" for f in fields(kind)):
         counts = {name: value for name, value in group.attrs.items() if name.startswith(_COUNT)}
-        words["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}
-    return kind(**words)
+        values["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}
+    return kind(**values)
 
 
 def _plain(value: Any) -> Any:
@@ -488,7 +487,8 @@ def run_table(duration_ms: float, populations: Iterable[tuple[str, str, int, int
 
     Args:
         duration_ms: length of the run; 0 gives no rates.
-        populations: name, model, neurons and spikes of each; spikes are None for generators of currents.
+        populations: name, model, number of neurons and number of spikes of each population; None spikes for generators
+            of currents.
     """
     rows = []
     for name, model, neurons, spikes in populations:
@@ -505,5 +505,5 @@ def spike_columns(spikes: int | None, neurons: int, duration_ms: float) -> tuple
 
 def projection_table(projections: Iterable[tuple[str, str, str, str, int]]) -> Table:
     """Return a table with name, source, target, synapse and number of synapses of each projection."""
-    rows = tuple((*words, f"{synapses:,}") for *words, synapses in projections)
+    rows = tuple((*names, f"{synapses:,}") for *names, synapses in projections)
     return Table("projections", ("name", "from", "to", "synapse", ">synapses"), rows)

@@ -150,19 +150,19 @@ def _whole(part: Projection) -> Projection:
     def joined(values: NDArray[Any], kind: Any) -> Any:
         if gather(np.array([values.size == 1])).all() and np.unique(all_values := gather(values)).size == 1:
             return all_values[:1]  # one value for all synapses
-        pieces = (gather(values[each.own])[each.order].astype(kind) for each in rows.stretches())
+        pieces = (gather(values[stretch.own])[stretch.order].astype(kind) for stretch in rows.stretches())
         return _Pieces(np.dtype(kind), part.size, pieces)
 
     delay_dtype = part.delay.dtype if part.delay_span[1] <= np.iinfo(part.delay.dtype).max else np.int32
     numbers = part.synapse.parameters()
-    each = {name: rows.joined(numbers[word]) for name, word in part.synapse.per_synapse_fields().items()}
-    words: dict[str, Any] = {"weight": joined(part.weight, np.float64), "delay": joined(part.delay, delay_dtype)}
+    per_synapse = {name: rows.joined(numbers[word]) for name, word in part.synapse.per_synapse_fields().items()}
+    arrays: dict[str, Any] = {"weight": joined(part.weight, np.float64), "delay": joined(part.delay, delay_dtype)}
     if part.whole_layout == "csr":
-        words["row_ends"] = np.concatenate(([0], np.cumsum(rows.fan_out())))
-        words["targets"] = joined(part.targets, np.int32)
+        arrays["row_ends"] = np.concatenate(([0], np.cumsum(rows.fan_out())))
+        arrays["targets"] = joined(part.targets, np.int32)
     else:
-        words |= {"row_ends": np.zeros(0, dtype=np.int64), "targets": np.zeros(0, dtype=np.int32)}
-    return replace(part, share=WHOLE, layout=part.whole_layout, synapse=replace(part.synapse, **each), **words)
+        arrays |= {"row_ends": np.zeros(0, dtype=np.int64), "targets": np.zeros(0, dtype=np.int32)}
+    return replace(part, share=WHOLE, layout=part.whole_layout, synapse=replace(part.synapse, **per_synapse), **arrays)
 
 
 def _feed(digest: hashlib.blake2b, value: Any) -> None:
@@ -208,7 +208,7 @@ class Checkpoint:
         model: file of the model; the checkpoint is written beside it.
         format: format of the checkpoint, e.g. "neuro drone training 1".
         settings: settings of the training as plain data; only a training with equal settings continues.
-        ways: hints by setting, for a training with another value.
+        ways: hint for each setting, shown if its value differs.
 
     Attributes:
         path: path of the checkpoint.
@@ -241,12 +241,12 @@ class Checkpoint:
             return {}
         with reading(self.path, self._format, "delete the file to begin anew") as file:
             parts = {name: take(file, name) for name in file}
-            before, now = _flat(json.loads(str(file.attrs["settings"]))), _flat(json.loads(self._settings))
-        for name in sorted(before.keys() | now.keys()):
-            if before.get(name) != now.get(name):
+            before, present = _flat(json.loads(str(file.attrs["settings"]))), _flat(json.loads(self._settings))
+        for name in sorted(before.keys() | present.keys()):
+            if before.get(name) != present.get(name):
                 raise ModelError(
                     f"{self.path}: an unfinished training with {name} = {before.get(name, 'its default')}: "
-                    f"found {now.get(name, 'its default')} now",
+                    f"found {present.get(name, 'its default')} now",
                     hint=f"{self._ways.get(name, 'give the same options to continue it')}, or delete the file",
                 )
         return parts

@@ -21,19 +21,19 @@ _SPENT = {
     "static": f"static: chips that are on, {FASTEST}",
     "waiting": f"static: chips that are on, {REAL_TIME}",
 }
-"""What joules are spent on, by the class that draws it."""
+"""Kinds of energy by the style class that draws them."""
 
 Bills = Sequence[tuple[str, Energy]]
-"""What is counted, as "counts of event", and its bill."""
+"""Pairs of the origin of the counts, e.g. "counts of event", and the bill."""
 
 
 def joules(bills: Bills) -> Html:
-    """Bars of all bills, and the lines of each."""
+    """Draw all bills, and list the items of each."""
     if not bills:
         return tag("p", "There is no bill.")
     kinds = list(dict.fromkeys(name for _, e in bills for name in e.by_cost() if name != STATIC))
     details = (_details(about, e) for about, e in bills)
-    # A chip that refuses the network has no total to be drawn: its lines say why.
+    # A chip that refuses the network has no total to draw; its items have the reason.
     priced = [(about, e) for about, e in bills if not e.refused]
     pictures = [_totals(priced), _shares(priced, kinds)] if priced else []
     return html.join([*pictures, _figures(bills), *details])
@@ -78,11 +78,10 @@ def _shares(bills: Bills, kinds: list[str]) -> Html:
         dynamic = [(f"item{kinds.index(name) % COLOURS}", name, j) for name, j in e.by_cost().items() if name != STATIC]
         kinds_of = [[(k, k, j) for k, j in _energies(e).items() if k != left_out] for left_out in ("waiting", "static")]
         label = f"{about}: {quantity(e.dynamic_j, 'J')}"
-        rows.append(_row(label, e, _bar(dynamic, "bar"), *(_bar(each, "bar thin") for each in kinds_of)))
+        rows.append(_row(label, e, _bar(dynamic, "bar"), *(_bar(parts, "bar thin") for parts in kinds_of)))
     key = html.legend(*((f"item{i % COLOURS}", _meaning(name)) for i, name in enumerate(kinds)))
     caption = (
-        "Thick: dynamic joules by what they are spent on. "
-        f"Thin: dynamic and static of the total, {FASTEST} and, below, {REAL_TIME}."
+        f"Thick: dynamic joules by item. Thin: dynamic and static of the total, {FASTEST} and, below, {REAL_TIME}."
     )
     return html.figure(html.join([key, *rows]), caption)
 
@@ -104,15 +103,15 @@ def _meaning(name: str) -> str:
 def _figures(bills: Bills) -> Html:
     """Return a table with each cost once, and its source."""
     costs = {(e.target, item.what): item for _, e in bills for item in e.items if item.source}
-    rows, before = [], ""
+    rows, previous = [], ""
     for (target, what), item in costs.items():
-        about = sourced(item.source, item.conditions)
-        rows.append((target if target != before else "", _meaning(what), _each(item), about))
-        before = target
+        source = sourced(item.source, item.conditions)
+        rows.append((target if target != previous else "", _meaning(what), _cost_of(item), source))
+        previous = target
     return html.table(FIGURE_COLUMNS, rows, "The figures and where they are published")
 
 
-def _each(item: BillItem) -> str:
+def _cost_of(item: BillItem) -> str:
     unit = COSTS[item.what][0] if item.what in COSTS else "J"
     return "-" if item.joules_each is None else quantity(item.joules_each, unit)
 
@@ -136,4 +135,4 @@ def _line(item: BillItem, sources: list[str]) -> tuple[object, ...]:
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
     count = f"{quantity(item.count, 's')}" if static else number(item.count)
     mark = sources.index(sourced(item.source, item.conditions)) + 1 if item.source else ""
-    return (_meaning(item.what) + " *" * bool(item.extrapolated), item.of, count, _each(item), energy, mark)
+    return (_meaning(item.what) + " *" * bool(item.extrapolated), item.of, count, _cost_of(item), energy, mark)

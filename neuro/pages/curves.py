@@ -1,4 +1,4 @@
-"""Curves along time with their scales: rates of populations, and what probes recorded."""
+"""Curves along time with their scales: rates of populations, and traces of probes."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from neuro.pages.raster import evenly
 from neuro.program.program import Floats, Ints
 
 _SLACK = (1e-9, 0.0)
-"""Of a step: multiples that lie just outside are marks, too, where there is room for them."""
+"""Share of a step: multiples that lie outside by this share are marks, too, if there is room for them."""
 _LEAST_PLAIN, _LARGE, _LARGEST_PLAIN = 1e-3, 1e3, 1e15
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """At most so many round numbers from `low` to `high`, evenly apart, at least two if they can be round."""
-    ten = 10.0 ** math.floor(math.log10((high - low) / most))
-    candidates = [_multiples(low, high, n * ten, slack) for n in (1, 2, 5, 10, 20) for slack in _SLACK]
+    """Return at most `most` evenly spaced round numbers from `low` to `high`, if possible at least two."""
+    power = 10.0 ** math.floor(math.log10((high - low) / most))
+    candidates = [_multiples(low, high, n * power, slack) for n in (1, 2, 5, 10, 20) for slack in _SLACK]
     best = next((marks for marks in candidates if len(marks) <= most), candidates[-1])
     if len(best) > 1:
         return best
-    threes = (_multiples(low, high, 3 * ten, slack) for slack in _SLACK)  # -2 to 4: not 0 alone, but 0 and 3
+    # For -2 to 4 the marks are 0 and 3, instead of 0 alone.
+    threes = (_multiples(low, high, 3 * power, slack) for slack in _SLACK)
     return next((marks for marks in threes if 1 < len(marks) <= most), best)
 
 
@@ -36,14 +37,14 @@ def _multiples(low: float, high: float, step: float, slack: float) -> list[float
 
 
 def tick(mark: float, marks: Sequence[float]) -> str:
-    """A round number with the digits that all marks of its axis need."""
+    """Return a round number as text with the digits that all marks of its axis need."""
     step = marks[1] - marks[0] if len(marks) > 1 else abs(mark) or 1.0
     digits = max(0, -math.floor(math.log10(step) + 1e-9))
     return f"{mark:,.{digits}f}" if digits < 5 and abs(mark) < 1e6 else f"{mark:.3g}"
 
 
 def few(value: float) -> str:
-    """A number in three digits: 0.0123, 16.4, 302,000."""
+    """Return a number in three digits, e.g. 0.0123, 16.4 or 302,000."""
     rounded = float(f"{value:.3g}")
     if _LARGE <= abs(rounded) < _LARGEST_PLAIN:
         return f"{rounded:,.0f}"
@@ -51,11 +52,11 @@ def few(value: float) -> str:
 
 
 def prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """A factor and the unit with a prefix, by which a quantity is at most 1000; only joules and seconds take one.
+    """Return a factor and a unit with a prefix, so that values are at most 1000. Only J and s get a prefix.
 
     Args:
-        largest: the largest magnitude of the values.
-        unit: of the values.
+        largest: largest magnitude of the values.
+        unit: unit of the values.
     """
     if unit not in ("J", "s") or not 0.0 < largest < math.inf:
         return 1.0, unit
@@ -66,12 +67,12 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
 WIDTH, LANE = 330.0, 84.0
 _TOP, _LEFT = 18.0, 48.0
 _WIDE = WIDTH - _LEFT
-"""What the lines have of the width; the numbers of their scale have the rest."""
+"""Width of the lines, without the numbers of their scale."""
 MOST = 60
 MOST_LINES = 4
 _HUGE = 1e300
 BINS, LEAST_BINS = 150, 10
-"""At most and at least so many bins of a rate: in between four spikes a bin."""
+"""Largest and smallest number of bins of a rate; between them a bin has four spikes."""
 _POINTS = 500
 
 
@@ -82,12 +83,12 @@ def rates(results: Results) -> Html:
 
 
 def _rate(name: str, train: Train, results: Results) -> Html:
-    step, last = results.about["resolution_ms"], end_ms(results)
-    width = max(1, round(_round(last / min(BINS, max(LEAST_BINS, train.times_ms.size / 4))) / step)) * step
-    edges = np.append(np.arange(0.0, max(last - width / 2, step / 2), width), last)
+    step, end = results.about["resolution_ms"], end_ms(results)
+    width = max(1, round(_round(end / min(BINS, max(LEAST_BINS, train.times_ms.size / 4))) / step)) * step
+    edges = np.append(np.arange(0.0, max(end - width / 2, step / 2), width), end)
     counts, _ = np.histogram(train.times_ms, edges, weights=train.multiplicity)
     hz = counts / (train.size * np.diff(edges) / 1000.0)
-    picture = curves(edges[:-1] + np.diff(edges) / 2, [hz], 0.0, last, "Hz", f"rate of {name}")
+    picture = curves(edges[:-1] + np.diff(edges) / 2, [hz], 0.0, end, "Hz", f"rate of {name}")
     return html.figure(picture, f"bins of {width:g} ms", name)
 
 
@@ -98,17 +99,17 @@ def traces(results: Results, of: str) -> Html:
 
 
 def world(results: Results) -> Html:
-    """Reward and action of each control step of the last block, of the first copy, along time."""
-    last, rewards = end_ms(results), results.world["rewards"][:, 0].astype(np.float64)
+    """Draw reward and action of the first copy in each control step of the last block."""
+    end, rewards = end_ms(results), results.world["rewards"][:, 0].astype(np.float64)
     actions = results.world["actions"][:, 0].reshape(len(rewards), -1).astype(np.float64)
-    times = np.linspace(0.0, last, len(rewards) + 1, dtype=np.float64)[1:]
+    times = np.linspace(0.0, end, len(rewards) + 1, dtype=np.float64)[1:]
     chosen: list[Floats] = [*actions.T[:MOST_LINES]]
     names = [f"action[{k}]" for k in range(len(chosen))] if len(chosen) > 1 else []
     figures = [
         html.figure(
-            curves(times, [rewards], None, last, "reward", "reward of each step"), "reward of each step", "reward"
+            curves(times, [rewards], None, end, "reward", "reward of each step"), "reward of each step", "reward"
         ),
-        html.figure(curves(times, chosen, None, last, "action", "action", names), "what was done", "action"),
+        html.figure(curves(times, chosen, None, end, "action", "action", names), "what was done", "action"),
     ]
     return _grid(figures, len(figures), "curves")
 
@@ -119,7 +120,7 @@ def end_ms(results: Results) -> float:
 
 
 def _trace(name: str, trace: Trace, last: float) -> Html:
-    of, what = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
+    of, noun = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
     x, values = _of_synapses(trace) if trace.at_pre_spikes else (trace.times_ms, trace.values)
     values = values[:, None] if values.ndim == 1 else values
     chosen = evenly(values.shape[1], MOST_LINES)
@@ -127,12 +128,12 @@ def _trace(name: str, trace: Trace, last: float) -> Html:
         label = f"{'mean ' * trace.mean}{trace.state} of {of}"
     else:
         n = values.shape[1]
-        some = f"{chosen.size:,} of {n:,} {what}s of " if chosen.size < n else ""
-        label = f"{trace.state} of {some}{of}"
+        selection = f"{chosen.size:,} of {n:,} {noun}s of " if chosen.size < n else ""
+        label = f"{trace.state} of {selection}{of}"
         label += ", as pre spikes leave it" * trace.at_pre_spikes
-    each = [values[:, column] for column in chosen]
+    lines = [values[:, column] for column in chosen]
     names = [] if trace.single else _names(trace, chosen)
-    return html.figure(curves(x, each, None, last, trace.unit or trace.state, label, names), label, name)
+    return html.figure(curves(x, lines, None, last, trace.unit or trace.state, label, names), label, name)
 
 
 def _names(trace: Trace, chosen: Ints) -> list[str]:
@@ -148,13 +149,13 @@ def _names(trace: Trace, chosen: Ints) -> list[str]:
 
 def _of_synapses(trace: Trace) -> tuple[Floats, Floats]:
     """Return times and values at pre spikes, one column for each drawn synapse, NaN without a spike."""
-    ends, which = np.unique(np.stack([trace.pre, trace.post]), axis=1, return_inverse=True)
+    ends, index = np.unique(np.stack([trace.pre, trace.post]), axis=1, return_inverse=True)
     columns = evenly(ends.shape[1], MOST_LINES)
-    values = np.where(which.reshape(-1, 1) == np.arange(ends.shape[1])[None, columns], trace.values[:, None], np.nan)
-    mine = np.isfinite(values).any(axis=1)
-    table = np.full((int(mine.sum()), ends.shape[1]), np.nan)
-    table[:, columns] = values[mine]
-    return trace.times_ms[mine], table
+    values = np.where(index.reshape(-1, 1) == np.arange(ends.shape[1])[None, columns], trace.values[:, None], np.nan)
+    has_values = np.isfinite(values).any(axis=1)
+    table = np.full((int(has_values.sum()), ends.shape[1]), np.nan)
+    table[:, columns] = values[has_values]
+    return trace.times_ms[has_values], table
 
 
 def _grid(drawings: Sequence[Html], count: int, noun: str) -> Html:
@@ -185,63 +186,63 @@ def curves(
         names: name of each line, if there are several.
     """
     head = 14.0 if names else 0.0
-    tall = LANE if len(each) == 1 else LANE / 2
-    floor = _TOP + (head + tall) * len(each)
+    lane = LANE if len(each) == 1 else LANE / 2
+    floor = _TOP + (head + lane) * len(each)
     low, high = _scale(each, least)
     marks = ticks(low, high, 4 if len(each) == 1 else 2)
     parts: list[Html] = [html.text(_LEFT - 8, _TOP - 6, unit, "tick", "end")]
     for index, y in enumerate(each):
-        bottom = _TOP + (head + tall) * (index + 1)
+        bottom = _TOP + (head + lane) * (index + 1)
         share = (y - low) / (high - low)
-        path = tag("path", d=_path(x * (_WIDE / last), (tall - 4.0) * (1.0 - share) + 2.0), class_=f"curve chip{index}")
+        path = tag("path", d=_path(x * (_WIDE / last), (lane - 4.0) * (1.0 - share) + 2.0), class_=f"curve chip{index}")
         for mark in marks:
-            height = bottom - 2.0 - (tall - 4.0) * (mark - low) / (high - low)
+            height = bottom - 2.0 - (lane - 4.0) * (mark - low) / (high - low)
             parts += [html.line(_LEFT, height, WIDTH, height, "faint")]
             parts += [html.text(_LEFT - 8, height + 4, tick(mark, marks), "tick", "end")]
         if names:
-            parts.append(html.text(WIDTH, bottom - tall - 2, names[index], f"tick name{index}", "end"))
-        box = {"x": _LEFT, "y": bottom - tall, "width": _WIDE, "height": tall}
+            parts.append(html.text(WIDTH, bottom - lane - 2, names[index], f"tick name{index}", "end"))
+        box = {"x": _LEFT, "y": bottom - lane, "width": _WIDE, "height": lane}
         parts.append(
-            tag("svg", path, viewBox=f"0 0 {_WIDE:g} {tall:g}", preserveAspectRatio="none", class_="lines", **box)
+            tag("svg", path, viewBox=f"0 0 {_WIDE:g} {lane:g}", preserveAspectRatio="none", class_="lines", **box)
         )
-    below = tag("g", *_times(last, floor), class_="times", data_ms=last, data_left=_LEFT, data_wide=_WIDE, data_y=floor)
+    times = tag("g", *_times(last, floor), class_="times", data_ms=last, data_left=_LEFT, data_wide=_WIDE, data_y=floor)
     axis = html.line(_LEFT, floor, WIDTH, floor, "axis")
-    return html.svg(WIDTH, floor + 24, *parts, axis, below, label=label, class_="curves")
+    return html.svg(WIDTH, floor + 24, *parts, axis, times, label=label, class_="curves")
 
 
 def _scale(each: Sequence[Floats], least: float | None) -> tuple[float, float]:
-    """The lowest and the highest value that have room; round a value that stays."""
-    there = np.concatenate([y[np.isfinite(y)] for y in each]) if each else np.zeros(0)
-    there = np.clip(there, -_HUGE, _HUGE)
-    high = float(there.max()) if there.size else 0.0
-    low = least if least is not None else float(there.min()) if there.size else 0.0
+    """Return the lowest and the highest value of a scale; constant values get a range around them."""
+    finite = np.concatenate([y[np.isfinite(y)] for y in each]) if each else np.zeros(0)
+    finite = np.clip(finite, -_HUGE, _HUGE)
+    high = float(finite.max()) if finite.size else 0.0
+    low = least if least is not None else float(finite.min()) if finite.size else 0.0
     if high - low > max(1e-9 * max(abs(high), abs(low)), 1.0 / _HUGE):
         return low, high
     return (0.0, 1.0) if least is not None else (low - (abs(low) / 100 or 1.0), low + (abs(low) / 100 or 1.0))
 
 
 def _round(ms: float) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
-    ten = 10.0 ** math.floor(math.log10(ms))
-    return next(n * ten for n in (1, 2, 5, 10) if n * ten >= ms * (1 - 1e-9))
+    """Return the next larger 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(ms))
+    return next(n * power for n in (1, 2, 5, 10) if n * power >= ms * (1 - 1e-9))
 
 
 def _times(last: float, floor: float) -> Iterator[Html]:
-    """The time axis of the whole run; the page's script draws that of a part."""
+    """Yield the time axis of the whole run. The page's script draws the axis of a part."""
     marks = ticks(0.0, last, 4)
     for mark in marks:
-        at = _LEFT + _WIDE * mark / last
-        yield html.line(at, floor, at, floor + 4, "axis")
+        x = _LEFT + _WIDE * mark / last
+        yield html.line(x, floor, x, floor + 4, "axis")
         label = tick(mark, marks) + " ms" * (mark == marks[-1])
-        yield html.text(min(at, WIDTH), floor + 17, label, "tick", "end" if at > WIDTH - 26 else "middle")
+        yield html.text(min(x, WIDTH), floor + 17, label, "tick", "end" if x > WIDTH - 26 else "middle")
 
 
 def _path(x: Floats, y: Floats) -> str:
-    """A line; of more points than there is room for, the lowest and the highest of each stretch."""
+    """Return a line as a path. If there are too many points, it has the lowest and the highest of each stretch."""
     keep = np.isfinite(y)
     x, y = x[keep], y[keep]
     if y.size > 2 * _POINTS:
         parts = np.array_split(np.arange(y.size), _POINTS)
-        at = np.array([sorted((part[y[part].argmin()], part[y[part].argmax()])) for part in parts]).ravel()
-        x, y = x[at], y[at]
+        indices = np.array([sorted((part[y[part].argmin()], part[y[part].argmax()])) for part in parts]).ravel()
+        x, y = x[indices], y[indices]
     return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)) if y.size else ""

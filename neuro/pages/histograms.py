@@ -1,4 +1,4 @@
-"""Weights as histograms: of each projection one drawing, where several kinds of weights lie over each other."""
+"""Weights as histograms: one drawing for each projection, with several kinds of weights on top of each other."""
 
 from __future__ import annotations
 
@@ -43,33 +43,33 @@ class Histogram:
 
 
 def histogram(projection: str, unit: str, weights: Mapping[str, Floats], grain: float = 0.0) -> Histogram:
-    """Weights of one projection as a histogram.
+    """Return the weights of one projection as a histogram.
 
     Args:
-        projection: its name.
-        unit: of the weights.
-        weights: by kind, as many of each.
-        grain: the coarsest difference of two weights, if they are of a chip.
+        projection: name of the projection.
+        unit: unit of the weights.
+        weights: weights by origin; all origins have the same number of weights.
+        grain: largest step between two weights of a chip; 0 without a chip.
     """
     size = next(iter(weights.values())).size if weights else 0
     if not size:
         return Histogram(projection, "", 0, np.zeros(1), {}, {}, {})
     extent = {name: (float(values.min()), float(values.max())) for name, values in weights.items()}
     low, high = min(low for low, _ in extent.values()), max(high for _, high in extent.values())
-    several = any(high > low for low, high in extent.values())
-    edges = _edges(low, high, grain) if several else np.array([low])
-    counts = {name: np.histogram(values, edges)[0] for name, values in weights.items()} if several else {}
+    has_range = any(high > low for low, high in extent.values())
+    edges = _edges(low, high, grain) if has_range else np.array([low])
+    counts = {name: np.histogram(values, edges)[0] for name, values in weights.items()} if has_range else {}
     distinct = {name: int(np.unique(values).size) for name, values in weights.items()}
     return Histogram(projection, unit, size, edges, counts, distinct, extent)
 
 
 def _edges(low: float, high: float, grain: float) -> Floats:
-    """Edges of about `BINS` bins, each of which holds as many of the coarsest chip's values as any other."""
+    """Return the edges of about `BINS` bins. All bins have equal numbers of the values of the coarsest chip."""
     if not 0.0 < grain < high - low:
         return np.linspace(low, high, BINS + 1)
     width = grain * np.ceil((high - low) / grain / BINS)
-    first = grain * (np.floor(low / grain + 0.5) - 0.5)
-    edges: Floats = first + width * np.arange(np.floor((high - first) / width) + 2)
+    begin = grain * (np.floor(low / grain + 0.5) - 0.5)
+    edges: Floats = begin + width * np.arange(np.floor((high - begin) / width) + 2)
     return edges
 
 
@@ -80,17 +80,17 @@ def drawings(histograms: Sequence[Histogram], names: Mapping[str, str]) -> Html:
         histograms: one for each projection.
         names: name of each origin of weights; the first is drawn filled.
     """
-    wide = [part for part in histograms if part.counts]
-    single = [part for part in histograms if not part.counts]
+    varying = [part for part in histograms if part.counts]
+    constant = [part for part in histograms if not part.counts]
     parts: list[object] = []
-    if wide:
+    if varying:
         parts.append(html.legend(*((_kind(i), label) for i, label in enumerate(names.values()))))
-        parts.append(tag("div", *(_drawing(part, list(names)) for part in wide[:MOST]), class_="grid"))
-    if len(wide) > MOST:
-        parts.append(tag("p", f"{len(wide) - MOST} more projections are not drawn."))
-    if single:
+        parts.append(tag("div", *(_drawing(part, list(names)) for part in varying[:MOST]), class_="grid"))
+    if len(varying) > MOST:
+        parts.append(tag("p", f"{len(varying) - MOST} more projections are not drawn."))
+    if constant:
         columns = ("projection", ">synapses", *(f">{label}" for label in names.values()))
-        rows = (_row(part, names) for part in single)
+        rows = (_row(part, names) for part in constant)
         parts.append(html.table(columns, rows, "Projections with one weight for all"))
     return html.join(parts)
 
@@ -126,7 +126,7 @@ def _drawing(part: Histogram, names: Sequence[str]) -> Html:
 
 
 def _axes(x: Callable[[float], float], low: float, high: float, unit: str, floor: float, most: int) -> Iterator[Html]:
-    """Round weights, the last with its unit, and round numbers of synapses."""
+    """Yield axes with round weights, the last with its unit, and round numbers of synapses."""
     yield html.line(_LEFT, floor, WIDTH - _RIGHT, floor, "axis")
     weights = ticks(low, high, 4)
     for weight in weights:
@@ -138,9 +138,9 @@ def _axes(x: Callable[[float], float], low: float, high: float, unit: str, floor
         )
     counts = [mark for mark in ticks(0.0, float(most), 3) if mark == int(mark)]
     for count in counts:
-        at = floor - (floor - _TOP) * count / most
-        yield html.line(_LEFT, at, WIDTH - _RIGHT, at, "faint")
-        yield html.text(_LEFT - 6, at + 4, tick(count, counts), "tick", "end")
+        y = floor - (floor - _TOP) * count / most
+        yield html.line(_LEFT, y, WIDTH - _RIGHT, y, "faint")
+        yield html.text(_LEFT - 6, y + 4, tick(count, counts), "tick", "end")
     yield html.text(0.0, _TOP - 8, "synapses", "tick")
 
 

@@ -35,7 +35,7 @@ class Window:
     Attributes:
         neurons: ids in ascending order; each neuron is a row.
         steps: first step after the drawn part.
-        size: neurons of the population.
+        size: number of neurons of the population.
     """
 
     neurons: Ints
@@ -43,7 +43,7 @@ class Window:
     size: int
 
     def keys(self, steps: Ints, ids: Ints) -> Ints:
-        """Step and row of each spike that is drawn, as one number."""
+        """Return step and row of each drawn spike as one number."""
         keep = (steps < self.steps) & np.isin(ids, self.neurons)
         row = np.searchsorted(self.neurons, ids[keep])
         keys: Ints = np.unique(steps[keep] * self.neurons.size + row)
@@ -52,19 +52,19 @@ class Window:
     def described(self, ms: float, resolution_ms: float) -> str:
         """Return the drawn share of the population and of the run as text."""
         n, end_ms = self.neurons.size, self.steps * resolution_ms
-        which = f"{self.size:,} neuron{'s' * (self.size != 1)}"
-        text = which if n == self.size else f"{n:,} of {which}, evenly chosen"
+        count = f"{self.size:,} neuron{'s' * (self.size != 1)}"
+        text = count if n == self.size else f"{n:,} of {count}, evenly chosen"
         return text if end_ms >= ms else f"{text}; the first {end_ms:g} of {ms:g} ms"
 
 
 def window(size: int, trains: Sequence[tuple[Ints, Ints]], last: int, most: int, also: Iterable[int] = ()) -> Window:
-    """As many neurons as there is room for, whole if possible; then the first part of the run.
+    """Return the neurons and steps that a raster has room for: first it leaves out neurons, then the end of the run.
 
     Args:
-        size: neurons of the population.
+        size: number of neurons of the population.
         trains: steps and ids of the spikes of each strip.
-        last: the last step of the run.
-        most: spikes that a strip may have.
+        last: last step of the run.
+        most: largest number of spikes of a strip.
         also: neurons that are drawn in any case.
     """
     total = max((ids.size for _, ids in trains), default=0)
@@ -72,14 +72,14 @@ def window(size: int, trains: Sequence[tuple[Ints, Ints]], last: int, most: int,
     neurons = np.union1d(evenly(size, rows), np.array([*also], dtype=np.int64)).astype(np.int64)
     end = last + 1
     for steps, ids in trains:
-        mine = steps[np.isin(ids, neurons)]
-        if mine.size > most:
-            end = min(end, int(mine[most]))
+        drawn_steps = steps[np.isin(ids, neurons)]
+        if drawn_steps.size > most:
+            end = min(end, int(drawn_steps[most]))
     return Window(neurons, end, size)
 
 
 def evenly(size: int, most: int) -> Ints:
-    """At most so many of the neurons 0 .. size - 1, evenly spaced."""
+    """Return at most `most` of the neurons 0 to size - 1, evenly spaced."""
     chosen: Ints = np.unique(np.linspace(0, max(size - 1, 0), min(size, most)).astype(np.int64))
     return chosen
 
@@ -146,16 +146,16 @@ def _plain(strip: Strip, tallest: float) -> dict[str, object]:
 
 
 def packed(keys: Ints) -> str:
-    """Ascending numbers as base64 of their differences, see above."""
+    """Return ascending numbers as base64 of their differences, see the module."""
     gaps = np.diff(keys, prepend=0).astype(np.uint64)
     digits = [gaps]
     while (higher := digits[-1] >> np.uint64(7)).any():
         digits.append(higher)
     columns = np.stack(digits, axis=1)
-    there = columns > 0
-    there[:, 0] = True
-    more = np.zeros_like(there)
-    more[:, :-1] = there[:, 1:]
-    # Only what has a higher part goes on: these are the first bytes of each row.
-    content = (columns & np.uint64(127)) | (more.astype(np.uint64) << np.uint64(7))
-    return base64.b64encode(content[there].astype(np.uint8).tobytes()).decode("ascii")
+    is_used = columns > 0
+    is_used[:, 0] = True
+    continues = np.zeros_like(is_used)
+    continues[:, :-1] = is_used[:, 1:]
+    # Bit 7 of a byte is set if another byte of the number follows.
+    content = (columns & np.uint64(127)) | (continues.astype(np.uint64) << np.uint64(7))
+    return base64.b64encode(content[is_used].astype(np.uint8).tobytes()).decode("ascii")

@@ -1,4 +1,4 @@
-"""The page of a run: it needs nothing else, neither the network's file nor a network connection."""
+"""The self-contained page of a run, for which neither the network's file nor a network connection is needed."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ MOST_STRIPS = 300
 MOST_DOTS = 40_000
 MOST_DOTS_IN_ALL = 600_000
 TALLEST, LOWER = 140, 60
-"""Pixels of a strip; of one of more than a dozen."""
+"""Height of a strip in pixels, and its height if there are more than a dozen."""
 
 POPULATIONS = ("population", "model", "shape", ">neurons", ">spikes", ">rate Hz", ">that fired", ">active updates")
 PROJECTIONS = (
     "projection", "from", "to", "synapse", ">synapses", ">least weight", ">mean", ">largest", ">operations",
 )  # fmt: skip
 Described: TypeAlias = Mapping[str, Population]
-"""The populations as the network says them."""
+"""Populations of the described network by name."""
 
 TOTALS = {
     "spikes": "spikes",
@@ -81,7 +81,7 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
 
 
 def _bill(results: Results, target: str) -> tuple[Energy | None, str]:
-    """The bill, or why there is none."""
+    """Return the bill, or the reason for a missing bill."""
     try:
         return energy(results, results.network(played=False), target), ""
     except ModelError as error:
@@ -91,21 +91,21 @@ def _bill(results: Results, target: str) -> tuple[Energy | None, str]:
 def _head(results: Results) -> Html:
     about = results.about
     line = f"{results.duration_ms:g} ms in steps of {about['resolution_ms']:g} ms on {about['backend']}"
-    rest = f", seed {about['seed']}, by neuro {about['neuro']}."
-    note = None if results.finished else tag("p", "It did not come to its end: all is there that was recorded so far.")
-    return tag("header", tag("h1", about["network"]), tag("p", line + rest, class_="lead"), note)
+    seed_and_version = f", seed {about['seed']}, by neuro {about['neuro']}."
+    note = None if results.finished else tag("p", "The run did not reach its end: the page shows its records so far.")
+    return tag("header", tag("h1", about["network"]), tag("p", line + seed_and_version, class_="lead"), note)
 
 
 def _cards(results: Results, described: Described, bill: Energy | None, target: str) -> Iterator[Html]:
     populations, projections = results.populations, results.projections
     inputs = {
         name for name, part in described.items() if isinstance(part.model, Generator)
-    }  # no neuron fires their spikes
+    }  # generators, whose spikes are not fired by neurons
     cells = [train for name, train in populations.items() if name not in inputs]
-    about = f"of {some(sum(each.size for each in cells), 'neuron')} in {some(len(cells), 'population')}"
+    summary = f"of {some(sum(part.size for part in cells), 'neuron')} in {some(len(cells), 'population')}"
     emitted = sum(populations[name].counts["spikes"] for name in inputs)
-    about += f"; generators emitted {emitted:,} more" if emitted else ""
-    yield html.card("spikes", f"{sum(each.counts['spikes'] for each in cells):,}", about)
+    summary += f"; generators emitted {emitted:,} more" if emitted else ""
+    yield html.card("spikes", f"{sum(part.counts['spikes'] for part in cells):,}", summary)
     synapses = sum(part.synapses for part in projections.values())
     carried = some(int(results.about["counts.synaptic_ops"]), "operation")
     line = f"in {some(len(projections), 'projection')} carried {carried}"
@@ -143,24 +143,24 @@ def _spikes(results: Results, described: Described) -> Iterator[Html]:
 
 
 def _raster(results: Results, names: list[str]) -> Html:
-    """Strips of all populations."""
-    step, last = float(results.about["resolution_ms"]), end_ms(results)
-    most = min(MOST_DOTS, MOST_DOTS_IN_ALL // len(names))
+    """Draw a strip for each population."""
+    step, end = float(results.about["resolution_ms"]), end_ms(results)
+    most_dots = min(MOST_DOTS, MOST_DOTS_IN_ALL // len(names))
     strips = []
     for name in names:
         train = results.populations[name]
         steps = np.asarray(train.steps)
-        part = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
-        about = f"{train.counts['spikes'] / train.size / (last / 1000.0):.2f} Hz, {part.described(last, step)}"
-        strips.append(Strip(name, about, part, {"spike": part.keys(steps, train.ids)}))
+        part = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most_dots)
+        text = f"{train.counts['spikes'] / train.size / (end / 1000.0):.2f} Hz, {part.described(end, step)}"
+        strips.append(Strip(name, text, part, {"spike": part.keys(steps, train.ids)}))
     picture = raster.raster(
-        strips, last, step, label=f"raster of {', '.join(names)}", tallest=TALLEST if len(names) < 13 else LOWER
+        strips, end, step, label=f"raster of {', '.join(names)}", tallest=TALLEST if len(names) < 13 else LOWER
     )
     return html.figure(picture, "Each row is a neuron, the first at the bottom.", class_="raster")
 
 
 def _described(results: Results) -> Described:
-    """The populations as the network says them: a recording is compiled to another model; none if it says nothing."""
+    """Return the described populations, since a recording is compiled to another model; {} if they are unknown."""
     try:
         return results.network().populations
     except ModelError:
@@ -219,10 +219,10 @@ def _network(results: Results, described: Described) -> Iterator[Html]:
 
 def _projection(described: Described, name: str, part: Weights) -> tuple[object, ...]:
     w = part.weight
-    there = w is not None and w.size > 0
+    valid = w is not None and w.size > 0
     unit = _weight_unit(described, part)
     weights = (
-        [f"{n:.4g} {unit}".rstrip() for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
+        [f"{n:.4g} {unit}".rstrip() for n in (w.min(), w.mean(), w.max())] if valid and w is not None else ["-"] * 3
     )
     return (
         name,
@@ -250,9 +250,9 @@ def _next(results: Results, file: Path) -> Iterator[Html]:
     options = f"net.yaml --for {results.duration_ms:g} --seed {results.about['seed']}"
     read = f'from neuro import results\nresults.read("{file}").network().save("{net}")'
     yield tag("h2", "What next")
-    yield tag("p", "Pictures of it as files:")
+    yield tag("p", "Pictures of the run as files:")
     yield tag("pre", f"neuro plot {name}")
     yield tag("p", "The network is in the file; in Python:")
     yield tag("pre", read)
-    yield tag("p", "Then on chips, side by side, and what each takes:")
+    yield tag("p", "Comparison with chips, with their energy and fit:")
     yield tag("pre", f"neuro compare {options} --html compare.html\nneuro energy {options}\nneuro fit {net}")

@@ -143,7 +143,7 @@ def _traces(run: Recorded, probe: Any) -> list[tuple[str, StateTrace]]:
     traces = [(name, run.trace(name)) for name in names]
     traces = [pair for pair in traces if pair[1].times_ms.size]
     if not traces:
-        raise ModelError("no traces were recorded", hint="a probe of a state, such as V_m, records one")
+        raise ModelError("no traces were recorded", hint="add a probe of a state, such as V_m")
     return traces
 
 

@@ -1,4 +1,4 @@
-"""Networks at the pace of the clock: `Loop` brings live events to a network and its action to the world."""
+"""Networks at the pace of the clock: `Loop` passes live events to a network, and its actions to the world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network joined with its world: it sees, runs, acts, and is taught, once a control step."""
+"""A network joined with its world: in each control step it observes, runs, acts and learns."""
 
 from __future__ import annotations
 
@@ -30,31 +30,31 @@ from neuro.realtime.report import Histogram, LiveRun
 from neuro.run.collect import collect
 
 MERGE = 16
-"""Control steps after which copies that learn side by side add up what they have learnt."""
+"""Number of control steps after which parallel copies add up their changes of weights."""
 SPARSE = 10
-"""Where no reward comes, random moves go on for so many times as many control steps."""
+"""Factor on the number of random moves while no reward comes."""
 TESTS = 1 << 40
-"""Seeds of tests begin here: no training comes so far."""
+"""First seed of tests, larger than the seeds of any training."""
 MOST = 10_000
-"""Control steps after which an episode of a test that does not end is cut off."""
+"""Largest number of control steps of an episode of a test."""
 LOOKED_AT = 100
-"""Observations by which two runs of a world with one seed are compared."""
+"""Number of observations by which two runs of a world with the same seed are compared."""
 
 
 class ClosedLoop:
     """A pilot and its environments; made by `neuro.closed_loop`.
 
-    Learning goes in blocks. Each begins at time 0 of the network with new episodes, all seeds keyed by its number, and
-    keeps what was learnt: so a run that was killed goes on from the last whole block to the same bits.
+    Learning is divided into blocks. A block begins at time 0 of the network with new episodes and the learnt weights,
+    and its number decides all seeds. So a killed run continues from the last complete block with the same bits.
 
     Attributes:
-        pilot: what acts.
-        environments: in which it acts.
+        pilot: the network, or another object that acts.
+        environments: environments in which it acts.
         log: the episodes so far.
-        steps: control steps of all environments so far.
-        watch: called after each control step, such as the `tick` of a page, which may wait.
-        actions, rewards: of the steps of the present block, if they are kept.
-        account: at a pace, which steps were late, and the times of all but the first of each block; else None.
+        steps: number of control steps of all environments so far.
+        watch: function that is called after each control step, e.g. the `tick` of a page; it may wait.
+        actions, rewards: actions and rewards of the steps of the present block, if they are recorded.
+        account: late steps, and times of all steps but the first of each block; None without a pace.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class ClosedLoop:
         self.actions: list[npt.NDArray[Any]] = []
         self.rewards: list[Floats] = []
         self._begun = [0, 0]  # episodes and blocks
-        self._none = [0] * environments.n
+        self._no_seeds = [0] * environments.n
         self._request: dict[str, Any] = {}
         self._explored = not explore
         phases = {"run": Histogram(), "act": Histogram()}
@@ -92,29 +92,29 @@ class ClosedLoop:
         return episodes | {"rewards": np.array(self.rewards), "actions": np.array(self.actions)}
 
     def results(self, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False) -> Results:
-        """Return the results of the present block, with the episodes of all, and what makes them again."""
+        """Return the results of the present block, with the episodes of all, and the data for `neuro rerun`."""
         pilot = self._network_pilot("results")
         made = collect(self.sim, pilot.net, threads=threads, record=record, all_weights=all_weights)
         made.world.update(self.recorded())
         made.live.update({} if self.account is None else self.account.as_attributes())
         request = {**self._request, "seed": self.seed, "copies": self.environments.n, "learns": self._learns}
-        about = json.loads(made.about[ATTRIBUTE]) | {"steered": [], "world": request}
-        made.about[ATTRIBUTE] = json.dumps(about)
+        provenance = json.loads(made.about[ATTRIBUTE]) | {"steered": [], "world": request}
+        made.about[ATTRIBUTE] = json.dumps(provenance)
         return made
 
     def network(self, frozen: bool = False) -> Network:
-        """Return the network with the weights of now; `frozen`: with static synapses and no signals."""
+        """Return the network with the present weights, with `frozen` also with static synapses and no signals."""
         pilot = self._network_pilot("network")
         return pilot.copies[0].network(frozen=frozen)
 
     @property
     def sim(self) -> Any:
-        """The simulation of the first copy in the present block."""
+        """Simulation of the first copy in the present block."""
         return self._network_pilot("sim").copies[0]
 
     def _network_pilot(self, what: str) -> NetworkPilot:
         if not isinstance(self.pilot, NetworkPilot):
-            raise ModelError(f"{what}: what acts is no network")
+            raise ModelError(f"{what}: the pilot is no network")
         return self.pilot
 
     def run(
@@ -130,26 +130,26 @@ class ClosedLoop:
         progress: bool = False,
         after: Callable[[ClosedLoop], object] | None = None,
     ) -> Log:
-        """Act, and learn if it learns, until what comes first.
+        """Act, and learn if the loop learns, until the first of the given ends.
 
         Args:
-            steps: control steps of all environments, those before this call included.
-            ms: in place of steps the time of the network that they take; a part of a step counts as one.
-            episodes: episodes, likewise.
-            until: the mean return of the last `window` episodes.
-            window: episodes of that mean.
-            out: the file that comes of it: beside it a checkpoint is written after each block, from which the same
-                call goes on after a kill. Whoever writes the file removes the checkpoint.
-            belongs_to: what the checkpoint belongs to: the run goes on only from one of equal words.
-            progress: whether to show how far it is on stderr.
-            after: called after each block.
+            steps: number of control steps of all environments, including steps before this call.
+            ms: time of the network, instead of `steps`; rounded up to whole steps.
+            episodes: number of episodes, including episodes before this call.
+            until: mean return of the last `window` episodes that ends the run.
+            window: number of episodes of the mean.
+            out: path of the file that the caller writes at the end. A checkpoint beside it is written after each
+                block; after a kill the same call continues from the checkpoint. The caller removes the checkpoint.
+            belongs_to: settings that are stored in the checkpoint; only a run with equal settings continues.
+            progress: whether to show progress on stderr.
+            after: function that is called after each block.
 
         Returns:
             the log of all episodes.
 
         Raises:
-            ModelError: no end is given, the environment raises, hangs or gives NaN, or the network cannot go on; the
-                last checkpoint stays.
+            ModelError: no end is given, the environment raises an error, hangs or returns NaN, or the network cannot
+                continue. The last checkpoint is kept.
         """
         if ms is not None:
             steps = max(1, ceil(ms / self._step_ms - 1e-9)) * self.environments.n
@@ -170,21 +170,21 @@ class ClosedLoop:
         return self.log
 
     def until(self, end: End, *, progress: bool = False, after: Callable[[ClosedLoop], object]) -> None:
-        """Act, and learn if it learns, until an end; `after` is called after each block."""
+        """Act, and learn if the loop learns, until an end. `after` is called after each block."""
         with self._watched(), Bar() if progress else nullcontext() as bar:
             self._move_at_random(end)
             while not end.reached(self.log) and (end.steps is None or self.steps < end.steps):
-                self._one_block(end, bar)
+                self._run_block(end, bar)
                 after(self)
 
     @contextmanager
     def _watched(self) -> Iterator[None]:
-        """Stop where the environment does not answer; at a pace also let sleeps end on time."""
+        """Stop if the environment does not answer. With a pace, also let sleeps end on time."""
         with self.environments.watched(), nullcontext() if self._pace is None else punctual():
             yield
 
     def _reset(self, seeds: list[int]) -> Floats:
-        """Begin all episodes; the clock stands until the end of the first step, which compiles what it needs."""
+        """Begin all episodes. The clock stops until the end of the first step, which compiles kernels."""
         if self._pace is not None:
             self._pace.rest()
         return self.environments.reset(seeds)
@@ -192,7 +192,7 @@ class ClosedLoop:
     def _step(
         self, observations: Floats, seeds: list[int], actions: npt.NDArray[Any] | None = None
     ) -> tuple[npt.NDArray[Any], tuple[Floats, Floats, Bools, Bools]]:
-        """Take a control step of the pilot, or with the given actions, when it is due; return actions and answer."""
+        """Take a control step, by the pilot or with given actions, when it is due. Return actions and answer."""
         pace, env = self._pace, self.environments
         if pace is not None:
             pace.wait()
@@ -208,23 +208,23 @@ class ClosedLoop:
 
     def checkpoint(self, out: Path, belongs_to: Mapping[str, Any]) -> Checkpoint:
         """Return the checkpoint beside a file."""
-        words = {"seed": self.seed, "environment": self.environments.name, "environments": self.environments.n}
-        return Checkpoint(out, "neuro closed loop 1", {**words, "options": self.environments.options, **belongs_to})
+        settings = {"seed": self.seed, "environment": self.environments.name, "environments": self.environments.n}
+        return Checkpoint(out, "neuro closed loop 1", {**settings, "options": self.environments.options, **belongs_to})
 
     def arrays(self) -> dict[str, Any]:
-        """Return all that a run needs to go on."""
+        """Return the state from which `go_on` continues."""
         counts = np.array([self.steps, *self._begun, self._explored], dtype=np.int64)
         return {"counts": counts, "log": self.log.arrays(), **self.pilot.arrays()}
 
     @property
     def begun(self) -> tuple[tuple[int, int], bool]:
-        """Episodes and blocks that have begun, each with a seed of its own; and whether random moves are over."""
+        """Numbers of begun episodes and blocks, which decide their seeds; and whether random moves are over."""
         return (self._begun[0], self._begun[1]), self._explored
 
     def go_on(self, arrays: Mapping[str, Any], begun: tuple[int, int, bool] | None = None) -> None:
         """Continue from the arrays of a checkpoint; without any, from the counts in `begun`."""
         if arrays:
-            self.steps, *self._begun = (int(each) for each in arrays["counts"][:3])
+            self.steps, *self._begun = (int(count) for count in arrays["counts"][:3])
             self._explored = bool(arrays["counts"][3])
             self.log = Log.of(arrays["log"])
             self.pilot.put(arrays)
@@ -232,9 +232,9 @@ class ClosedLoop:
             *self._begun, self._explored = begun
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
-        """Seeds of the episodes that begin; of the others, which take none, 0."""
+        """Return the seed of each episode that begins, and 0 for the others."""
         if begins is not None and not np.count_nonzero(begins):
-            return self._none
+            return self._no_seeds
         seeds = []
         for k in range(self.environments.n):
             self._begun[0] += begins is None or bool(begins[k])
@@ -242,15 +242,13 @@ class ClosedLoop:
         return seeds
 
     def _check_repeatable(self) -> None:
-        """Warn of a world that differs under the same seed and actions: after a kill it only continues."""
+        """Warn of a world that differs under the same seed and actions, so a killed run cannot be repeated."""
         if self.environments.n > 1:
             return
         with self.environments.watched():
             first, second = (self._looked_at() for _ in range(2))
         if len(first) != len(second) or any(not np.array_equal(a, b) for a, b in zip(first, second, strict=True)):
-            message = (
-                f"'{self.environments.name}' differs under the same seed and actions: a run that was killed goes on"
-            )
+            message = f"'{self.environments.name}' differs under the same seed and actions: a killed run continues"
             warnings.warn(f"{message}, but not to the same bits", stacklevel=3)
 
     def _looked_at(self) -> list[Floats]:
@@ -262,29 +260,30 @@ class ClosedLoop:
         return observations
 
     def _move_at_random(self, end: End) -> None:
-        """Move at random, before anything is learnt: see which observations and rewards there are."""
+        """Take random moves before learning, to learn the ranges of observations and rewards."""
         env = self.environments
         if self._explored:
             return
         env.actions.seed(self.seed)
-        observations, least = [self._reset(self._seeds())], self._explore
-        sums, rewards, some = Sums(env.n), list[float](), False
-        while self.steps < (least if some else SPARSE * least) and not end.reached(self.log):
+        observations, n_steps = [self._reset(self._seeds())], self._explore
+        sums, rewards, has_reward = Sums(env.n), list[float](), False
+        while self.steps < (n_steps if has_reward else SPARSE * n_steps) and not end.reached(self.log):
             if end.steps is not None and self.steps >= end.steps:
                 break
             begins = env.over
             actions = np.stack([env.actions.sample() for _ in range(env.n)])
-            _, (now, reward, _, _) = self._step(observations[-1], self._seeds(begins), actions)
-            observations.append(now)
+            _, (new, reward, _, _) = self._step(observations[-1], self._seeds(begins), actions)
+            observations.append(new)
             self.steps += env.n - int(np.count_nonzero(begins))
             sums.add(self.log, self.steps, reward, env.over)
             rewards += reward[~begins].tolist()
-            some |= bool(reward.any())
+            has_reward |= bool(reward.any())
         self.pilot.explored(np.concatenate(observations), rewards, self.log.returns.tolist())
-        self._explored = self.steps >= least  # a run that ends before has learnt nothing: the next explores anew
+        # A run that ends earlier has learnt nothing, so the next run explores again.
+        self._explored = self.steps >= n_steps
 
-    def _one_block(self, end: End, bar: Bar | None) -> None:
-        """Go on for a block of control steps, or to the end."""
+    def _run_block(self, end: End, bar: Bar | None) -> None:
+        """Run a block of control steps, or up to the end."""
         pilot, env = self.pilot, self.environments
         pilot.begin(env.n, self._begun[1])
         self._begun[1] += 1
@@ -298,7 +297,7 @@ class ClosedLoop:
             last = env.over
             begins = int(np.count_nonzero(last))
             actions, (observations, rewards, ended, _) = self._step(
-                observations, self._seeds(last) if begins else self._none
+                observations, self._seeds(last) if begins else self._no_seeds
             )
             self.steps += env.n - begins
             if self._keep:
@@ -326,20 +325,20 @@ class ClosedLoop:
             pilot.merge()
 
     def test(self, episodes: int = 100, seed: int = 0, most: int = MOST) -> Test:
-        """Play episodes without learning, of seeds that no training has; the loop must not learn.
+        """Play episodes without learning, with seeds that no training uses. The loop must not learn.
 
         Args:
-            episodes: how many.
-            seed: of the episodes.
-            most: control steps after which an episode is cut off.
+            episodes: number of episodes.
+            seed: seed of the episodes.
+            most: number of control steps after which an episode is cut off.
 
         Raises:
-            ModelError: the loop learns, or has several environments; or as of `run`.
+            ModelError: the loop learns, has several environments, or fails as in `run`.
         """
         episodes = int(argument("test: episodes", episodes, kind="integer", at_least=1))
         if self._learns or self.environments.n > 1:
             raise ModelError(
-                "test: the loop learns, or has copies: expected a frozen one", hint="learns=False, copies=1"
+                "test: the loop learns, or has copies: expected a frozen loop", hint="use learns=False, copies=1"
             )
         env = self.environments
         returns, lengths = np.zeros(episodes), np.zeros(episodes, dtype=np.int64)
@@ -372,17 +371,17 @@ def closed_loop(
 
     Args:
         net: a network whose description has a `world`.
-        environment: in place of the described one: a gymnasium.Env, a VectorEnv, or a class of environments.
-        backend: that runs the network.
-        seed: of everything random.
-        copies: environments side by side, each with a copy of the network.
-        learns: False keeps all weights as they are and sets no signal.
-        record: whether spikes and traces of the present block, its actions and its rewards are kept.
-        patience: seconds within which the environment must answer.
-        block: control steps of a block, in place of those of the description.
-        pace: times real time, such as 1.0, at which control steps are due; as fast as it can if None. A step that is
-            late by a whole one or more is not caught up with. The bits are the same.
-        options: of the backend.
+        environment: a gymnasium.Env, a VectorEnv, or a class of environments; by default the described environment.
+        backend: name of the backend, or the backend itself.
+        seed: seed of all random numbers.
+        copies: number of parallel environments, each with a copy of the network.
+        learns: whether the network learns. If not, weights stay constant and no signal is set.
+        record: whether to record spikes, traces, actions and rewards of the present block.
+        patience: time within which the environment must answer, s.
+        block: number of control steps of a block; by default as described.
+        pace: speed relative to real time, e.g. 1.0; by default as fast as possible. A delay of a whole step or more
+            is not caught up. Results do not depend on the pace.
+        options: options of the backend.
 
     Raises:
         ModelError: the network has no world, there is no such environment, or encoders, decoder and signals do not fit
@@ -399,7 +398,7 @@ def closed_loop(
         raise error.at(net.world_origin, "world").but(path=("world", "environment", *error.path)) from None
     environments = Environments(made, patience)
     pilot = NetworkPilot(
-        net if learns else net.frozen(),  # spikes and signals of the network itself teach, too
+        net if learns else net.frozen(),  # the network also learns by its own spikes and described signals
         environments,
         backend=backend,
         seed=seed,
@@ -407,37 +406,37 @@ def closed_loop(
         record=record,
         options=options,
     )
-    words: dict[str, Any] = {"explore": world.explore, "block": block or world.block, "learns": learns, "keep": record}
-    return ClosedLoop(pilot, environments, step=world.step, seed=seed, pace=pace, **words)
+    settings: Any = {"explore": world.explore, "block": block or world.block, "learns": learns, "keep": record}
+    return ClosedLoop(pilot, environments, step=world.step, seed=seed, pace=pace, **settings)
 
 
 def lived(net: Network, ms: float, progress: bool = False, **words: Any) -> ClosedLoop:
-    """Join a network with its world, and act there for so many ms in a single block.
+    """Join a network with its world, and act for some time in a single block.
 
     Args:
         net: the network.
         ms: time of the network.
-        progress: whether to show how far it is on stderr.
-        words: as of `closed_loop`.
+        progress: whether to show progress on stderr.
+        words: arguments of `closed_loop`.
     """
     world = net.world_section
     steps = 1 if world is None else max(1, ceil(ms / world.step - 1e-9))
-    loop = closed_loop(net, block=2 * steps, **words)  # each step may begin an episode, which is none for the world
+    loop = closed_loop(net, block=2 * steps, **words)  # the begin of an episode takes a step without the world
     loop.run(steps=steps + (world.explore if world is not None else 0), progress=progress)
     return loop
 
 
 def lived_again(net: Network, request: Mapping[str, Any], backend: str, **keep: Any) -> Results:
-    """Run once more what the record of results asks for, and return the results.
+    """Repeat a run from the record of its results, and return the new results.
 
     Args:
         net: the network.
-        request: the words `world` of the record.
-        backend: that runs it.
-        keep: what to keep, as of `ClosedLoop.results`.
+        request: the entry `world` of the record.
+        backend: name of the backend.
+        keep: arguments of `ClosedLoop.results`.
     """
     ends = {word: request[word] for word in ("until", "steps", "episodes", "window")}
-    words = {word: request[word] for word in ("seed", "copies", "learns")}
-    loop = closed_loop(net, backend=backend, record=True, threads=keep["threads"], **words)
+    options = {word: request[word] for word in ("seed", "copies", "learns")}
+    loop = closed_loop(net, backend=backend, record=True, threads=keep["threads"], **options)
     loop.run(**ends)
     return loop.results(**keep)

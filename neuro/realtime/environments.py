@@ -1,4 +1,4 @@
-"""Environments of Gymnasium: a single one or a vector, in the same form: a number of episodes side by side."""
+"""Environments of Gymnasium: a single environment and a vector have the same form, a number of parallel episodes."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ from neuro.core.registry import installed
 from neuro.model.sections import World
 
 for _name, _value in (("PYGAME_HIDE_SUPPORT_PROMPT", "1"), ("SDL_VIDEODRIVER", "dummy"), ("SDL_AUDIODRIVER", "dummy")):
-    os.environ.setdefault(_name, _value)  # pygame greets on standard output, and looks for a screen that nobody needs
+    os.environ.setdefault(_name, _value)  # keeps pygame from printing to standard output and from opening a screen
 
 _EXTRA = re.compile(r"gymnasium\[[\w-]+\]")
 
 
 def environment_of(world: World, environment: Any = None, copies: int = 1) -> Any:
-    """Return the environment of a description, or a vector of some of them.
+    """Return the environment of a description, or a vector of several copies.
 
     Args:
-        world: names an id, or a class of a file that the user has named by `--with`.
-        environment: in its place an environment, a vector, or a class of environments.
-        copies: how many side by side.
+        world: the described world, which names an id, or a class of a file of the option `--with`.
+        environment: an environment, a vector, or a class of environments; by default the described environment.
+        copies: number of parallel environments.
 
     Raises:
-        ModelError: there is none of that name, it needs a package that is not installed, or it cannot be made.
+        ModelError: there is no environment of that name, a package for it is not installed, or it cannot be made.
     """
     if environment is not None and not isinstance(environment, type):
         return environment
@@ -56,26 +56,26 @@ def environment_of(world: World, environment: Any = None, copies: int = 1) -> An
     kind = environment if environment is not None else find(name, _named_by_user())
     limit = world.episode
 
-    def one() -> gymnasium.Env[Any, Any]:
+    def make() -> gymnasium.Env[Any, Any]:
         env = made(kind, name, options)
         return env if limit is None else gymnasium.wrappers.TimeLimit(env, limit)
 
     if world.process:
-        return AsyncVectorEnv([one] * copies)
-    return one() if copies == 1 else SyncVectorEnv([one] * copies)
+        return AsyncVectorEnv([make] * copies)
+    return make() if copies == 1 else SyncVectorEnv([make] * copies)
 
 
 def _named_by_user() -> dict[str, Any]:
-    """The classes of the files that the user has named."""
+    """Return the classes of the files of the option `--with`, by name."""
     modules = [sys.modules.get(Path(file).stem) for file in extensions()]
     return {name: kind for module in modules if module for name, kind in vars(module).items() if isinstance(kind, type)}
 
 
 def find(name: str, classes: Mapping[str, Any]) -> Any:
-    """Return the class of that name, or the id of a registered environment.
+    """Return the class of a name, or the id of a registered environment.
 
     Raises:
-        ModelError: there is neither.
+        ModelError: no class and no id has the name.
     """
     environments = {key: kind for key, kind in classes.items() if issubclass(kind, gymnasium.Env)}
     if name in environments:
@@ -84,12 +84,12 @@ def find(name: str, classes: Mapping[str, Any]) -> Any:
         _load_plugins(name.partition("/")[0])
     if name not in gymnasium.registry:
         error = unknown("environment", name, [*environments, *gymnasium.registry])
-        raise error if error.suggestion else error.but(hint=f"--with FILE.py, if a file of yours has the class {name}")
+        raise error if error.suggestion else error.but(hint=f"use --with FILE.py if your FILE.py has the class {name}")
     return name
 
 
 def _load_plugins(namespace: str) -> None:
-    """Let installed packages register their environments: gymnasium 1.0 and later load no plug-ins by themselves."""
+    """Let installed packages register their environments: gymnasium 1.0 and later do not load plug-ins."""
     for entry in installed("gymnasium.envs"):
         if entry.name in (namespace, "__root__") and not taken_away(entry):
             try:
@@ -104,13 +104,13 @@ def made(kind: Any, name: str, options: Mapping[str, Any] | None = None, frames:
     """Make an environment.
 
     Args:
-        kind: its id, or its class.
-        name: for messages.
-        options: arguments.
-        frames: whether it is to render pictures, if it says that it can and takes `render_mode`.
+        kind: id or class of the environment.
+        name: name for messages.
+        options: arguments of the environment.
+        frames: whether it renders pictures, if it supports them and takes `render_mode`.
 
     Raises:
-        ModelError: it needs a package that is not installed, has no spaces, or raises.
+        ModelError: a package is not installed, the environment has no spaces, or it raises an error.
     """
     with reported(name):
         make: Any = partial(gymnasium.make, kind) if isinstance(kind, str) else kind
@@ -118,17 +118,17 @@ def made(kind: Any, name: str, options: Mapping[str, Any] | None = None, frames:
         env: gymnasium.Env[Any, Any] = make()
         for space in ("observation_space", "action_space"):
             if not isinstance(getattr(env, space, None), gymnasium.Space):
-                raise ModelError(f"environment '{name}': it has no {space}: expected a space of gymnasium")
+                raise ModelError(f"environment '{name}' has no {space}: expected a space of gymnasium")
         if not frames or "rgb_array" not in (env.metadata or {}).get("render_modes", ()):
             return env
-        words = signature(make).parameters
-        takes_mode = "render_mode" in words or any(one.kind is one.VAR_KEYWORD for one in words.values())
+        parameters = signature(make).parameters
+        takes_mode = "render_mode" in parameters or any(p.kind is p.VAR_KEYWORD for p in parameters.values())
         return make(render_mode="rgb_array") if takes_mode else env
 
 
 @contextmanager
 def reported(name: str) -> Iterator[None]:
-    """Errors of making an environment in one line; gymnasium's warnings are of its own names and tell users nothing."""
+    """Report errors of making an environment in one line, and hide the warnings of gymnasium."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -140,21 +140,21 @@ def reported(name: str) -> Iterator[None]:
 
 
 def why(error: BaseException) -> str:
-    """An error of an environment in one line; what is not installed with the command that installs it."""
+    """Return an error of an environment in one line; for a missing package the command that installs it."""
     extra = _EXTRA.search(str(error))
     return _line(error) if extra is None else f"it needs {extra[0]}: pip install '{extra[0]}'"
 
 
 def _line(error: BaseException) -> str:
-    first = (str(error).splitlines() or [""])[0]
-    return f"{type(error).__name__}: {first}" if first else type(error).__name__
+    text = (str(error).splitlines() or [""])[0]
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 _PATIENCE = Quantity("s", above=0, infinite=True)
 _GIVE_UP = signal.SIGURG
-"""Nobody else sends it, and it does nothing by default; a job in the background has no SIGINT."""
+"""A signal that nothing else sends, and that does nothing by default. Background jobs ignore SIGINT."""
 
 
 class Environments:
@@ -162,7 +162,7 @@ class Environments:
 
     Args:
         env: an environment, or a vector of environments.
-        patience: seconds within which the environment must answer.
+        patience: time within which the environment must answer, s.
 
     Attributes:
         name: name of the environment.
@@ -202,7 +202,7 @@ class Environments:
         self._calls = 0
 
     def reset(self, seeds: Sequence[int]) -> Floats:
-        """Begin all episodes, by the first seed; the first observations, (n, dimensions)."""
+        """Begin all episodes with the first seed, and return the first observations, (n, dimensions)."""
         answer, info = self._answer("reset", "observation, info", seed=int(seeds[0]))
         self._hear(info)
         self.over, self.rewards = np.zeros(self.n, dtype=np.bool_), np.zeros(self.n)
@@ -212,7 +212,7 @@ class Environments:
         """Take one step in each episode; an episode that is over returns the first observation of the next one.
 
         Args:
-            actions: one for each episode; those of episodes that are over are ignored.
+            actions: action for each episode; ignored for episodes that are over.
             seeds: seeds of the next episodes; vectors choose their own.
 
         Returns:
@@ -232,24 +232,24 @@ class Environments:
         return tuple(answer)
 
     def _hear(self, info: Any) -> None:
-        """Keep what the environment says beside; of a vector each of the arrays has an entry for each."""
+        """Store the info of the environment. The arrays of a vector's info have an entry for each episode."""
         if type(info) is not dict and not isinstance(info, Mapping):
             raise ModelError(f"env returned info of type {type(info).__name__}: expected a dictionary")
         if not self._vector:
             self.infos = (info,)
             return
-        if not info:  # of most vectors, in each step
+        if not info:  # so for most vectors, in each step
             self.infos = ({},) * self.n
             return
-        words = {word: values for word, values in info.items() if not word.startswith("_")}
+        arrays = {word: values for word, values in info.items() if not word.startswith("_")}
         self.infos = tuple(
-            {word: values[k] for word, values in words.items() if len(values) > k} for k in range(self.n)
+            {word: values[k] for word, values in arrays.items() if len(values) > k} for k in range(self.n)
         )
 
-    def _answer(self, name: str, expected: str, *arguments: Any, **words: Any) -> tuple[Any, ...]:
+    def _answer(self, name: str, expected: str, *arguments: Any, **keywords: Any) -> tuple[Any, ...]:
         self._calls += 1
         try:
-            answer = getattr(self._env, name)(*arguments, **words)
+            answer = getattr(self._env, name)(*arguments, **keywords)
         except (ModelError, KeyboardInterrupt):
             raise
         except Exception as error:
@@ -268,16 +268,17 @@ class Environments:
             and isfinite(reward)
             and not self._vector
         ):
-            self.over = np.array([ended or cut])  # of most single environments: to check arrays takes ten times as long
+            # This is the usual case; the checks of arrays would take ten times as long.
+            self.over = np.array([ended or cut])
             self.rewards = np.array([reward])
             return self._vectors(answer), self.rewards, np.array([ended]), np.array([cut and not ended])
         try:
             rewards = np.asarray(reward, dtype=np.float64).reshape(self.n)
         except (TypeError, ValueError, OverflowError):
             raise ModelError(f"env.step returned the reward {reward!r}: expected a number") from None
-        good = np.isfinite(rewards)
-        if np.count_nonzero(good) < self.n:
-            raise ModelError(f"env.step returned the reward {rewards[~good][0]:g}: expected a finite number")
+        is_valid = np.isfinite(rewards)
+        if np.count_nonzero(is_valid) < self.n:
+            raise ModelError(f"env.step returned the reward {rewards[~is_valid][0]:g}: expected a finite number")
         ends, cuts = self._flags("terminated", ended), self._flags("truncated", cut)
         self.over, self.rewards = ends | cuts, rewards
         return self._vectors(answer), rewards, ends, cuts & ~ends
@@ -294,7 +295,7 @@ class Environments:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Stop with an error where a call of the environment does not return within `patience`; main thread only."""
+        """Stop with an error if a call of the environment does not return within `patience`; main thread only."""
         if threading.current_thread() is not threading.main_thread() or not np.isfinite(self.patience):
             yield
             return
@@ -307,7 +308,7 @@ class Environments:
                     calls, since = self._calls, time.monotonic()
                 elif time.monotonic() - since > self.patience:
                     hung.set()
-                    # A real signal: it also ends a call that waits in the system, for a clock or a socket.
+                    # A signal of the system also ends a call that waits for a clock or a socket.
                     signal.pthread_kill(main, _GIVE_UP)
                     return
 
@@ -315,7 +316,7 @@ class Environments:
             if hung.is_set():
                 raise _Hung
 
-        before = signal.signal(_GIVE_UP, give_up)
+        previous = signal.signal(_GIVE_UP, give_up)
         watcher = threading.Thread(target=look, daemon=True)
         watcher.start()
         try:
@@ -326,19 +327,19 @@ class Environments:
                 watcher.join()
         except _Hung:
             message = f"env: a call has not returned for {self.patience:g} s: expected an answer"
-            raise ModelError(message, hint="patience= gives it longer") from None
+            raise ModelError(message, hint="set patience= to a longer time") from None
         finally:
-            signal.signal(_GIVE_UP, signal.SIG_DFL if before is None else before)
+            signal.signal(_GIVE_UP, signal.SIG_DFL if previous is None else previous)
 
 
 class _Hung(BaseException):
-    """A call of an environment that does not return; no `except Exception` of the environment's own holds it."""
+    """A call of an environment does not return. An `except Exception` of the environment does not catch this error."""
 
 
 def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
-    plain = {}
+    plain_options = {}
     for name, value in options.items():
         with suppress(TypeError, ValueError):
-            plain[name] = json.loads(json.dumps(value))
-    plain.pop("render_mode", None)
-    return plain
+            plain_options[name] = json.loads(json.dumps(value))
+    plain_options.pop("render_mode", None)
+    return plain_options

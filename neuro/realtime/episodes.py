@@ -1,4 +1,4 @@
-"""Episodes of a closed loop: what came of each, when a run ends, and tests without learning."""
+"""Episodes of a closed loop: their log, the ends of a run, and tests without learning."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Bools = npt.NDArray[np.bool_]
 
 
 def episode_seed(seed: int, number: int) -> int:
-    """The seed of an episode of an environment; environments take 32 bits."""
+    """Return the seed of an episode of an environment, 32 bits."""
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
 
 
@@ -30,9 +30,9 @@ class Log:
     """Episodes of a training, in the order in which they ended.
 
     Attributes:
-        returns: sums of rewards, (episodes,).
-        lengths: control steps, (episodes,).
-        steps: control steps of all environments up to its end, (episodes,).
+        returns: sum of the rewards of each episode, (episodes,).
+        lengths: number of control steps of each episode, (episodes,).
+        steps: number of control steps of all environments up to the end of each episode, (episodes,).
         solved: True if the requested mean return was reached, False if not, None if the training had no such goal.
     """
 
@@ -53,27 +53,27 @@ class Log:
 
     @property
     def returns(self) -> Floats:
-        """Sums of rewards."""
+        """Sum of the rewards of each episode."""
         return np.array(self._returns, dtype=np.float64)
 
     @property
     def lengths(self) -> Ints:
-        """Control steps of each episode."""
+        """Number of control steps of each episode."""
         return np.array(self._lengths, dtype=np.int64)
 
     @property
     def steps(self) -> Ints:
-        """Control steps of all environments up to the end of each episode."""
+        """Number of control steps of all environments up to the end of each episode."""
         return np.array(self._steps, dtype=np.int64)
 
     def add(self, total: float, length: int, step: int) -> None:
-        """An episode has ended."""
+        """Add a finished episode."""
         self._returns.append(total)
         self._lengths.append(length)
         self._steps.append(step)
 
     def mean(self, window: int) -> float:
-        """The mean return of the last episodes; NaN before there are any."""
+        """Return the mean return of the last episodes; NaN without episodes."""
         return float(np.mean(self._returns[-window:])) if self._returns else float("nan")
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -83,13 +83,13 @@ class Log:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Log:
-        """Return the log that `arrays` describes; an older file does not say whether the goal was reached."""
+        """Return the log that `arrays` describes; older files do not have the outcome."""
         returns, lengths, steps = (arrays[name].tolist() for name in ("returns", "lengths", "steps"))
         solved = int(arrays["solved"][0]) if "solved" in arrays else -1
         return cls(returns, lengths, steps, None if solved < 0 else bool(solved))
 
     def plot(self, bar: float | None = None) -> Figure:
-        """A picture of the returns: each episode, the mean of 100, and a bar to reach."""
+        """Draw the return of each episode, the mean of 100 episodes, and a bar to reach."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(7, 3.2), layout="constrained")
@@ -111,26 +111,26 @@ class Test:
     """Episodes without learning.
 
     Attributes:
-        returns: sums of rewards, (episodes,).
-        lengths: control steps, (episodes,).
+        returns: sum of the rewards of each episode, (episodes,).
+        lengths: number of control steps of each episode, (episodes,).
     """
 
-    __test__ = False  # not one of pytest's
+    __test__ = False  # this class is no test for pytest
 
     def __init__(self, returns: Floats, lengths: Ints) -> None:
         self.returns, self.lengths = returns, lengths
 
     @property
     def mean(self) -> float:
-        """The mean return."""
+        """Mean return."""
         return float(self.returns.mean())
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The mean's 95 % interval, of the normal distribution; NaN of one episode, which says nothing of others."""
+        """95 % interval of the mean by the normal distribution; NaN for a single episode."""
         n = len(self.returns)
-        half = 1.96 * float(self.returns.std(ddof=1)) / float(np.sqrt(n)) if n > 1 else float("nan")
-        return self.mean - half, self.mean + half
+        half_width = 1.96 * float(self.returns.std(ddof=1)) / float(np.sqrt(n)) if n > 1 else float("nan")
+        return self.mean - half_width, self.mean + half_width
 
     def __repr__(self) -> str:
         if len(self.returns) == 1:
@@ -145,7 +145,7 @@ class End:
 
     Attributes:
         until: mean return of the last `window` episodes.
-        steps, episodes: largest numbers.
+        steps, episodes: largest number of steps or episodes.
         window: number of episodes of the mean.
     """
 
@@ -156,7 +156,7 @@ class End:
 
     def __post_init__(self) -> None:
         if self.until is None and self.steps is None and self.episodes is None:
-            raise ModelError("found no end: expected until, steps or episodes", hint="until=475.0")
+            raise ModelError("found no end: expected until, steps or episodes", hint="e.g. until=475.0")
         if self.until is not None:
             object.__setattr__(self, "until", check(Quantity(), self.until, "until"))
         for name, value in (("steps", self.steps), ("episodes", self.episodes), ("window", self.window)):
@@ -171,19 +171,19 @@ class End:
 
 
 class Sums:
-    """Returns and lengths of the episodes that are under way.
+    """Returns and lengths of the episodes in progress.
 
     Args:
-        n: how many there are at a time.
+        n: number of parallel episodes.
     """
 
     def __init__(self, n: int) -> None:
         self._total, self._now, self._begun = np.zeros(n), 0, [0] * n
 
     def add(self, log: Log, steps: int, reward: Floats, over: Bools) -> bool:
-        """Count a control step of all; those that are over go to the log; return whether there are any.
+        """Count a control step of all episodes, move finished ones to the log, and return whether there are any.
 
-        In the step after its end an episode begins anew, and nothing else happens.
+        The step after the end of an episode only begins the next one.
         """
         self._total += reward
         self._now += 1

@@ -1,4 +1,4 @@
-"""A network at the pace of the clock: the events of a tick, the network, the action."""
+"""A network at the pace of the clock: in each tick it receives events, runs and acts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 DRAIN_S, COMMIT_S = 0.02, 10.0
-"""Seconds after which what was recorded is sent to the file, and after which the file keeps it."""
+"""Time after which records are sent to the file, and time after which the file is committed, s."""
 
 Act = Callable[[float], object]
 
@@ -32,10 +32,10 @@ Act = Callable[[float], object]
 class Loop:
     """A loop of events -> network -> action, once a tick, at the pace of the clock.
 
-    An event received in one tick acts in the network in the next, at the same place within the tick. After that tick
-    `act` is called, which reads the network by ports and acts on the world. The network's time is the clock's time
-    since the begin, less skipped ticks. Spikes and traces of a tick can be read in its `act`; then they are written
-    to the file, or forgotten.
+    An event that is received in one tick acts in the network in the next tick, at the same time within the tick. After
+    that tick `act` is called, which reads the network by ports and acts on the world. The network's time is the clock's
+    time since the begin, less skipped ticks. Spikes and traces of a tick can be read in its `act`; then they are
+    written to the file, or forgotten.
 
     Args:
         sim: the simulation.
@@ -93,24 +93,24 @@ class Loop:
         threads: int = 1,
         report: Callable[[LiveRun], object] | None = None,
     ) -> LiveRun:
-        """Run in real time. Ctrl-C or SIGTERM ends it after the present tick; what was recorded is then whole.
+        """Run in real time. Ctrl-C or SIGTERM ends the run after the present tick; the recording is then complete.
 
-        The first tick of the network is run before the clock starts, without events, so that all is in memory.
+        The first tick is run before the clock starts, without events, so that all code and data are in memory.
 
         Args:
-            ms: how long, a multiple of the tick.
-            out: a file of results that also keeps what cameras were fed, so that `neuro rerun` makes the run again. It
-                is written by another process; of one that is killed all but the last ten seconds are in PATH.part.
-            record: names of the populations whose spikes to keep; all that are recorded if empty.
-            threads: that the network runs on, to be written there.
-            report: called about once a second with the account so far.
+            ms: duration of the run, a multiple of the tick.
+            out: path of a file of results. It also stores the events of cameras, so that `neuro rerun` can repeat the
+                run. Another process writes the file. After a kill, PATH.part has all but the last ten seconds.
+            record: names of the populations whose spikes are stored; empty: all recorded populations.
+            threads: number of threads of the network, stored in the file.
+            report: function that is called about once a second with the account so far.
 
         Returns:
-            The account: latencies, misses, drops.
+            the account of the run: latencies, misses and drops.
 
         Raises:
-            ModelError: the time is no multiple, the file cannot be written, or the network fails. An error of a source
-                or of `act` ends the run, and is raised when the file is whole.
+            ModelError: the time is no multiple of the tick, the file cannot be written, or the network fails. An error
+                of a source or of `act` ends the run, and is raised after the file is complete.
         """
         if report is not None and not callable(report):
             raise ModelError(f"report = {report!r:.60}: expected a function of the account")
@@ -118,8 +118,8 @@ class Loop:
         steps = self._clock.step(ms, "run")
         if not 0 < steps < NEVER:
             raise ModelError(f"run = {_written(ms)}: expected a finite time > 0 ms")
-        ticks, rest = divmod(steps, self._steps)
-        if rest:
+        ticks, remainder = divmod(steps, self._steps)
+        if remainder:
             raise ModelError(
                 f"run = {_written(ms)}: expected a multiple of the tick, {self._clock.ms(self._steps):g} ms"
             )
@@ -131,12 +131,12 @@ class Loop:
             chores = _Chores(recording, report)
             with ending_by(lambda: self.stop("interrupted")), punctual():
                 try:
-                    self._first(recording)
-                    self._go(Pace(run, self._late), ticks - 1, chores)
+                    self._run_first(recording)
+                    self._run_ticks(Pace(run, self._late), ticks - 1, chores)
                 except Exception as error:
                     failure = error
                     run.ended = f"{type(error).__name__}: {error}"
-            run.inputs = {each.name: self._counts(each) for each in self._inlets}
+            run.inputs = {inlet.name: self._counts(inlet) for inlet in self._inlets}
             if recording is not None:
                 recording.note("live", run.as_attributes())
         if failure is not None:
@@ -147,7 +147,7 @@ class Loop:
     def _counts(inlet: Inlet) -> dict[str, int]:
         return {"taken": inlet.taken, "fed": inlet.fed, "dropped": inlet.dropped, **inlet.counts}
 
-    def _first(self, recording: ResultsWriter | None) -> None:
+    def _run_first(self, recording: ResultsWriter | None) -> None:
         """Run a tick before the clock starts."""
         for inlet in self._inlets:
             inlet.rehearse()
@@ -158,11 +158,11 @@ class Loop:
         Histogram().add_since(np.zeros(0, dtype=np.int64), 0)
 
     def _forget(self, recording: ResultsWriter | None) -> None:
-        """Keep nothing in memory of what was recorded and goes to no file."""
+        """Forget the records of a run without a file."""
         if recording is None:
             self._sim.forget(self._sim.time)
 
-    def _go(self, pace: Pace, ticks: int, chores: _Chores) -> None:
+    def _run_ticks(self, pace: Pace, ticks: int, chores: _Chores) -> None:
         """Run ticks at their times."""
         for inlet in self._inlets:
             inlet.begin()
@@ -170,18 +170,18 @@ class Loop:
         pace.begin()
         while run.ticks + run.skipped < ticks and not self._stopped:
             pace.wait()
-            self._one(pace)
+            self._run_tick(pace)
             if self._watch is not None:
                 self._watch()
             self._forget(chores.recording)
             if reason := pace.end(ticks):
                 self.stop(reason)
             if chores.is_due(pace.acted):
-                run.inputs = {each.name: self._counts(each) for each in self._inlets}
+                run.inputs = {inlet.name: self._counts(inlet) for inlet in self._inlets}
                 chores.do(run, pace.acted)
         run.ended = self._stopped
 
-    def _one(self, pace: Pace) -> None:
+    def _run_tick(self, pace: Pace) -> None:
         """Run a tick on the events that were received before its moment."""
         sim, step = self._sim, self._clock.step(self._sim.time, "time")
         arrivals = [(inlet, *inlet.take(pace.since, pace.due)) for inlet in self._inlets]

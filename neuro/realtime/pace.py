@@ -25,12 +25,12 @@ _POPULATE_WRITE = 23
 
 def wait_until(due_ns: int) -> int:
     """Sleep until shortly before a moment of `time.monotonic_ns`, then poll the clock. Return the time after it, ns."""
-    now = time.monotonic_ns()
-    if due_ns - now > SPIN_NS:
-        time.sleep((due_ns - now - SPIN_NS) / 1e9)
-    while now < due_ns:
-        now = time.monotonic_ns()
-    return now
+    time_ns = time.monotonic_ns()
+    if due_ns - time_ns > SPIN_NS:
+        time.sleep((due_ns - time_ns - SPIN_NS) / 1e9)
+    while time_ns < due_ns:
+        time_ns = time.monotonic_ns()
+    return time_ns
 
 
 @contextmanager
@@ -73,13 +73,13 @@ def _fetch_memory() -> None:
     for line in maps.read_text().splitlines():
         span, access, _, _, inode, *path = line.split(maxsplit=5)
         if access == "rw-p" and inode == "0" and path in ([], ["[heap]"]):
-            first, end = (int(each, 16) for each in span.split("-"))
-            regions.append((first, end - first))
-    free = free_memory()
-    if free is None or sum(size for _, size in regions) < free // 2:
+            begin, end = (int(address, 16) for address in span.split("-"))
+            regions.append((begin, end - begin))
+    free_bytes = free_memory()
+    if free_bytes is None or sum(size for _, size in regions) < free_bytes // 2:
         madvise = ctypes.CDLL(None).madvise
-        for first, size in regions:
-            madvise(ctypes.c_void_p(first), ctypes.c_size_t(size), _POPULATE_WRITE)
+        for begin, size in regions:
+            madvise(ctypes.c_void_p(begin), ctypes.c_size_t(size), _POPULATE_WRITE)
 
 
 def empty_loop(tick_ms: float, ms: float) -> Histogram:
@@ -138,10 +138,10 @@ class Pace:
 
     def wait(self) -> None:
         """Wait until the next tick is due, and begin it."""
-        if (now := time.monotonic_ns()) < self.due:
-            now = wait_until(self.due)
-            self.account.empty.add(now - self.due)
-        self._marks = [now]
+        if (time_ns := time.monotonic_ns()) < self.due:
+            time_ns = wait_until(self.due)
+            self.account.empty.add(time_ns - self.due)
+        self._marks = [time_ns]
 
     def mark(self) -> None:
         """End a phase of the tick."""
@@ -170,8 +170,8 @@ class Pace:
             account.largest_tick = number, {word: ns / 1e6 for word, ns in phases.items()}
         account.response.add(acted - self.due)
         self.due += self.tick
-        before, self._cost = self._cost, Cost.now()
-        cost = self._cost.since(before)
+        previous, self._cost = self._cost, Cost.now()
+        cost = self._cost.since(previous)
         account.cost = account.cost.plus(cost)
         if acted - self._collected_at > 1e9:
             self._collected_at = acted

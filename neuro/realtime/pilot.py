@@ -28,32 +28,32 @@ def block_seed(seed: int, block: int) -> int:
 
 
 _TAKES = {"spikes": ("listed", "a spike_generator"), "rates": ("poisson", "a poisson_generator")}
-"""By what an encoder gives: the kind of population that takes it, and its name in messages."""
+"""Kind of population for the output of an encoder, and the name of its model in messages."""
 
 
 class Pilot(Protocol):
     """The part of the loop that acts and learns: a network, or something else for comparison."""
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin a block of so many copies, with all that was learnt before."""
+        """Begin a block with a number of copies, and with the learnt state."""
 
     def act(self, observations: Floats, infos: Infos) -> npt.NDArray[Any]:
         """Return the action for each observation, (copies, dimensions)."""
 
     def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
-        """See what random moves have brought."""
+        """Receive the observations, rewards and returns of random moves."""
 
     def teach(self, moment: Moment) -> None:
         """Learn from a control step."""
 
     def merge(self) -> None:
-        """Let all copies have what each has learnt since the last call."""
+        """Add up the changes of all copies since the last call, and give all copies the sum."""
 
     def arrays(self) -> dict[str, Any]:
-        """Return all that it has learnt, for a checkpoint."""
+        """Return the learnt state, for a checkpoint."""
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Go on from what `arrays` gave."""
+        """Restore the state that `arrays` returned."""
 
 
 class NetworkPilot:
@@ -61,18 +61,18 @@ class NetworkPilot:
 
     Args:
         net: the network.
-        environments: of the loop; the encoders and the decoder are made for their spaces.
-        backend: that runs it.
-        seed: of its draws.
-        learns: whether signals are set; without them no weight changes.
-        record: whether spikes and traces of the present block are kept.
-        options: of the backend.
+        environments: environments of the loop; the encoders and the decoder are made for their spaces.
+        backend: name of the backend, or the backend itself.
+        seed: seed of all random numbers.
+        learns: whether signals are set; no weight changes without signals.
+        record: whether to record spikes and traces of the present block.
+        options: options of the backend.
 
     Attributes:
-        copies: the network in execution, in the present block.
-        encoders: those in use, by population.
-        taught: teachers in use, by signal, empty where nothing is learnt.
-        counts: spikes of the last control step by population, (copies, neurons).
+        copies: copies of the network in execution.
+        encoders: encoders in use, by population.
+        taught: teachers in use, by signal; empty if the network does not learn.
+        counts: number of spikes of the last control step by population, (copies, neurons).
     """
 
     def __init__(
@@ -92,11 +92,11 @@ class NetworkPilot:
         self._backend, self._seed, self._options = backend, seed, dict(options or {})
         self._environments = environments
         self.copies = self._compile(environments.n, 0)
-        self._block = 0  # for which the copies were compiled
+        self._block = 0  # block of the present copies
         program = self.copies.program
         self.encoders = self._encoders(program)
         self._act, self._read = self._decoder(program)
-        self._hear: dict[str, int] = {}  # neurons that hear a signal
+        self._hear: dict[str, int] = {}  # number of neurons that receive each signal
         self.taught = self._teachers(program) if learns else {}
         self._tell_host()
         self._plastic = [p.name for p in program.projections if p.synapse.learns] if learns else []
@@ -106,7 +106,7 @@ class NetworkPilot:
             raise ModelError(
                 f"copies = {environments.n}: projection '{other}' learns from spike to spike: expected rules "
                 "that learn from move to move, whose changes add up",
-                hint="copies=1",
+                hint="use copies=1",
             )
 
     # what is made once
@@ -150,17 +150,17 @@ class NetworkPilot:
         decoder = self._world.act
         parts = [program.populations[self._part(program, name, "act")] for name in decoder.of]
         step = self._world.step
-        rests = [part.parameters["t_ref"].max() if "t_ref" in part.parameters else 0.0 for part in parts]
-        most = [max(1.0, step / max(float(rest), program.resolution)) for rest in rests]
+        refractory = [part.parameters["t_ref"].max() if "t_ref" in part.parameters else 0.0 for part in parts]
+        most_spikes = [max(1.0, step / max(float(t_ref), program.resolution)) for t_ref in refractory]
         try:
-            act = decoder.made(self._environments.actions, [part.size for part in parts], most)
+            act = decoder.made(self._environments.actions, [part.size for part in parts], most_spikes)
         except ModelError as error:
             raise self._wrong(error, "act", decoder.name) from None
         return act, [part.name for part in parts]
 
     def _teachers(self, program: Program) -> dict[str, Taught]:
         made = {}
-        self._choosers: dict[str, str] = {}  # of signals that not all neurons hear alike: who hears them
+        self._choosers: dict[str, str] = {}  # population of each signal whose values depend on the chosen action
         signals = {signal.name: signal for signal in program.signals}
         for name, teacher in (self._world.reward or {}).items():
             if name not in signals:
@@ -169,8 +169,8 @@ class NetworkPilot:
             neurons = 0 if critic is None else program.populations[self._part(program, critic, "reward", name)].size
             other = getattr(teacher, "as_", None)
             if other is not None and (other not in self._world.reward or hasattr(self._world.reward[other], "as_")):
-                names = [one for one in self._world.reward if not hasattr(self._world.reward[one], "as_")]
-                raise self._wrong(unknown("signal with a value of its own", other, names), "reward", name)
+                names = [key for key in self._world.reward if not hasattr(self._world.reward[key], "as_")]
+                raise self._wrong(unknown("signal with its own value", other, names), "reward", name)
             heard_by = program.populations[signals[name].target]
             self._hear[name] = heard_by.size
             if teacher.others != 1.0:
@@ -181,7 +181,7 @@ class NetworkPilot:
                 made[name].join(self.encoders)
             except ModelError as error:
                 raise self._wrong(error, "reward", name, teacher.name) from None
-        # A teacher that takes the value of another comes after that one.
+        # A teacher that takes the value of another teacher comes after it.
         return dict(sorted(made.items(), key=lambda item: hasattr(self._world.reward[item[0]], "as_")))
 
     def _check_chooses(self, heard_by: Population, signal: str, teacher: Teacher) -> None:
@@ -193,7 +193,7 @@ class NetworkPilot:
 
     @property
     def host_work(self) -> list[HostWork]:
-        """The work of the host for one copy in a control step: of encoders, decoder and teachers."""
+        """Work of the host for one copy in a control step: encoders, decoder and teachers."""
         program, world = self.copies.program, self._world
         parts, ticks = {part.name: part for part in program.populations}, round(world.step / program.resolution)
         made: list[tuple[str, Work | None]] = [
@@ -209,14 +209,14 @@ class NetworkPilot:
         return [HostWork(name, work, steps=ticks) for name, work in made]
 
     def _tell_host(self) -> None:
-        """Tell the simulations of all copies the work of the host, for their bills."""
+        """Pass the work of the host to the simulations of all copies, for their bills."""
         for sim in self.copies:
             sim.host_work[:] = self.host_work
 
     # a block
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin a block: the network at time 0, with all that was learnt before."""
+        """Begin a block: the network at time 0, with the learnt state."""
         if self._block == block:
             self.copies.reset()
         else:
@@ -224,8 +224,8 @@ class NetworkPilot:
             self.copies, self._block = self._compile(copies, block), block
             self._tell_host()
             self._set_weights(weights)
-        gives = {name: self._world.observe[name].gives for name in self.encoders}
-        spiking = [name for name in gives if gives[name] == "spikes"]
+        outputs = {name: self._world.observe[name].gives for name in self.encoders}
+        spiking = [name for name in outputs if outputs[name] == "spikes"]
         teachers = {name: self._world.reward[name] for name in self.taught}
         self._signals = {
             name: (teacher, getattr(teacher, "as_", None), self.copies.port(name), self._hear[name])
@@ -235,7 +235,7 @@ class NetworkPilot:
         self._counted = list(dict.fromkeys([*self._read, *critics]))
         advance = partial(self.copies._advance, forget=not self._record)
         self._stepper = Stepper(self.copies._joined, self._world.step, spiking, self._counted, advance)
-        self._rates = {name: self.copies.port(name, "rate") for name in gives if gives[name] == "rates"}
+        self._rates = {name: self.copies.port(name, "rate") for name in outputs if outputs[name] == "rates"}
         self._rng = np.random.default_rng([block_seed(self._seed, block), 2])
         self._chosen: dict[str, npt.NDArray[np.bool_]] = {}
         for taught in self.taught.values():
@@ -256,7 +256,7 @@ class NetworkPilot:
         return self._act(self.counts)
 
     def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
-        """Take the bounds of observations and the scale of rewards from random moves."""
+        """Learn the ranges of observations and the scale of rewards from random moves."""
         for encoder in self.encoders.values():
             encoder.learn(observations)
         for taught in self.taught.values():
@@ -274,8 +274,8 @@ class NetworkPilot:
             values = teacher.spread(raw[name], size, moment.time)
             if name in chosen:
                 delayed = (teacher if other is None else self._signals[other][0]).delayed
-                which = self._chosen.get(name, chosen[name]) if delayed else chosen[name]
-                values = values * np.where(which, 1.0, teacher.others)
+                voted = self._chosen.get(name, chosen[name]) if delayed else chosen[name]
+                values = values * np.where(voted, 1.0, teacher.others)
             port.set(values)
         self._chosen = chosen
         if np.count_nonzero(moment.last):
@@ -287,7 +287,7 @@ class NetworkPilot:
                 self._shrink(self._world.reward[name].critic, share)  # only a critic has a share
 
     def _shrink(self, critic: str, share: float) -> None:
-        """Let the weights onto a critic be this share of what they are."""
+        """Multiply the weights onto a critic by `share`."""
         self.merge()
         for part in self.copies.program.projections:
             if self.copies.program.populations[part.target].name == critic and part.name in self._plastic:
@@ -296,27 +296,27 @@ class NetworkPilot:
         self._before = {name: self.copies[0].get(name, "weight") for name in self._before}
 
     def merge(self) -> None:
-        """Let all copies have what each has learnt since the last call."""
+        """Add up the changes of all copies since the last call, and give all copies the sum."""
         self._before = {name: self.copies.merge(name, before) for name, before in self._before.items()}
 
     @property
     def weights(self) -> dict[str, Any]:
-        """The weights of all projections that learn, by name, as `Simulation.set_weights` takes them."""
+        """Weights of all projections that learn, by name, in the form of `Simulation.set_weights`."""
         return {name: self.copies[0].get(name, "weight") for name in self._plastic}
 
     def _set_weights(self, weights: Mapping[str, Any]) -> None:
         for sim in self.copies:
-            for name, each in weights.items():
-                sim.set_weights(name, each)
+            for name, values in weights.items():
+                sim.set_weights(name, values)
 
     def arrays(self) -> dict[str, Any]:
-        """Return all that it has learnt, for a checkpoint."""
+        """Return the learnt state, for a checkpoint."""
         made: dict[str, Any] = {"learnt": self.weights}
         made |= {f"encoder.{name}": encoder.arrays() for name, encoder in self.encoders.items()}
         return made | {f"teacher.{name}": taught.arrays() for name, taught in self.taught.items()}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Go on from what `arrays` gave."""
+        """Restore the state that `arrays` returned."""
         self._set_weights(arrays["learnt"])
         for name, encoder in self.encoders.items():
             encoder.put(arrays.get(f"encoder.{name}", {}))

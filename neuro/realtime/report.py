@@ -62,12 +62,12 @@ class Histogram:
 
     @property
     def largest_ms(self) -> float:
-        """The longest time in ms."""
+        """Longest duration in ms."""
         return self.largest_ns / 1e6
 
     @property
     def texts(self) -> tuple[str, str, str]:
-        """p50, p99 and the longest time in ms; a dash for each where nothing was counted."""
+        """p50, p99 and the longest duration in ms; dashes for an empty histogram."""
         p50, p99, largest = (f"{ms:.3f}" for ms in (self.ms(0.5), self.ms(0.99), self.largest_ms))
         return (p50, p99, largest) if len(self) else ("–", "–", "–")
 
@@ -132,14 +132,14 @@ class LiveRun:
         misses: ticks whose action came after the next tick was due.
         skipped: ticks left out by `late="skip"`.
         ended: reason for an early end; "" for a complete run.
-        latency: from the receipt of an event to the action of its tick.
-        response: from the due time of a tick to its action; the network's own part of the latency.
-        empty: from the due time to the wake-up of the thread, on the same ticks.
-        phases: time of each of `PHASES`.
+        latency: time from the receipt of an event to the action of its tick.
+        response: time from the due time of a tick to its action; the network's part of the latency.
+        empty: time from the due time of a tick to the wake-up of the thread.
+        phases: time of each phase of `PHASES`.
         cost: events of the operating system in all ticks.
         missed_cost: events of the operating system in missed ticks.
         largest_tick: number of the slowest tick, and the ms of its phases.
-        inputs: for each input, events taken, fed and dropped, and all counts of its source.
+        inputs: for each input, the number of events taken, fed and dropped, and all counts of its source.
     """
 
     tick_ms: float
@@ -215,5 +215,5 @@ class LiveRun:
 
 def _losses(counts: dict[str, int]) -> dict[str, int]:
     """Return the counts of a source that stand for losses or damage."""
-    plain = ("taken", "fed", "dropped", "events", "datagrams")
-    return {word: n for word, n in counts.items() if n and word not in plain}
+    no_losses = ("taken", "fed", "dropped", "events", "datagrams")
+    return {word: n for word, n in counts.items() if n and word not in no_losses}

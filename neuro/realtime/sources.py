@@ -48,24 +48,24 @@ class Inlet:
 
     Attributes:
         name: name of the population.
-        taken: events taken from the source.
-        fed: events fed to the network.
-        dropped: events of skipped ticks.
+        taken: number of events taken from the source.
+        fed: number of events fed to the network.
+        dropped: number of events of skipped ticks.
 
     Raises:
-        ModelError: the population does not exist or cannot be fed, or the source has another sensor.
+        ModelError: the population does not exist or cannot be fed, or the source has another sensor size.
     """
 
     def __init__(self, sim: Simulation, name: str, source: Any) -> None:
         if not callable(getattr(source, "take", None)):
-            raise ModelError(f"inputs: source of '{name}' is {source!r:.60}: expected one with 'take'")
+            raise ModelError(f"inputs: source of '{name}' is {source!r:.60}: expected an object with 'take'")
         neurons = sim.handles.neurons(name)
         camera = neurons.part.stream
         if neurons.view is not None or not isinstance(camera, CameraInput):
             raise ModelError(f"inputs: '{name}' is {neurons.part.model_name}: expected an event_camera")
         model = camera.model
         if any(getattr(model, word) is not None for word in ("file", "events", "stream")):
-            raise ModelError(f"inputs: '{name}' plays a recording: expected an event_camera without one")
+            raise ModelError(f"inputs: '{name}' plays a recording: expected an event_camera without a recording")
         if model.start:
             raise ModelError(f"inputs: '{name}' starts at {model.start:g} ms: expected 0")
         if (size := getattr(source, "sensor_size", None)) is not None and model.visible_shape(
@@ -108,22 +108,22 @@ class Inlet:
         Raises:
             ModelError: the source returns other objects than events, or times that do not match the events.
         """
-        if begin_ns and self._take_before is not None:  # their own times are not known
+        if begin_ns and self._take_before is not None:  # the source may not know their times of receipt
             self._wait_for(self._take_before(begin_ns))
         self._wait_for(self._source.take() if self._take_before is None else self._take_before(end_ns))
         tick_parts = []
         while self._waiting and self._waiting[0][1][0] < end_ns:
-            each, received = self._waiting.popleft()
+            events, received = self._waiting.popleft()
             if received[0] < begin_ns:
-                first = int(np.searchsorted(received, begin_ns))
-                self.dropped += first
-                each, received = each[first:], received[first:]
-            if len(each) and received[-1] >= end_ns:
+                n_early = int(np.searchsorted(received, begin_ns))
+                self.dropped += n_early
+                events, received = events[n_early:], received[n_early:]
+            if len(events) and received[-1] >= end_ns:
                 end = int(np.searchsorted(received, end_ns))
-                self._waiting.appendleft((each[end:], received[end:]))
-                each, received = each[:end], received[:end]
-            if len(each):
-                tick_parts.append((each, received))
+                self._waiting.appendleft((events[end:], received[end:]))
+                events, received = events[:end], received[:end]
+            if len(events):
+                tick_parts.append((events, received))
         if len(tick_parts) < 2:
             return tick_parts[0] if tick_parts else (None, _NONE)
         parts, times = zip(*tick_parts, strict=True)
@@ -148,17 +148,18 @@ class Inlet:
 
         Args:
             events: events of the tick.
-            received: time of receipt of each.
+            received: time of receipt of each event.
             begin_ns: begin of the tick.
             step: last finished step.
-            steps: steps of a tick.
+            steps: number of steps of a tick.
         """
-        low = self._camera.first_us(step)
+        first_us = self._camera.first_us(step)
         if steps == 1:
-            t = np.full(len(events), low)
+            t = np.full(len(events), first_us)
         else:
-            high, first = self._camera.first_us(step + steps) - 1, low + (int(received[0]) - begin_ns) // 1000
-            t = np.clip(events.t + (first - int(events.t[0])), low, high)
+            last_us = self._camera.first_us(step + steps) - 1
+            begin_us = first_us + (int(received[0]) - begin_ns) // 1000
+            t = np.clip(events.t + (begin_us - int(events.t[0])), first_us, last_us)
         shifted = self._events.Events._trusted(t, events.x, events.y, events.p, events.sensor_size, {})
         if steps > 1 and (t[1:] < t[:-1]).any():
             shifted = shifted[np.argsort(t, kind="stable")]

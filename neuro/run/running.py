@@ -188,7 +188,7 @@ class RunningNetwork:
             steps, neurons and number of spikes of each entry, sorted by step, then neuron.
 
         Raises:
-            ModelError: as for `spikes`.
+            ModelError: see `spikes`.
         """
         return self._records.train(self.handles.neurons(of))[:3]
 
@@ -199,7 +199,7 @@ class RunningNetwork:
         """Return recorded spikes of a graded population, as `spikes` does, and the payload of each.
 
         Raises:
-            ModelError: as for `spikes`, or the spikes carry no payloads.
+            ModelError: see `spikes`; or the spikes have no payloads.
         """
         return self._records.payloads(self.handles.neurons(of), since, until)
 

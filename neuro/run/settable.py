@@ -158,7 +158,7 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen:
 
     Args:
         part: the projection.
-        rule: its present synapse model.
+        rule: present synapse model of the projection.
         values: new values by name: a number, or an array with a value for each synapse if the model accepts arrays.
         chosen: the synapses to change, None for all.
     """
@@ -255,7 +255,7 @@ def new_weights(
 
     Args:
         part: the projection.
-        rule: its present synapse model.
+        rule: present synapse model of the projection.
         weights: new weights, a number or an array.
         among: the present weights of all synapses, and the chosen synapses; None to change all.
         unit: unit to which weights with a unit are converted.

@@ -147,9 +147,9 @@ def _difference(name: str, expected: NDArray[Any], actual: NDArray[Any], exact: 
             unequal &= ~(np.abs(actual - expected) <= LIMIT)
     if not unequal.any():
         return []
-    first = int(np.flatnonzero(unequal.ravel())[0])
-    value, right = actual.ravel()[first].item(), expected.ravel()[first].item()
-    return [f"{name}: {int(unequal.sum())} differ, first [{first}] = {value!r}, expected {right!r}"]
+    index = int(np.flatnonzero(unequal.ravel())[0])
+    value, expected_value = actual.ravel()[index].item(), expected.ravel()[index].item()
+    return [f"{name}: {int(unequal.sum())} differ, first [{index}] = {value!r}, expected {expected_value!r}"]
 
 
 def expected_counts(sim: Simulation) -> Found:
@@ -158,10 +158,10 @@ def expected_counts(sim: Simulation) -> Found:
     The spikes of all populations must be recorded, and the network must have no trials.
     """
     program = sim.program
-    now = round(sim.time / program.resolution)
+    step = round(sim.time / program.resolution)
     spikes = {p.name: _steps(sim, p.name, p.size) for p in program.populations}
-    active = {p.name: np.zeros((p.size, now + 1), dtype=bool) for p in program.populations}
-    outcome: Found = {"steps": np.array(now)}
+    active = {p.name: np.zeros((p.size, step + 1), dtype=bool) for p in program.populations}
+    outcome: Found = {"steps": np.array(step)}
     for index, part in enumerate(program.projections):
         source, target = program.populations[part.source].name, program.populations[part.target].name
         pre, post, delay = _synapses(sim, index)
@@ -169,7 +169,7 @@ def expected_counts(sim: Simulation) -> Found:
         for i, j, d in zip(pre, post, delay, strict=True):
             operations += spikes[source][i].size
             arrivals = spikes[source][i] + d
-            active[target][j, arrivals[arrivals <= now]] = True
+            active[target][j, arrivals[arrivals <= step]] = True
             if part.synapse.learns:
                 updates += np.unique(spikes[source][i]).size + np.unique(spikes[target][j]).size
         outcome[f"counts of {part.name}"] = np.array([operations, updates])
@@ -178,7 +178,7 @@ def expected_counts(sim: Simulation) -> Found:
             active[p.name][i, steps] = True
         total = sum(steps.size for steps in spikes[p.name])
         computes = isinstance(p.model, Neuron)
-        outcome[f"counts of {p.name}"] = np.array([total, computes * p.size * now, computes * active[p.name].sum()])
+        outcome[f"counts of {p.name}"] = np.array([total, computes * p.size * step, computes * active[p.name].sum()])
     return outcome
 
 
@@ -203,7 +203,7 @@ def _under_kernels(g: Grid) -> tuple[Ints, Ints]:
     maps, depth, height, width = g.kernels
     m, r, c, k, i, j = np.indices((maps, g.rows, g.columns, depth, height, width)).reshape(6, -1)
     y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
-    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+    is_inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
     if g.depthwise:
         k = m * g.channels // g.maps
-    return ((k * g.height + y) * g.width + x)[inside], ((m * g.rows + r) * g.columns + c)[inside]
+    return ((k * g.height + y) * g.width + x)[is_inside], ((m * g.rows + r) * g.columns + c)[is_inside]

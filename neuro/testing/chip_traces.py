@@ -43,11 +43,11 @@ def chip_of(facts: Mapping[str, Any]) -> str:
     cases = facts.get("cases")
     if is_of_loihi2(facts):
         return "loihi2"
-    first = cases[0] if isinstance(cases, list) and cases and isinstance(cases[0], Mapping) else {}
-    if "registers" in first or "rows" in first:
+    case = cases[0] if isinstance(cases, list) and cases and isinstance(cases[0], Mapping) else {}
+    if "registers" in case or "rows" in case:
         return "spinnaker"
     params = facts.get("params")
-    return "loihi" if "du" in first or (isinstance(params, Mapping) and "du1" in params) else ""
+    return "loihi" if "du" in case or (isinstance(params, Mapping) and "du1" in params) else ""
 
 
 def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Result]:
@@ -77,8 +77,8 @@ def _single(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend
     net = Network("single", resolution=1.0)
     weights = np.array(case["weights"], dtype=np.float64)
     _add_sources(net, case["spikes"], weights.size)
-    words = ("du", "dv", "vth", "bias_mant", "bias_exp", "refractory")
-    net.population("out", 1, loihi_lif(**{word: case[word] for word in words}))
+    parameters = ("du", "dv", "vth", "bias_mant", "bias_exp", "refractory")
+    net.population("out", 1, loihi_lif(**{word: case[word] for word in parameters}))
     delays = np.array(case.get("delays", np.zeros(weights.size)), dtype=np.float64) + 1.0
     _connect(net, "in", "out", weights[None, :], _synapse(case), delays)
     sim = _run(net, int(case["T"]), {"out": ("u", "v")}, backend)
@@ -94,8 +94,8 @@ def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterat
     net = Network("feedforward", resolution=1.0)
     _add_sources(net, arrays["in_spikes"].tolist(), int(p["ni"]))
     for layer, source in ((1, "in"), (2, "layer1")):
-        own = {"bias_mant": p[f"bias{layer}"], "bias_exp": p[f"bexp{layer}"]} if biased else {}
-        cells = loihi_lif(du=p[f"du{layer}"], dv=p[f"dv{layer}"], vth=p[f"vth{layer}"], **own)
+        bias = {"bias_mant": p[f"bias{layer}"], "bias_exp": p[f"bexp{layer}"]} if biased else {}
+        cells = loihi_lif(du=p[f"du{layer}"], dv=p[f"dv{layer}"], vth=p[f"vth{layer}"], **bias)
         net.population(f"layer{layer}", int(p[f"n{layer}"]), cells)
         weights = arrays[f"w{layer}"].astype(np.float64)
         _connect(net, source, f"layer{layer}", weights, loihi_static(weight_exp=p[f"wexp{layer}"]), 1.0)
@@ -120,8 +120,8 @@ def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], back
         net.connect("in", "out", pairs(pre=pre, post=post), weight=weight, delay=delay.astype(np.float64))
     steps = int(case["T"])
     sim = _run(net, steps, {"out": ("v", "g_exc", "g_inh")}, backend)
-    for name, theirs in (("v", "v_post"), ("g_exc", "g_exc"), ("g_inh", "g_inh"), ("s", "spikes")):
-        yield equal(case["name"], name, _trace(sim, "out", name, steps), arrays[f"{case['name']}__{theirs}"])
+    for name, column in (("v", "v_post"), ("g_exc", "g_exc"), ("g_inh", "g_inh"), ("s", "spikes")):
+        yield equal(case["name"], name, _trace(sim, "out", name, steps), arrays[f"{case['name']}__{column}"])
 
 
 def _replayed(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:

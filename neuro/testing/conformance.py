@@ -72,13 +72,13 @@ def check_case(backend: str | Backend, name: str) -> str:
     for other in declared:
         assert other in CASES, f"backend '{chosen.name}' declares an unknown case '{other}' as unsupported"
         assert not (integer and CASES[other].floats), (
-            f"case '{other}' is declared unsupported, but is skipped because it needs floats: take it off the list"
+            f"case '{other}' is declared unsupported, but is skipped, as it needs floats: remove the declaration"
         )
     if integer and CASES[name].floats:
         return NEEDS_FLOATS
     if name in declared:
         fails = refusal(chosen, name) or deviations(chosen, name)
-        assert fails, f"case '{name}' is declared unsupported but passes: take it off the list"
+        assert fails, f"case '{name}' is declared unsupported but passes: remove the declaration"
         return declared[name]
     messages = deviations(chosen, name)
     assert not messages, f"case '{name}' ({CASES[name].about})\n  " + "\n  ".join(messages)

@@ -65,7 +65,7 @@ def rule_one_to_one(start: Start) -> Found:
 
 @case
 def rule_pairs(start: Start) -> Found:
-    """Every rule with listed or random pairs, each onto neurons of its own; one rule has no synapses."""
+    """Every rule with listed or random pairs, each onto its own neurons; one rule has no synapses."""
     net = network()
     net.population("source", 6, poisson_generator(rate=1500.0))
     six_pairs = pairs(pre=[2, 0, 1, 0, 2, 0], post=[1, 3, 0, 0, 1, 3])
@@ -89,7 +89,7 @@ def rule_pairs(start: Start) -> Found:
 
 @case
 def rule_grid(start: Start) -> Found:
-    """Shared kernels: with channels, stride and padding; of one channel, listed; depthwise. A layer on top of each."""
+    """Shared kernels with channels, stride and padding, with listed values, and depthwise, each with a second layer."""
     net = network(1.0)
     net.population("sheet", (2, 6, 7), poisson_generator(rate=60.0))
     net.population("plain", (5, 5), poisson_generator(rate=150.0))
@@ -120,7 +120,7 @@ def drawn_weights(start: Start) -> Found:
 
 @case
 def long_delays(start: Start) -> Found:
-    """Delays of many steps beside one of a single step."""
+    """Delays of many steps, and a delay of a single step."""
     net = network()
     net.population("cells", 4, iaf_psc_exp(I_e=450.0), initial={"V_m": uniform(low=-70.0, high=-56.0)})
     net.connect("cells", "cells", all_to_all(), weight=300.0, delay=20.0, name="far")
@@ -168,7 +168,7 @@ def rule_distance_dependent(start: Start) -> Found:
 
 
 def steered(model: Generator, n: int = 2) -> Network:
-    """Neurons that one current drives over several delays and weights, and another that is constant."""
+    """Return neurons with a generated current over several delays and weights, and with a constant current."""
     net = network()
     net.population("source", n, model)
     net.population("steady", 1, dc_generator(amplitude=150.0, start=3.0, stop=40.0))
@@ -184,7 +184,7 @@ def steered(model: Generator, n: int = 2) -> Network:
 
 
 def set_twice(start: Start, net: Network, **values: Any) -> Found:
-    """Run, set numbers of the source and weights while some of what it sent is under way, and run on."""
+    """Run, set parameters of the source and weights while some of its output is in flight, and run again."""
     sim = start(net)
     sim.run(20.3)
     if values:
@@ -197,7 +197,7 @@ def set_twice(start: Start, net: Network, **values: Any) -> Found:
 
 @case
 def stepped_currents(start: Start) -> Found:
-    """step_current_generator: a value for each neuron from listed times on, between start and stop."""
+    """step_current_generator: values for each neuron that change at listed times, between start and stop."""
     values = np.array([[100.0, -50.0, 400.0], [300.0, 0.0, 200.0]])
     model = step_current_generator(amplitude_times=[0.1, 12.0, 20.5], amplitude_values=values, start=2.0, stop=44.0)
     return set_twice(start, steered(model))
@@ -205,7 +205,7 @@ def stepped_currents(start: Start) -> Found:
 
 @case
 def sinusoidal_currents(start: Start) -> Found:
-    """ac_generator: numbers of each neuron, set on the way."""
+    """ac_generator: parameters of each neuron, set between two runs."""
     model = ac_generator(
         amplitude=np.array([200.0, 350.0]), offset=80.0, frequency=np.array([35.0, 120.0]), phase=60.0, start=1.5
     )
@@ -221,13 +221,13 @@ def noise_of_each_connection(start: Start) -> Found:
 
 @case
 def noise_that_is_shared(start: Start) -> Found:
-    """noise_generator: one noise of each neuron for all its targets, held for some steps."""
+    """noise_generator: one noise per generator for all its targets, constant for some steps."""
     return set_twice(start, steered(noise_generator(mean=100.0, std=400.0, dt=0.7, individual_noise=False)), mean=-50.0)
 
 
 @case
 def currents_to_a_receptor(start: Start) -> Found:
-    """A current that a receptor filters, of either sign, beside one that acts as it is."""
+    """A current of either sign that a receptor filters, and an unfiltered current."""
     net = steered(ac_generator(amplitude=400.0, frequency=50.0))
     net.connect("steady", "cells", all_to_all(), static(receptor="ex"), weight=2.0, delay=0.2, name="filtered")
     to_ex = static(receptor="ex")
@@ -242,7 +242,7 @@ def currents_to_a_receptor(start: Start) -> Found:
 
 @case
 def currents_to_both_receptors(start: Start) -> Found:
-    """Each receptor filters by its own time constant, which neurons may not share."""
+    """Each receptor filters by its own time constant, which may differ between neurons."""
     net = network()
     net.population("source", 3, ac_generator(amplitude=500.0, frequency=40.0, phase=np.array([0.0, 90.0, 200.0])))
     net.population("cells", 3, iaf_psc_exp(tau_syn_ex=np.array([1.0, 2.0, 8.0]), tau_syn_in=12.0))
@@ -256,7 +256,7 @@ def currents_to_both_receptors(start: Start) -> Found:
 
 
 def emitting(model: Generator, n: int = 4) -> Network:
-    """Parrots that say what generators say, and neurons that hear it."""
+    """Return parrots that repeat the spikes of generators, and neurons that receive the spikes."""
     net = network()
     net.population("source", n, model)
     net.population("relay", n, parrot_neuron())
@@ -268,7 +268,7 @@ def emitting(model: Generator, n: int = 4) -> Network:
 
 @case
 def rates_that_step(start: Start) -> Found:
-    """inhomogeneous_poisson_generator: a rate of each neuron from listed times on."""
+    """inhomogeneous_poisson_generator: rates of each neuron that change at listed times."""
     rates = np.array([[0.0, 900.0, 20.0], [5000.0, 0.0, 900.0], [60.0, 60.0, 60.0], [9.0, 8000.0, 0.0]])
     sim = start(
         emitting(inhomogeneous_poisson_generator(rate_times=[0.1, 20.0, 31.5], rate_values=rates, start=2.0, stop=45.0))
@@ -280,7 +280,7 @@ def rates_that_step(start: Start) -> Found:
 
 @case
 def rates_that_follow_a_sine(start: Start) -> Found:
-    """sinusoidal_poisson_generator: rates that are cut off at 0, set on the way."""
+    """sinusoidal_poisson_generator: rates that are cut off at 0, set between two runs."""
     amplitude = np.array([0.0, 500.0, 3000.0, -700.0])
     net = emitting(sinusoidal_poisson_generator(rate=800.0, amplitude=amplitude, frequency=40.0, phase=20.0, start=3.0))
     sim = start(net)
@@ -292,7 +292,7 @@ def rates_that_follow_a_sine(start: Start) -> Found:
 
 @case
 def spikes_of_gamma_processes(start: Start) -> Found:
-    """gamma_sup_generator: processes in stages, whose rate is set on the way."""
+    """gamma_sup_generator: processes in stages, whose rate is set between two runs."""
     sim = start(emitting(gamma_sup_generator(rate=np.array([5.0, 20.0, 60.0, 0.0]), gamma_shape=3, n_proc=40)))
     sim.run(25.0)
     sim.set("source", rate=30.0)
@@ -302,7 +302,7 @@ def spikes_of_gamma_processes(start: Start) -> Found:
 
 @case
 def recorded_spikes(start: Start) -> Found:
-    """spike_train: what was recorded is emitted again, two at one time as one of multiplicity 2."""
+    """spike_train: recorded spikes are emitted again, two spikes at one time as one of multiplicity 2."""
     rows = np.array([[0.1, 2.0], [0.1, 0.0], [0.1, 2.0], [7.3, 1.0], [30.0, 3.0]])
     sim = start(emitting(spike_train(spikes=rows)))
     sim.run(40.0)

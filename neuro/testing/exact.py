@@ -1,7 +1,7 @@
 """Cases whose values are exact in floats and in integers: every backend must equal the reference, spike for spike.
 
 Weights, thresholds and currents are whole numbers of mV, potentials do not leak, and a source emits one spike in a
-step at most, so that no arithmetic has anything to round. Where a decay is needed it is one half, and only spikes and
+step at most, so no arithmetic rounds. A decay, if needed, is one half, and then only spikes and
 counts are compared, with thresholds away from ties. Cases of trials are in `neuro.testing.trials`.
 """
 
@@ -29,9 +29,9 @@ from neuro.testing.case import Found, Start, after, case, integers_too, law, net
 INF = float("inf")
 
 
-def cell(**words: Any) -> iaf_psc_delta:
+def cell(**parameters: Any) -> iaf_psc_delta:
     """Return a neuron without leak that sums whole numbers from 0 mV to a threshold of 6 mV."""
-    return iaf_psc_delta(**({"tau_m": INF, "C_m": 1.0, "E_L": 0.0, "V_reset": 0.0, "V_th": 6.0} | words))
+    return iaf_psc_delta(**({"tau_m": INF, "C_m": 1.0, "E_L": 0.0, "V_reset": 0.0, "V_th": 6.0} | parameters))
 
 
 def times(n: int, share: float = 0.15, seed: int = 3, until: int = 120) -> list[list[float]]:
@@ -40,11 +40,11 @@ def times(n: int, share: float = 0.15, seed: int = 3, until: int = 120) -> list[
     return [(np.flatnonzero(row) + 1.0).tolist() for row in is_spike]
 
 
-def driven(n: int = 8, share: float = 0.15, **words: Any) -> Network:
+def driven(n: int = 8, share: float = 0.15, **parameters: Any) -> Network:
     """Return a network of sources with listed spikes, and cells without connections."""
     net = network(1.0)
     net.population("source", n, spike_generator(spike_times=times(n, share)))
-    net.population("cells", n, cell(**words))
+    net.population("cells", n, cell(**parameters))
     return net
 
 
@@ -56,7 +56,7 @@ def whole(low: int, high: int, shape: int | tuple[int, ...], seed: int = 4) -> n
 @integers_too
 @case
 def exact_one_to_one(start: Start) -> Found:
-    """one_to_one: whole weights of both signs, and delays of their own."""
+    """one_to_one: a whole weight of either sign and a delay for each synapse."""
     net = driven()
     net.connect("source", "cells", one_to_one(), weight=whole(1, 5, 8), delay=whole(1, 9, 8))
     net.connect("source", "cells", one_to_one(), weight=whole(-2, 3, 8), delay=3.0, name="both_signs")
@@ -78,7 +78,7 @@ def exact_dense_rows(start: Start) -> Found:
 @integers_too
 @case
 def exact_listed_pairs(start: Start) -> Found:
-    """Random connections and listed pairs, some twice, with weights and delays of their own."""
+    """Random connections and listed pairs, some of them twice, with a weight and a delay for each synapse."""
     net = driven(9, V_th=9.0)
     rng = np.random.default_rng(1)
     ends = {"pre": rng.integers(0, 9, 40).tolist(), "post": rng.integers(0, 9, 40).tolist()}
@@ -198,9 +198,9 @@ def exact_network_again(start: Start) -> Found:
     sim.set_weights("own", whole(-1, 2, 64, seed=9))
     net_of_run = sim.network()
     del sim  # some backends run one simulation at a time
-    second = start(net_of_run)
-    second.run(100.0)
-    return observe(second)
+    copy = start(net_of_run)
+    copy.run(100.0)
+    return observe(copy)
 
 
 HALVED = float(1.0 / np.log(2.0))

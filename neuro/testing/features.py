@@ -1,4 +1,4 @@
-"""Cases of neurons, generators, groups, and of what is set and read between runs."""
+"""Cases of neurons, generators and groups, and of values that are set and read between runs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ INF = float("inf")
 
 
 def driven(model: Model, n: int = 3, weight: float = 300.0) -> Network:
-    """Neurons of one model under excitatory and inhibitory spikes."""
+    """Return neurons of one model with excitatory and inhibitory input spikes."""
     net = network()
     net.population("plus", n, poisson_generator(rate=2000.0))
     net.population("minus", n, poisson_generator(rate=800.0))
@@ -87,7 +87,7 @@ def alpha_neuron(start: Start) -> Found:
 
 @case
 def alpha_neuron_equal_time_constants(start: Start) -> Found:
-    """iaf_psc_alpha with tau_syn equal to tau_m, and with an infinite tau_m beside it."""
+    """iaf_psc_alpha with tau_syn equal to tau_m, and with an infinite tau_m."""
     return after(start, driven(iaf_psc_alpha(tau_syn_ex=10.0, tau_m=np.array([10.0, 20.0, INF]))))
 
 
@@ -166,7 +166,7 @@ def listed_spikes(start: Start) -> Found:
 
 @case
 def injected_spikes(start: Start) -> Found:
-    """Spikes injected between runs, beside listed ones."""
+    """Spikes injected between runs, in addition to listed spikes."""
     net = network()
     net.population("source", 3, spike_generator(spike_times=[[4.0], [], [5.0]]))
     net.population("cells", 3, iaf_psc_exp())
@@ -179,11 +179,11 @@ def injected_spikes(start: Start) -> Found:
     return observe(sim)
 
 
-if find_spec("neuro_events") is not None:  # what plays recordings
+if find_spec("neuro_events") is not None:  # the package that plays recordings
 
     @case
     def played_events(start: Start) -> Found:
-        """An event camera that plays a recording, some events of a pixel in one step, and is fed beside it."""
+        """An event camera that plays a recording, some events of a pixel in one step, and receives further events."""
         from neuro_events import Events
 
         t = np.sort(np.random.default_rng(4).integers(5_000, 25_000, 400))
@@ -278,7 +278,7 @@ def states_and_parameters_change(start: Start) -> Found:
 
 @case
 def static_weights_change(start: Start) -> Found:
-    """Weights that are set act on spikes sent from then on; those under way keep theirs."""
+    """New weights act on later spikes; spikes in flight keep the old weights."""
     net = network()
     net.population("source", 2, spike_generator(spike_times=[[0.1, 1.0, 2.0], [0.1, 1.0, 2.0]]))
     net.population("cells", 2, iaf_psc_delta(V_th=0.0))
@@ -297,7 +297,7 @@ def static_weights_change(start: Start) -> Found:
 
 @case
 def forgotten_spikes(start: Start) -> Found:
-    """Spikes that are forgotten, and spikes since a time."""
+    """Forgotten spikes, and spikes since a time."""
     sim = start(driven(iaf_psc_exp(I_e=500.0)))
     sim.run(40.0)
     sim.forget(before=20.0)

@@ -35,7 +35,7 @@ class Result:
     Attributes:
         case: name of the files, followed by the name of the case if the files have several.
         quantity: "spikes", a state such as "V_m", or "case" if the case could not be compared.
-        error: largest deviation in the unit of the quantity; for whole numbers, how many differ.
+        error: largest deviation in the unit of the quantity; for whole numbers, the number of different values.
         limit: largest accepted deviation.
         ok: whether the deviation is within the limit.
         message: description of the deviation, "" if `ok`.
@@ -68,8 +68,8 @@ def equal(case: str, quantity: str, actual: NDArray[Any], expected: NDArray[Any]
     unequal = np.argwhere(actual != expected)
     if not unequal.size:
         return Result(case, name, 0.0)
-    first = tuple(int(i) for i in unequal[0])
-    text = f"{len(unequal)} differ, first {list(first)}: {actual[first]}: expected {expected[first]}"
+    index = tuple(int(i) for i in unequal[0])
+    text = f"{len(unequal)} differ, first {list(index)}: {actual[index]}: expected {expected[index]}"
     return Result(case, name, float(len(unequal)), message=text)
 
 
@@ -81,9 +81,9 @@ def close(quantity: str, actual: NDArray[Any], expected: NDArray[Any], limit: fl
         return Result("", quantity, 0.0, limit)
     error = np.abs(actual - expected)
     error[np.isnan(error)] = np.inf
-    worst = np.unravel_index(int(error.argmax()), error.shape)
-    text = f"[{', '.join(str(i) for i in worst)}] = {actual[worst]:.12g}: expected {expected[worst]:.12g}"
-    return Result("", quantity, float(error[worst]), limit, text)
+    index = np.unravel_index(int(error.argmax()), error.shape)
+    text = f"[{', '.join(str(i) for i in index)}] = {actual[index]:.12g}: expected {expected[index]:.12g}"
+    return Result("", quantity, float(error[index]), limit, text)
 
 
 def _shape_result(case: str, name: str, actual: NDArray[Any], expected: NDArray[Any], limit: float) -> Result:

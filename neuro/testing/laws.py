@@ -240,8 +240,8 @@ def _probed(subject: Subject) -> Network:
 @networks_law
 def a_seed_repeats(start: Start, subject: Subject) -> tuple[Found, Found]:
     """The same seed gives the same run."""
-    first, second = (steered(start(subject.make(), seed=7), subject) for _ in range(2))
-    return first, second
+    run, repetition = (steered(start(subject.make(), seed=7), subject) for _ in range(2))
+    return run, repetition
 
 
 @networks_law
@@ -274,9 +274,9 @@ def a_reset_keeps_weights(start: Start, subject: Subject) -> tuple[Found, Found]
     sim = start(subject.make())
     steered(sim, subject)
     names = [part.name for part in sim.program.projections]
-    before = {name: sim.get(name, "weight") for name in names}
+    weights = {name: sim.get(name, "weight") for name in names}
     sim.reset()
-    return before | {"time": np.array(0.0)}, {n: sim.get(n, "weight") for n in names} | {"time": np.array(sim.time)}
+    return weights | {"time": np.array(0.0)}, {n: sim.get(n, "weight") for n in names} | {"time": np.array(sim.time)}
 
 
 @networks_law

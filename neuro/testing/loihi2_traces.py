@@ -117,7 +117,7 @@ def _neurons(
         net.connect(
             "in", "out", pairs(pre=pre, post=post), _synapse(case["dense"], arrays["W"]), weight=weights, delay=1.0
         )
-    states = [each.name for each in net.populations["out"].model.states]
+    states = [state.name for state in net.populations["out"].model.states]
     recordings = _run(net, steps + lag, [word for word in expected if word in states], backend, lag)
     for word, array in expected.items():
         if word in recordings:
@@ -143,12 +143,12 @@ def _learning(
     _add_input(net, (post * FIRES - expected_input)[1:], "teacher")
     net.population("out", n_post, loihi2_lif(du=4095, dv=4096, vth=FIRES // 2))
     net.connect("teacher", "out", one_to_one(), static(), weight=1.0, delay=1.0)
-    words = {"epoch": case["t_epoch"], "graded": GRADED[case["graded"]]}
-    words["sign_mode"] = case.get("sign_mode", "MIXED").lower()
-    words |= {"x1_impulse": 0} if words["graded"] != "impulse" else {}  # as lava sets it
-    words |= {word: case[word] for word in loihi2_learning.quantities() if word in case and word not in words}
+    parameters = {"epoch": case["t_epoch"], "graded": GRADED[case["graded"]]}
+    parameters["sign_mode"] = case.get("sign_mode", "MIXED").lower()
+    parameters |= {"x1_impulse": 0} if parameters["graded"] != "impulse" else {}  # as lava sets it
+    parameters |= {word: case[word] for word in loihi2_learning.quantities() if word in case and word not in parameters}
     weight = arrays["W0"].T.astype(np.float64).ravel()
-    net.connect("in", "out", all_to_all(), loihi2_learning(**words), weight=weight, delay=1.0, name="rule")
+    net.connect("in", "out", all_to_all(), loihi2_learning(**parameters), weight=weight, delay=1.0, name="rule")
     net.probe("u", "out", "u")
     recorded = {"weights": "weight", "tag_1": "t"} | {word: word for word in (*PRE, *POST)}
     sim = neuro.run.compiled.compile(net, backend)
@@ -178,24 +178,24 @@ STATES = ("u", "v", "real", "imag", "sigma", "act", "residue", "error")
 def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> Neuron:
     if "du" in case:
         model = loihi2_ternary_lif if "vth_hi" in case else loihi2_lif
-        words: dict[str, Any] = {word: case[word] for word in model.quantities() if word in case}
-        words |= {word: arrays[word].astype(np.float64) for word in model.quantities() if word in arrays}
-        if "reset_offset" in words and "x" not in arrays:
-            words["reset_offset"] += 1  # the simulation is delayed by a step
-        return model(**words)
+        parameters: dict[str, Any] = {word: case[word] for word in model.quantities() if word in case}
+        parameters |= {word: arrays[word].astype(np.float64) for word in model.quantities() if word in arrays}
+        if "reset_offset" in parameters and "x" not in arrays:
+            parameters["reset_offset"] += 1  # the simulation is delayed by a step
+        return model(**parameters)
     if "sin_decay" in case:
         resonator = loihi2_rf_iz if "iz" in name else loihi2_rf
         bits = 12 - case.get("decay_bits", 12)
-        words = {word: case[word] << bits for word in ("sin_decay", "cos_decay")}
-        return resonator(**words, state_exp=case["state_exp"], vth=case["vth_eff"] / 2.0 ** case["state_exp"])
+        parameters = {word: case[word] << bits for word in ("sin_decay", "cos_decay")}
+        return resonator(**parameters, state_exp=case["state_exp"], vth=case["vth_eff"] / 2.0 ** case["state_exp"])
     if "spike_exp" in case:
         exponents = {word: case[word] for word in ("spike_exp", "state_exp")}
         unit = 2.0 ** sum(exponents.values())
-        words = {**exponents, "vth": case["vth_eff"] / unit, "cum_error": case["cum_error"]}
+        parameters = {**exponents, "vth": case["vth_eff"] / unit, "cum_error": case["cum_error"]}
         if "act_mode" not in case:
-            return delta_encoder(**words)
+            return delta_encoder(**parameters)
         bias = np.asarray(case.get("bias_eff", 0), dtype=np.float64) / unit
-        return sigma_delta(**words, bias=bias if bias.ndim else float(bias), relu=case["act_mode"] == "RELU")
+        return sigma_delta(**parameters, bias=bias if bias.ndim else float(bias), relu=case["act_mode"] == "RELU")
     if name.startswith("graded"):
         return graded_vector(vth=case["vth"], relu="relu" in name)
     if name.startswith("prod"):
@@ -207,9 +207,9 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
 
 def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:
     """Return the synapse model of a case; a missing sign mode follows from the signs of the weights."""
-    words = {word: case[word] for word in ("weight_exp", "num_weight_bits") if word in case}
+    parameters = {word: case[word] for word in ("weight_exp", "num_weight_bits") if word in case}
     sign_mode = "EXCITATORY" if weights.min() >= 0 else "INHIBITORY" if weights.max() <= 0 else "MIXED"
-    return loihi2_static(**words, sign_mode=case.get("sign_mode", sign_mode).lower())
+    return loihi2_static(**parameters, sign_mode=case.get("sign_mode", sign_mode).lower())
 
 
 def _with_messages(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:

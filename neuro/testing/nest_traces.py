@@ -149,15 +149,15 @@ def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
     if kind is None or not issubclass(kind, Neuron):
         raise ModelError(f"a neuron of model '{facts['model']}', which is not known")
     states = {state.name for state in kind.states if not state.follows}
-    words = {word: value if isinstance(value, bool) else float(value) for word, value in facts["params"].items()}
-    if not words.pop("consistent_integration", True):
+    parameters = {word: value if isinstance(value, bool) else float(value) for word, value in facts["params"].items()}
+    if not parameters.pop("consistent_integration", True):
         raise ModelError("consistent_integration: false: expected true")
-    start = {"V_m": words.get("E_L", NEST_V_M)} if "E_L" in kind.quantities() else {}
-    start |= {word: words.pop(word) for word in list(words) if word in states}
+    start = {"V_m": parameters.get("E_L", NEST_V_M)} if "E_L" in kind.quantities() else {}
+    start |= {word: parameters.pop(word) for word in list(parameters) if word in states}
     initial = facts.get("initial", {"V_m": NEST_V_M} if "E_L" in kind.quantities() else {})
     if isinstance(initial, Mapping):
         start |= {word: float(value) for word, value in initial.items() if word in states}
-    model = kind.from_words(words)
+    model = kind.from_words(parameters)
     assert isinstance(model, Neuron)
     net.population("neurons", n, model, initial=start)
 
@@ -167,8 +167,8 @@ def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
 
 def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
-    words = ("tau_plus", "alpha", "mu_plus", "mu_minus", "Wmax")
-    rule = stdp(lambda_=facts["synapse"]["lambda"], **{word: facts["synapse"][word] for word in words})
+    names = ("tau_plus", "alpha", "mu_plus", "mu_minus", "Wmax")
+    rule = stdp(lambda_=facts["synapse"]["lambda"], **{word: facts["synapse"][word] for word in names})
     net = _synapse_network(golden, rule, 1)
     sim = neuro.run.compiled.compile(net, backend)
     pre = _steps(arrays["w_times_ms"], clock)
@@ -178,10 +178,10 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Result]:
         pass
     since_pre = sim.time - clock.ms(int(pre[-1]))
     k_plus = sim.get("pre_post", "K_plus")[0] * np.exp(since_pre / facts["synapse"]["tau_plus"])
-    final = np.array([sim.get("pre_post", "weight")[0], k_plus])  # NEST shows K+ as of the last pre spike
+    final_values = np.array([sim.get("pre_post", "weight")[0], k_plus])  # NEST shows K+ as of the last pre spike
     return [
         close("w_after", np.array(weights), arrays["w_after"]),
-        close("final", final[: arrays["final"].size], arrays["final"]),
+        close("final", final_values[: arrays["final"].size], arrays["final"]),
     ]
 
 
@@ -200,13 +200,13 @@ def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Result]:
 
 def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
-    words = ("A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "Wmin", "Wmax")
+    names = ("A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "Wmin", "Wmax")
     dopa = facts["dopa"]
     written = {clock.step(t, "set_n"): float(value) for t, value in facts.get("set_n", [])}
     source: dict[str, Any] = (
         {"signal": "n"} if written else {"dopamine": "dopa", "dopamine_delay": float(dopa["delay_ms"])}
     )
-    parameters = {word: facts["synapse"][word] for word in words}
+    parameters = {word: facts["synapse"][word] for word in names}
     rule = stdp_dopa(**parameters, deliver_interval=int(dopa["deliver_interval"]), **source)
     shortest = clock.step(dopa["min_delay_ms"], "min_delay_ms")
     net = _synapse_network(golden, rule, shortest)

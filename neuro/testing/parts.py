@@ -80,7 +80,7 @@ def _default_part(name: str) -> Part:
             try:
                 part: Part = registry[name]()
             except TypeError as error:
-                raise ModelError(f"'{name}' has no defaults: {error}", hint="give an instance of it") from None
+                raise ModelError(f"'{name}' has no defaults: {error}", hint="pass an instance of it") from None
             return part
     names = [*MODELS, *SYNAPSES, *RULES]
     raise ModelError(f"there is no model, synapse model or connection rule '{name}'", hint=nearest(name, names))
@@ -135,7 +135,7 @@ def _networks(part: Part) -> Iterator[Network]:
     elif isinstance(part, Synapse) and part.learns == "trials":
         yield from _trial_networks(part)
     elif isinstance(part, Synapse):
-        yield from (_of_synapse(each, rate) for each in _sources_of_n(part) for rate in _RATES)
+        yield from (_of_synapse(variant, rate) for variant in _sources_of_n(part) for rate in _RATES)
     elif isinstance(part, Rule):
         yield from (_of_rule(part, rate) for rate in _RATES)
 
@@ -198,9 +198,9 @@ def _connect_by_name(net: Network, model: Neuron, weight: float) -> None:
     """Connect noise to each named receptor of the neurons."""
     for name in model.named_receptors():
         low = 0.0 if name in model.conductances else -0.5 * weight
-        some = pairwise_bernoulli(p=0.5)
+        half = pairwise_bernoulli(p=0.5)
         net.connect(
-            "noise", "cells", some, static(receptor=name), weight=uniform(low=low, high=weight), delay=1.0, name=name
+            "noise", "cells", half, static(receptor=name), weight=uniform(low=low, high=weight), delay=1.0, name=name
         )
 
 
@@ -232,8 +232,8 @@ def _of_synapse(synapse: Synapse, rate: float) -> Network:
     if modulator == "level":
         net.signal("level", to="cells")
     net.connect("noise", "relay", one_to_one(), delay=0.1)
-    top = float(getattr(synapse, "Wmax", 400.0))
-    middle = uniform(low=min(0.2 * top, 0.8 * top), high=max(0.2 * top, 0.8 * top))
+    largest = float(getattr(synapse, "Wmax", 400.0))
+    middle = uniform(low=min(0.2 * largest, 0.8 * largest), high=max(0.2 * largest, 0.8 * largest))
     for source in ("relay", "cells"):
         delay = uniform(low=max(0.1, getattr(synapse, "d_min", 0.0)), high=min(4.0, getattr(synapse, "d_max", 4.0)))
         net.connect(source, "cells", pairwise_bernoulli(p=0.3), synapse, weight=middle, delay=delay)
@@ -301,11 +301,11 @@ def _usual_weights(rule: Synapse) -> tuple[float, float]:
 def _outcome_of_trials(sim: Simulation) -> Found:
     """Return the outcome of a batch with learning, and check that the batch in two parts gives the same."""
     times, ids, offsets, labels = batch(_TRIALS)
-    whole = trial_results(sim.trials(times, ids, offsets, labels, learn=True)) | observe(sim)
+    undivided = trial_results(sim.trials(times, ids, offsets, labels, learn=True)) | observe(sim)
     sim.reset(weights=True)
-    cut, at = _TRIALS // 3, int(offsets[_TRIALS // 3])
-    sim.trials(times[:at], ids[:at], offsets[: cut + 1], labels[:cut], learn=True)
-    sim.trials(times[at:], ids[at:], offsets[cut:] - at, labels[cut:], learn=True)
-    cuts = differences({name: whole[name] for name in observe(sim)}, observe(sim), exact=True)
+    cut, index = _TRIALS // 3, int(offsets[_TRIALS // 3])
+    sim.trials(times[:index], ids[:index], offsets[: cut + 1], labels[:cut], learn=True)
+    sim.trials(times[index:], ids[index:], offsets[cut:] - index, labels[cut:], learn=True)
+    cuts = differences({name: undivided[name] for name in observe(sim)}, observe(sim), exact=True)
     assert not cuts, f"{sim.program.name}: a batch that is cut differs\n  " + "\n  ".join(cuts)
-    return whole | trial_results(sim.trials(times, ids, offsets), "test")
+    return undivided | trial_results(sim.trials(times, ids, offsets), "test")

@@ -1,4 +1,4 @@
-"""Cases of what is read and set beside spikes: probes of states, means, rates and synapses, views, ports."""
+"""Cases of values besides spikes that are read and set: probes of states, means, rates and synapses, views, ports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from neuro.testing.exact import cell, times, whole
 
 
 def _plastic(synapse: Synapse) -> Network:
-    """Parrots onto neurons by a synapse model; several spikes may set out in one step."""
+    """Return parrots that project to neurons with a synapse model, also with several spikes in a step."""
     net = network()
     net.population("noise", 6, poisson_generator(rate=200.0))
     net.population("parrots", 6, parrot_neuron())
@@ -40,7 +40,7 @@ def _in_parts(start: Start, net: Network) -> Found:
 
 @case
 def several_states_means_and_rates(start: Start) -> Found:
-    """Two states in one probe, the mean of one, and a rate in bins."""
+    """Two states in one probe, the mean of a state, and a rate in bins."""
     net = _plastic(static())
     net.probe("states", "cells", ["V_m", "I_syn_ex"], every=0.5)
     net.probe("mean", "cells", "V_m", every=0.2, mean=True)
@@ -51,7 +51,7 @@ def several_states_means_and_rates(start: Start) -> Found:
 
 @case
 def sleeping_neurons_are_recorded(start: Start) -> Found:
-    """States of neurons that hardly hear anything, in every step and every so many."""
+    """States of neurons with little input, in every step and at intervals."""
     net = network()
     net.population("noise", 2, poisson_generator(rate=30.0))
     net.population("cells", 150, iaf_psc_exp())
@@ -63,7 +63,7 @@ def sleeping_neurons_are_recorded(start: Start) -> Found:
 
 @case
 def weights_are_recorded(start: Start) -> Found:
-    """Weights that learn, every so many ms: all, some, and their mean."""
+    """Learning weights at intervals: all, some, and their mean."""
     net = _plastic(stdp(Wmax=120.0))
     net.probe("all", "learning", "weight", every=2.5)
     net.probe("some", "learning", ["weight", "K_plus"], every=0.5, synapses=[7, 0, 3])
@@ -73,7 +73,7 @@ def weights_are_recorded(start: Start) -> Found:
 
 @case
 def weights_at_pre_spikes(start: Start) -> Found:
-    """Weights with which spikes are sent, of synapses that learn from spike pairs."""
+    """Weights at the emission of spikes, of synapses that learn from spike pairs."""
     net = _plastic(stdp(Wmax=120.0))
     net.probe("all", "learning", "weight", at="pre_spikes")
     net.probe("some", "learning", "weight", at="pre_spikes", synapses=[11, 2])
@@ -94,7 +94,7 @@ def fixed_weights_at_pre_spikes(start: Start) -> Found:
 
 @case
 def states_at_pre_spikes(start: Start) -> Found:
-    """The weight and the eligibility that pre spikes leave under dopamine."""
+    """Weight and eligibility after pre spikes, with dopamine."""
     net = _plastic(stdp_dopa(signal="reward", Wmax=120.0))
     net.signal("reward", to="cells")
     net.probe("sent", "learning", ["weight", "c"], at="pre_spikes")
@@ -106,7 +106,7 @@ def states_at_pre_spikes(start: Start) -> Found:
 
 
 def viewed_network(net: Network) -> Network:
-    """Cells in two shapes that receive noise, with probes of some of them."""
+    """Return cells in two shapes that receive noise, with probes of some of them."""
     net.population("noise", 12, poisson_generator(rate=1500.0))
     row = net.population("row", 12, iaf_psc_exp(I_e=300.0), initial={"V_m": uniform(low=-70.0, high=-56.0)})
     sheet = net.population("sheet", (3, 4), iaf_psc_exp(I_e=250.0))
@@ -135,7 +135,7 @@ def views_are_connected(start: Start) -> Found:
 
 @case
 def views_are_set_and_read(start: Start) -> Found:
-    """States and parameters of some neurons that are set, spikes that are injected, and what is read of a view."""
+    """States and parameters of some neurons that are set, injected spikes, and values of a view."""
     net = viewed_network(network())
     row, sheet = net.populations["row"], net.populations["sheet"]
     sources = net.population("listed", 5, spike_generator())
@@ -158,7 +158,7 @@ def views_are_set_and_read(start: Start) -> Found:
 
 @case
 def single_weights_change(start: Start) -> Found:
-    """Weights of static synapses that are chosen by their ends change, and no others."""
+    """Only the weights of static synapses between chosen neurons change."""
     net = viewed_network(network())
     row = net.populations["row"]
     some = net.connect(row[:5], row[4:], fixed_indegree(n=2), weight=normal(mean=50.0, std=20.0), delay=1.5)
@@ -172,7 +172,7 @@ def single_weights_change(start: Start) -> Found:
 
 @case
 def single_plastic_weights_change(start: Start) -> Found:
-    """Weights that learn and are set by their ends; the others keep what they are about to learn, too."""
+    """Learning weights of synapses between chosen neurons are set; the others keep their pending changes."""
     net = viewed_network(network())
     row = net.populations["row"]
     some = net.connect(row, row, all_to_all(autapses=False), stdp(Wmax=200.0, lambda_=0.1), weight=60.0, delay=1.5)
@@ -187,7 +187,7 @@ def single_plastic_weights_change(start: Start) -> Found:
 @integers_too
 @case
 def exact_views(start: Start) -> Found:
-    """Views of whole weights and delays, and a weight of some that changes."""
+    """Views with whole weights and delays; the weights of some synapses change."""
     net = network(1.0)
     source = net.population("source", (2, 4), spike_generator(spike_times=times(8)))
     cells = net.population("cells", 8, cell(V_th=9.0))
@@ -204,7 +204,7 @@ def exact_views(start: Start) -> Found:
 
 STEPS = 12
 MS = 8.0
-"""Of each step."""
+"""Duration of a control step, ms."""
 
 Reads = list[np.ndarray]
 Drive = Callable[[Simulation, int], Reads]
@@ -212,7 +212,7 @@ Way = Callable[[Simulation, Network], Drive]
 
 
 def driven() -> Network:
-    """Noise, whose rates are set, into cells that excite each other."""
+    """Return noise with changing rates that projects to cells, which excite each other."""
     net = network(1.0)
     net.population("noise", (2, 6), poisson_generator(rate=20.0))
     net.population("cells", 9, iaf_psc_exp(), initial={"V_m": -60.0})
@@ -222,12 +222,12 @@ def driven() -> Network:
 
 
 def values(step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rates, rates of a view, and thresholds of a step."""
+    """Return rates, rates of a view, and thresholds for a step."""
     return np.linspace(0.0, 15.0 * step, 12), np.full(3, 7.0 * step), np.linspace(-57.0, -52.0, 9)
 
 
 def with_calls(sim: Simulation, net: Network) -> Drive:
-    """A step of the loop by plain calls."""
+    """Return a function that makes a control step by plain calls."""
     noise, cells = net.populations["noise"], net.populations["cells"]
 
     def drive(sim: Simulation, step: int) -> Reads:
@@ -247,7 +247,7 @@ def with_calls(sim: Simulation, net: Network) -> Drive:
 
 
 def with_ports(sim: Simulation, net: Network) -> Drive:
-    """The same step by ports, some into arrays that are there."""
+    """Return a function that makes the same step by ports, some with output arrays."""
     noise, cells = net.populations["noise"], net.populations["cells"]
     rate, some_rates = sim.port(noise, "rate"), sim.port(noise[1, ::2], "rate")
     threshold, potential = sim.port("cells", "V_th"), sim.port("cells", "V_m")
@@ -271,14 +271,14 @@ def with_ports(sim: Simulation, net: Network) -> Drive:
 
 
 def recorded() -> Network:
-    """The network with a record of the noise, too."""
+    """Return the network with a probe of the noise."""
     net = driven()
     net.probe("sent", "noise")
     return net
 
 
 def rewarded() -> Network:
-    """Noise into cells by synapses that learn under a signal."""
+    """Return noise that projects to cells by synapses that learn with a signal."""
     net = network(1.0)
     net.population("noise", 8, poisson_generator(rate=60.0))
     net.population("cells", 3, iaf_psc_exp(), initial={"V_m": -60.0})
@@ -289,14 +289,14 @@ def rewarded() -> Network:
 
 
 def read(reads: Reads) -> Found:
-    """What was read, by number."""
-    return {f"read {k}": each for k, each in enumerate(reads)}
+    """Return the values that were read, by number."""
+    return {f"read {k}": values for k, values in enumerate(reads)}
 
 
 @integers_too
 @law
 def ports_do_what_calls_do(start: Start) -> tuple[Found, Found]:
-    """Parameters, states, spikes and counts by ports, also of views, are those by plain calls, bit for bit."""
+    """Ports set and read the same parameters, states, spikes and counts as plain calls, also of views, bit for bit."""
 
     def looped(way: Way) -> Found:
         net = recorded()
@@ -310,7 +310,7 @@ def ports_do_what_calls_do(start: Start) -> tuple[Found, Found]:
 @integers_too
 @law
 def ports_go_on_after_a_restore(start: Start) -> tuple[Found, Found]:
-    """A state that is restored in the middle, and a reset: ports go on as plain calls do."""
+    """After a restored state and after a reset, ports continue like plain calls."""
 
     def looped(way: Way) -> Found:
         net = recorded()
@@ -332,7 +332,7 @@ def ports_go_on_after_a_restore(start: Start) -> tuple[Found, Found]:
 @integers_too
 @law
 def ports_of_signals_and_weights(start: Start) -> tuple[Found, Found]:
-    """A signal that is set, and weights that learn and are set, by ports and by plain calls."""
+    """A signal and learning weights are set by ports and by plain calls."""
 
     def looped(ports: bool) -> Found:
         sim = start(rewarded())

@@ -82,23 +82,23 @@ def _times(draw: st.DrawFn, n: int, h: float) -> list[list[float]]:
 @st.composite
 def _cells(draw: st.DrawFn, net: Network, n: int = 1) -> Any:
     rest = draw(st.sampled_from([0.0, -70.0]))
-    above = rest + np.array([draw(st.integers(3, 12)) for _ in range(n)], dtype=np.float64)
+    vth = rest + np.array([draw(st.integers(3, 12)) for _ in range(n)], dtype=np.float64)
     t_ref = draw(st.integers(0, 5)) * net.resolution
-    return cell(V_th=above if n > 1 else float(above[0]), E_L=rest, V_reset=rest, C_m=net.resolution, t_ref=t_ref)
+    return cell(V_th=vth if n > 1 else float(vth[0]), E_L=rest, V_reset=rest, C_m=net.resolution, t_ref=t_ref)
 
 
 def _delay(net: Network, size: int) -> st.SearchStrategy[Any]:
     """Return a strategy for one delay, or a delay for each synapse."""
     h = net.resolution
-    one = st.integers(1, LONGEST)
-    each = st.lists(one, min_size=size, max_size=size)
-    return st.one_of(one.map(lambda k: k * h), each.map(lambda ks: np.array(ks) * h))
+    delay = st.integers(1, LONGEST)
+    delays = st.lists(delay, min_size=size, max_size=size)
+    return st.one_of(delay.map(lambda k: k * h), delays.map(lambda ks: np.array(ks) * h))
 
 
 def _weight(size: int) -> st.SearchStrategy[Any]:
     """Return a strategy for one weight, or a weight for each synapse; most weights are excitatory."""
-    each = st.lists(st.integers(-1, 4), min_size=size, max_size=size)
-    return st.one_of(st.integers(1, 5).map(float), st.just(-1.0), each.map(lambda ws: np.array(ws, dtype=np.float64)))
+    lists = st.lists(st.integers(-1, 4), min_size=size, max_size=size)
+    return st.one_of(st.integers(1, 5).map(float), st.just(-1.0), lists.map(lambda ws: np.array(ws, dtype=np.float64)))
 
 
 def _connect_whole(draw: st.DrawFn, net: Network, pre: str, post: str) -> None:

@@ -29,7 +29,7 @@ def recogniser(
     *,
     weight: object = DRAWN,
     threshold: float = 5.0,
-    **words: Any,
+    **settings: Any,
 ) -> Network:
     """Return a network of six maps, two for each label, over a small sheet; the first map to fire decides."""
     net = network(1.0)
@@ -39,7 +39,7 @@ def recogniser(
     net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or r_stdp(), weight=weight, delay=2.0, name="s2")
     net.group("choice", winner_take_all(of="maps"))
     settings = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
-    net.trials(input="sheet", **(settings | words))
+    net.trials(input="sheet", **(settings | settings))
     return net
 
 
@@ -135,13 +135,13 @@ def rewarded_learning_by_channel(start: Start) -> Found:
 
 @case
 def rewarded_learning_of_all_pairs(start: Start) -> Found:
-    """r_stdp where every pair has a weight, with bounds of its own."""
+    """r_stdp with a weight for every pair, and other bounds."""
     return taught(start, recogniser(r_stdp(Wmin=-0.2, Wmax=1.4, rescue=True), all_to_all()))
 
 
 @case
 def rewarded_learning_with_delays(start: Start) -> Found:
-    """r_stdp over random synapses with drawn delays: what counts is the arrival."""
+    """r_stdp over random synapses with drawn delays: the time of arrival counts."""
     net = recogniser(r_stdp(epsilon=0.003), fixed_indegree(n=30, multapses=False))
     part = net.projections.pop("s2")
     net.connect("sheet", "maps", part.rule, part.synapse, weight=part.weight, delay=uniform(low=1, high=6), name="s2")
@@ -206,14 +206,14 @@ def simulation_after_trials(sim: Simulation) -> Found:
     return trial_results(sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(12) // 2)) | observe(sim)
 
 
-def sheets(group: dict[str, Any], synapse: Synapse | None = None, rule: Rule | None = None, **words: Any) -> Network:
+def sheets(group: dict[str, Any], synapse: Synapse | None = None, rule: Rule | None = None, **settings: Any) -> Network:
     """Return a network of six maps of 3 x 3 neurons over a small sheet."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     net.population("maps", (6, 3, 3), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=4.0))
     net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or static(), weight=DRAWN, name="s2")
     net.group("choice", local_winners(of="maps", **group))
-    net.trials(input="sheet", duration=20.0, **({"stop": "full"} | words))
+    net.trials(input="sheet", duration=20.0, **({"stop": "full"} | settings))
     return net
 
 
@@ -285,10 +285,10 @@ def local_winners_without_trials(start: Start) -> Found:
     return {f"first: {name}": np.asarray(values) for name, values in before_reset.items()} | observe(sim)
 
 
-def chooser(synapse: Synapse | None = None, weight: object = None, threshold: float = 9.0, **words: Any) -> Network:
+def chooser(synapse: Synapse | None = None, weight: object = None, threshold: float = 9.0, **settings: Any) -> Network:
     """Return the recogniser with whole numbers as weights."""
     kernels = whole(-1, 3, (6, 2, 4, 4)) if weight is None else weight
-    return recogniser(synapse or static(), weight=kernels, threshold=threshold, **words)
+    return recogniser(synapse or static(), weight=kernels, threshold=threshold, **settings)
 
 
 @integers_too
@@ -345,5 +345,5 @@ def exact_rescue(start: Start) -> Found:
 @integers_too
 @case
 def exact_growth(start: Start) -> Found:
-    """r_stdp where all weights are at Wmax, so that growth is counted and changes nothing; many ties."""
+    """r_stdp with all weights at Wmax, so that growth is counted but changes nothing; many ties."""
     return taught(start, recogniser(r_stdp(Wmax=2.0), all_to_all(), weight=2.0, threshold=8.0))

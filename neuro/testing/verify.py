@@ -42,12 +42,12 @@ def verify(
     Raises:
         ModelError: the folder does not exist or has no case, or the backend is unknown.
     """
-    place = Path(folder)
-    if not place.is_dir():
-        raise ModelError(f"{place}: no such folder: expected one with cases NAME.json and NAME.npz")
-    files = sorted(place.glob("*.json"))
+    path = Path(folder)
+    if not path.is_dir():
+        raise ModelError(f"{path}: no such folder: expected a folder with cases NAME.json and NAME.npz")
+    files = sorted(path.glob("*.json"))
     if not files:
-        raise ModelError(f"{place}: no case in it: expected files NAME.json and NAME.npz")
+        raise ModelError(f"{path}: no case in it: expected files NAME.json and NAME.npz")
     results = []
     for file in files:
         progress(file.stem)

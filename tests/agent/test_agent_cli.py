@@ -136,7 +136,7 @@ def test_agents_and_pages_are_made_again_to_the_bit(neuro, answer, walk):
     words = ("--steps", 300, "--set", "critics=5", "--set", "explore=30")
     assert neuro("train", "my_walk:Walk", "--out", "walk.h5", *words).status == 0
     assert neuro("watch", "walk.h5", "my_walk:Walk", "--out", "page.html").status == 0
-    assert "it was made with my_walk.py\n  hint: say so, if you trust it" in answer("rerun", "walk.h5").err
+    assert "it was made with my_walk.py\n  hint: if you trust this file, add --with" in answer("rerun", "walk.h5").err
     for name in ("walk.h5", "page.html"):
         assert answer("rerun", name, "--with", "my_walk.py").out == f"{name}: the same bits\n"
 

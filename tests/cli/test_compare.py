@@ -111,7 +111,7 @@ def test_what_is_approximated_and_missing_is_told(run, tmp_path, monkeypatch):
     told = " ".join(out.split())
     assert "input of loihi: the same, several spikes in a step as one as on event" in told
     assert "warning: backend 'loihi': net.yaml:6:3: population 'noise': poisson_generator: " in told
-    assert f"note: spike-train distances are left out: {install('compare')} installs what computes them" in told
+    assert f"note: spike-train distances are left out: {install('compare')} installs the library for them" in told
 
 
 def test_an_interrupted_comparison_leaves_nothing(run, tmp_path, monkeypatch):

@@ -160,7 +160,7 @@ def test_an_interrupted_run_leaves_what_was_recorded(network):
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
     results = read("out.h5.part")
-    told = f"interrupted: out.h5.part has what was recorded up to {results.time:g} ms"
+    told = f"interrupted: out.h5.part has the records up to {results.time:g} ms"
     assert (running.returncode, out) == (130, "")
     assert err.splitlines()[-1] == told
     assert sorted(os.listdir()) == [network, "out.h5.part"]

@@ -154,7 +154,7 @@ def test_notes(net, monkeypatch):
     found = compare(silent, ["event", "reference"], 5.0)
     assert found.notes == (
         "no neuron fired on 'event': there is little to compare",
-        f"spike-train distances are left out: {install('compare')} installs what computes them",
+        f"spike-train distances are left out: {install('compare')} installs the library for them",
     )
     assert found.runs[1].per_spike is None
 

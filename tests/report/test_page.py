@@ -98,9 +98,9 @@ def test_what_the_page_needs_and_tells(run, ran, network, tmp_path):
     assert "neuro plot 'my run.h5'" in text
     assert 'results.read("my run.h5").network().save("net.yaml")' in text
     assert "neuro compare net.yaml --for 250 --seed 3 --html compare.html" in text
-    assert "It did not come to its end" not in shown(run).text
+    assert "The run did not reach its end" not in shown(run).text
     early = replace(run, about=run.about | {"finished": False})
-    assert "It did not come to its end: all is there that was recorded so far." in shown(early).text
+    assert "The run did not reach its end: the page shows its records so far." in shown(early).text
 
 
 def test_what_probes_recorded_of_synapses_and_rates():

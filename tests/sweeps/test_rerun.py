@@ -375,7 +375,7 @@ def test_a_function_of_a_sweep_is_that_of_a_file_that_the_user_names(folder, aga
     neuro.sweep(f, {"command": ["touch CODE_RAN"]}, out=folder / "runs", on="here", progress=False)
     runs, trusted = Folder(folder / "runs", SWEEP), ("--with", "my_study.py")
     key = f"runs/runs/{runs.read()['runs'][0][0]}"
-    said = "it was made with my_study.py\n  hint: say so, if you trust it: --with my_study.py"
+    said = "it was made with my_study.py\n  hint: if you trust this file, add --with my_study.py"
     assert said in again(key, status=2)
     again(key, *trusted)
     for name, module in (("system", "posix"), ("os.system", "my_study"), ("os.path.exists", "my_study")):

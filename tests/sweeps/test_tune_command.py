@@ -168,7 +168,7 @@ def test_a_study_that_is_not_named_or_was_edited_is_refused(folder, run):
     told = subprocess.run(command, capture_output=True, text=True)
     assert told.returncode == 2
     file = folder / "my_study.py"
-    assert told.stderr == f"error: it was made with {file}\n  hint: say so, if you trust it: --with {file}\n"
+    assert told.stderr == f"error: it was made with {file}\n  hint: if you trust this file, add --with {file}\n"
     file.write_text(STUDY.replace("50.0", "60.0"))
     told = subprocess.run([*command, "--with", "my_study.py"], capture_output=True, text=True)
     assert f"error: {file}: was edited since the tuning began: expected the unchanged file\n" in told.stderr

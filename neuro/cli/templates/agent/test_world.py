@@ -1,4 +1,4 @@
-"""Run me with python -m pytest; then change the world or the agent, and say here what must stay true."""
+"""Run with python -m pytest. Then change the world or the agent, and state here what must stay true."""
 
 from gymnasium.utils.env_checker import check_env
 from train import trained

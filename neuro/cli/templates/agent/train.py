@@ -10,10 +10,10 @@ FILE = Path(__file__).with_name("agent.h5")
 
 
 def trained(steps, seed=1):
-    """An agent that has learnt for so many control steps."""
+    """Return an agent that has learnt for a number of control steps."""
     env = Room()
     agent = neuro_agent.ActorCritic(env.observation_space, env.action_space, seed=seed)
-    agent.train(env, steps=steps)  # agent.settings are the defaults: ActorCritic(..., fields=8) has others
+    agent.train(env, steps=steps)  # other settings: ActorCritic(..., fields=8)
     return agent
 
 

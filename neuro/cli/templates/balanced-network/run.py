@@ -10,7 +10,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def firing(seed=1, **parameters):
-    """The rate of the excitatory neurons (Hz), and the irregularity of their interspike intervals.
+    """Return the rate of the excitatory neurons (Hz), and the irregularity of their interspike intervals.
 
     The coefficient of variation is 0 for a clock and 1 for a Poisson process.
     """

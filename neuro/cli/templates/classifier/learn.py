@@ -11,19 +11,19 @@ MODEL = Path(__file__).with_name("model.h5")
 
 
 def halves():
-    """Every second recording to learn from, and the others."""
+    """Return every second recording for learning, and the others for the test."""
     data = recordings(DATA)
     return data[::2], data[1::2]
 
 
 def trained(data, out=None, **settings):
-    """A recogniser that has learnt the recordings; settings are those of 'neuro recognise list remus'."""
+    """Return a recogniser that has learnt the recordings; 'neuro recognise list remus' lists the settings."""
     method = method_of("remus", "early", {"per_class": 2, "epochs": 4} | settings)
     return fit(data, method, seed=0, out=out)
 
 
 def accuracy(recogniser, data):
-    """The share of recordings that are decided rightly."""
+    """Return the share of recordings with a right decision."""
     return float((recogniser.predict(data) == [item.label for item in data]).mean())
 
 

@@ -10,7 +10,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def returns(steps=2000, dopamine=0.002, seed=1):
-    """Mean return of 5 episodes with frozen weights, after so many control steps of learning."""
+    """Return the mean return of 5 episodes with frozen weights, after some control steps of learning."""
     net = neuro.load(NETWORK, params={"dopamine": dopamine})
     loop = neuro.closed_loop(net, Light, seed=seed)
     loop.run(steps=steps)

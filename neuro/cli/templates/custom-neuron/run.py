@@ -10,7 +10,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def intervals(population):
-    """The interspike intervals of one neuron, ms."""
+    """Return the interspike intervals of one neuron, ms."""
     sim = neuro.compile(neuro.load(NETWORK), seed=1)
     sim.run(1000.0)  # ms
     times, _ = sim.spikes(population)

@@ -8,7 +8,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def rates(left, right, seed=1, **parameters):
-    """The rates of both groups (Hz) for these rates of their inputs (Hz)."""
+    """Return the rates of both groups (Hz) for the rates of their inputs (Hz)."""
     net = neuro.load(NETWORK, params={"left": left, "right": right, **parameters})
     sim = neuro.compile(net, seed=seed)
     sim.run(1000.0)  # ms, so spikes are per second
