@@ -21,7 +21,7 @@ from neuro.core.inputs import file_path
 from neuro.core.system import uncollected
 from neuro.model.language.including import GATHERED, SECTIONS, gather
 from neuro.model.language.loader import TABLES, build
-from neuro.model.language.parameters import resolve
+from neuro.model.language.parameters import as_node, resolve
 from neuro.model.language.reader import Node, read
 from neuro.model.neurons import MODELS, Neuron, spike_generator
 from neuro.program.program import Program
@@ -130,8 +130,13 @@ class _Search:
                 file = error.where.file if error.where else ""
                 root = next((r for r in self.files.values() if r.where.file == file and has(r, path[:1])), None)
                 if root is None:
-                    self.report(error)
-                    return None
+                    if not (self.may_lack_parts and error.kind in _NAMES):
+                        self.report(error)
+                    if file in ("", str(self.file)):
+                        return None
+                    # A file that is included has no sections, and may have any part.
+                    self.files[Path(file)], self.may_lack_parts = Node({}, Where(file), Where(file)), True
+                    continue
                 if not self.may_follow(root, path, error):
                     self.report(error)
                 self.remove(root, path, error)
@@ -402,15 +407,6 @@ def _model(node: Node) -> type[Any]:
     model = node.value.get("model") if isinstance(node.value, dict) else None
     name = model and (next(iter(model.value), "") if isinstance(model.value, dict) else model.value)
     return MODELS[name] if isinstance(name, str) and name in MODELS else object
-
-
-def as_node(value: Any, place: Node) -> Node:
-    """Convert a plain value to a node with the place of another node."""
-    if isinstance(value, dict):
-        value = {word: as_node(inner, place) for word, inner in value.items()}
-    elif isinstance(value, list):
-        value = [as_node(inner, place) for inner in value]
-    return Node(value, place.where, place.label)
 
 
 Words: TypeAlias = tuple[str, ...]

@@ -44,6 +44,54 @@ def test_all_that_are_planted_are_told_as_if_alone(folder, alone, names):
     assert sorted(told(folder, tuple(names))) == sorted(alone[name] for name in names)
 
 
+def test_thirteen_mistakes_are_told_in_one_run(folder, alone):
+    names = tuple(sorted(PLANTED)[:13])
+    assert sorted(told(folder, names)) == sorted(alone[name] for name in names)
+
+
+BROKEN, LATE = ("inh: {model: {iaf_psc_exp:", "inh: {model: {iaf_psc_ex:"), ("delay: 2.0", "delay: 2.05")
+TAU_M, C_M = ("tau_m: 10.0", "tau_m: -10.0"), ("C_m: 250.0", "C_m: 3 mV")
+
+
+@pytest.mark.parametrize(("first", "second"), [(TAU_M, C_M), (BROKEN, LATE)])
+def test_two_of_a_population_and_of_its_projection_are_told_as_if_alone(all_mistakes, first, second):
+    alone = [all_mistakes(RIGHT.replace(*each)) for each in (first, second)]
+    assert [each.count("net.yaml:") for each in alone] == [1, 1]
+    assert all_mistakes(RIGHT.replace(*first).replace(*second)) == "\n".join(alone)
+
+
+def test_a_mistake_in_a_parameter_of_three_parts_is_told_once(all_mistakes):
+    text = re.sub(r"weight: (-20.0|{normal: .*?}})", "weight: $w", RIGHT)
+    assert text.count("weight: $w") == 3
+    assert (
+        all_mistakes(text.replace("w: 300.0", "w: $(300.0 / 0)"))
+        == "net.yaml:4:25: '$(300.0 / 0)': division by 0: expected another divisor"
+    )
+
+
+@pytest.mark.parametrize("included", ["{a: {model: iaf_psc_exp, shape: -1}}", "{a: [}"])
+def test_a_mistake_in_an_included_file_hides_none_beside_it(folder, all_mistakes, included):
+    """What a file that cannot be read may define is not reported as unknown."""
+    text = "neuro: 1\ninclude: [part.yaml]\npopulations: {b: {model: iaf_psc_delta, shape: 3}}\n"
+    text += "probes: {p: {of: a}, q: {of: b, record: V_m, every: 1.0}}\n"
+    (folder / "part.yaml").write_text(f"populations: {included}\n")
+    of_part = all_mistakes(text)
+    assert of_part.count(".yaml:") == 1
+    (folder / "part.yaml").write_text("populations: {a: {model: iaf_psc_exp, shape: 1}}\n")
+    wrong = text.replace("every: 1.0", "every: soon").replace("shape: 3", "shape: 0")
+    beside = all_mistakes(wrong)
+    assert beside.count(".yaml:") == 2
+    (folder / "part.yaml").write_text(f"populations: {included}\n")
+    assert all_mistakes(wrong) == f"{beside}\n{of_part}"
+
+
+def test_a_value_may_replace_that_of_a_file_that_cannot_be_read(folder):
+    (folder / "net.yaml").write_text("neuro: 1\ninclude: [part.yaml]\n")
+    (folder / "part.yaml").write_text("parameters: {w: [}\n")
+    [error] = mistakes("net.yaml", {"w": 1.0}, 0).mistakes
+    assert str(error).startswith("part.yaml:1:18: not YAML")
+
+
 def test_they_are_told_by_place(folder, alone):
     found = told(folder, ("an interval", "resolved names", "off the grid", "a bound"))
     assert found == [alone[name] for name in ("resolved names", "a bound", "off the grid", "an interval")]

@@ -48,7 +48,7 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
             raise mistake(node, f"parameter '{name}' has no value")
         source = f"${name} is set at {node.label}"
         if name in overrides:
-            node = _as_node(overrides[name], node)
+            node = as_node(overrides[name], node)
             source = f"${name} is set by params or --set"
         names.values[name] = names.put(node), source
     out = {section: names.put(node) for section, node in sections.items() if section != "parameters"}
@@ -155,12 +155,12 @@ class _Names:
         return Node(inner, to.where, to.label, to.source)
 
 
-def _as_node(value: Any, at: Node) -> Node:
+def as_node(value: Any, at: Node) -> Node:
     """Return a Python value as a node at the position of another node."""
     if isinstance(value, (list, tuple)):
-        value = [_as_node(item, at) for item in value]
+        value = [as_node(item, at) for item in value]
     elif isinstance(value, Mapping):
-        value = {str(word): _as_node(item, at) for word, item in value.items()}
+        value = {str(word): as_node(item, at) for word, item in value.items()}
     elif hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0:
         value = value.item()
     return Node(value, at.where, at.label)
