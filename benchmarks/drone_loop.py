@@ -1,7 +1,8 @@
 """The drone's loop without a host: it learns by its own dopamine, and the controls that must fail.
 
     python benchmarks/drone_loop.py [--steps 60000] [--seeds 0 1 2 3 4] [--starts 5] [--backend event]
-        [--only NAME ...] [--curve STEPS] [--json FILE]
+        [--only NAME ...] [--curve STEPS] [--lesions NAME ...] [--repair 60000] [--chips NAME ...]
+        [--set NAME=VALUE ...] [--json FILE]
 
 The network is `neuro_models/loop.yaml`. After the training its weights are frozen and its babbling neurons are cut off,
 and it flies one lap of B60 from each of starts x starts places on varied paths, as `neuro drone test` does. The figure
@@ -11,6 +12,12 @@ is the mean distance of the ball from the middle, px. Controls:
 - reward elsewhere: the reward neurons see the fields at one side in place of the middle
 - no critic: its synapses onto the dopaminergic neurons have weight 0
 - frozen: nothing is learnt
+- exact error: `neuro_models/drone.yaml` in its place, taught by the signed error
+
+With --lesions what has been learnt is damaged: 20 % of the synapses onto the motors are cut for good (cut), one motor
+is mirrored, or all are turned by 45 degrees, as if the camera had turned. It flies so at once (repair of 0 steps), and
+again after each --curve steps of learning on, up to --repair. Babbling is as in the training, or what --set says.
+With --chips each row tells what a control step of learning and one of flight take there.
 """
 
 from __future__ import annotations
@@ -18,32 +25,52 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+import numpy as np
+import numpy.typing as npt
 import yaml
 
 import neuro
 import neuro_models
+from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import ENDLESS, Flights, FlightTest, fly_lap, grid, reset_arguments
 from neuro_drone.scenario import load
 
 Weights = dict[str, Any]
+Left = dict[str, npt.NDArray[np.bool_]]
+"""For each projection onto the motors whether a synapse is left, (sources, targets)."""
 LATE = "computed: {{expression: 'trace(0.01 * rate({snc}), 50.0) - {base}', every: 10.0, delay: 5000.0, scale: {eta}}}"
-CONTROLS = ("loop", "late dopamine", "reward elsewhere", "no critic", "frozen")
+EXACT = "exact error"
+CONTROLS = ("loop", "late dopamine", "reward elsewhere", "no critic", "frozen", EXACT)
+ONTO_MOTORS = {"columns_motors_x": (15, 2), "rows_motors_y": (15, 2), "cells_motors": (64, 4)}
+"""Sources and targets of the projections that lesions cut, of both networks."""
+EPISODE, STEP = 100, 50.0
+"""Control steps of an episode of training, and ms of a control step, as in both files."""
+CUT = 0.2
+LESIONS: dict[str, dict[str, Any]] = {
+    "cut": {},
+    "mirrored": {"motors": {"mirror": True}},
+    "turned": {"motors": {"angle": 45}},
+}
+"""What each lesion changes in the world; `cut` changes the network."""
 
 
-def network(control: str = "loop", **parameters: float) -> neuro.Network:
+def network(control: str = "loop", left: Left | None = None, **parameters: float) -> neuro.Network:
     """Return the network of a row of the table.
 
     Args:
         control: one of `CONTROLS`.
+        left: synapses that a lesion left, all if None.
         **parameters: of the file, in place of its own.
 
     Raises:
         ModelError: the file has no such parameter.
     """
-    text = Path(neuro_models.path("loop")).read_text("utf-8")
+    text = Path(neuro_models.path("drone" if control == EXACT else "loop")).read_text("utf-8")
     if control == "late dopamine":
         baseline = parameters.get("baseline", yaml.safe_load(text)["parameters"]["baseline"])
         for axis in "xy":
@@ -61,23 +88,50 @@ def network(control: str = "loop", **parameters: float) -> neuro.Network:
         parameters["expectation"] = 0.0
     if control == "frozen":
         parameters |= {"eta": 0.0, "eta_critic": 0.0}
+    if left is not None:
+        described = yaml.safe_load(text)
+        for name, each in left.items():
+            pre, post = (ids.tolist() for ids in np.nonzero(each))
+            described["projections"][name]["rule"] = {"pairs": {"pre": pre, "post": post}}
+        text = yaml.safe_dump(described, sort_keys=False)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "loop.yaml"
         path.write_text(text, "utf-8")
         return neuro.load(path, parameters)
 
 
-def fly(control: str, weights: Weights, starts: int, **parameters: float) -> FlightTest:
-    """Fly with frozen weights, without babbling, one lap from each of starts x starts places."""
-    scenario = load("B60")
+def joules(loop: neuro.ClosedLoop, chip: str) -> str:
+    """Return what a control step took on a chip, mean since the network was at time 0."""
+    bill = loop.sim.energy(chip).per(round(loop.sim.time / STEP), "control step")
+    return f"{chip}: {' | '.join(bill.cells())}"
+
+
+def fly(
+    network: neuro.Network, weights: Weights, starts: int, chips: Sequence[str] = (), **change: Any
+) -> tuple[FlightTest, list[str]]:
+    """Fly a network with frozen weights, one lap from each of starts x starts places of a world with a change.
+
+    Returns:
+        the laps, and what a control step of the last one took on each chip.
+    """
+    scenario = load("B60", **change)
     places = grid(scenario, starts)
     env = Flights(scenario, (reset_arguments(place, index) for index, place in enumerate(places)))
-    learnt = neuro.closed_loop(network(control, **parameters, babble=0.0))
+    learnt = neuro.closed_loop(network)
     learnt.pilot.put({"learnt": weights})
     loop = neuro.closed_loop(learnt.network(frozen=True), env, learns=False, block=ENDLESS)
     laps = tuple(fly_lap(loop, env, place) for place in places)
     env.close()
-    return FlightTest(laps)
+    return FlightTest(laps), [f"flight, {joules(loop, chip)}" for chip in chips]
+
+
+def damaged(lesion: str, control: str, weights: Weights, seed: int) -> tuple[Left | None, Weights]:
+    """Return the synapses that a lesion leaves, None for all, and their weights."""
+    if lesion != "cut":
+        return None, weights
+    rng = np.random.default_rng([seed, 11])
+    left = {name: rng.random(ONTO_MOTORS[name]) >= CUT for name in ONTO_MOTORS if name in weights}
+    return left, weights | {name: weights[name][each.ravel()] for name, each in left.items()}
 
 
 def main() -> None:
@@ -89,22 +143,43 @@ def main() -> None:
     parser.add_argument("--backend", default="event")
     parser.add_argument("--only", nargs="+", default=["loop"], choices=CONTROLS)
     parser.add_argument("--curve", type=int, default=None)
+    parser.add_argument("--lesions", nargs="+", default=[], choices=LESIONS)
+    parser.add_argument("--repair", type=int, default=60_000)
+    parser.add_argument("--chips", nargs="+", default=[])
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE")
     parser.add_argument("--json", type=Path, default=None)
     args = parser.parse_args()
     parameters = {name: float(value) for name, value in (one.split("=") for one in args.set)}
     rows = []
+
+    def tell(loop: neuro.ClosedLoop, control: str, seed: int, lesion: str = "none", left: Left | None = None) -> None:
+        quiet = parameters if control == EXACT else parameters | {"babble": 0.0}
+        change = LESIONS.get(lesion, {})
+        test, bills = fly(network(control, left, **quiet), loop.pilot.weights, args.starts, args.chips, **change)
+        row = {"control": control, "seed": seed, "lesion": lesion, "steps": loop.steps}
+        rows.append(row | {"px": test.error_px, "laps": test.laps})
+        figures = f"{test.error_px:.2f} px, {test.laps} of {test.starts} laps"
+        print(f"{control}, seed {seed}, lesion {lesion}, {loop.steps:,} steps: {figures}", flush=True)
+        for bill in [*(f"learning, {joules(loop, chip)}" for chip in args.chips if loop.steps), *bills]:
+            print(f"  {bill}", flush=True)
+        if args.json is not None:
+            args.json.write_text(json.dumps(rows, indent=1))
+
     for control in args.only:
         for seed in args.seeds:
             loop = neuro.closed_loop(network(control, **parameters), seed=seed, backend=args.backend)
             for steps in range(args.curve or args.steps, args.steps + 1, args.curve or args.steps):
                 loop.run(steps=steps)
-                test = fly(control, loop.pilot.weights, args.starts, **parameters)
-                rows.append({"control": control, "seed": seed, "steps": steps, "px": test.error_px, "laps": test.laps})
-                figures = f"{test.error_px:.2f} px, {test.laps} of {test.starts} laps"
-                print(f"{control}, seed {seed}, {steps:,} steps: {figures}", flush=True)
-                if args.json is not None:
-                    args.json.write_text(json.dumps(rows, indent=1))
+                tell(loop, control, seed)
+            for lesion in args.lesions:
+                left, weights = damaged(lesion, control, loop.pilot.weights, seed)
+                env = gymnasium.wrappers.TimeLimit(DroneEnv("B60", **LESIONS[lesion]), EPISODE)
+                hurt = neuro.closed_loop(network(control, left, **parameters), env, seed=seed, backend=args.backend)
+                hurt.pilot.put({"learnt": weights})
+                tell(hurt, control, seed, lesion, left)
+                for steps in range(args.curve or args.repair, args.repair + 1, args.curve or args.repair):
+                    hurt.run(steps=steps)
+                    tell(hurt, control, seed, lesion, left)
 
 
 if __name__ == "__main__":

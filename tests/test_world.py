@@ -380,6 +380,9 @@ def test_actions_of_decoders():
     ):
         sizes = [fired[name].shape[1] for name in decoder.of]
         assert decoder.made(box, sizes, [20.0] * len(sizes))(fired).tolist() == [expected], decoder
+    eight = {"eight": np.array([[5, 1, 1, 1, 0, 2, 0, 4]])}  # two pairs for each number
+    act = decoders.difference(of="eight", gain=[10.0, 5.0], votes=2).made(box, [8], [20.0])
+    assert act(eight).tolist() == [[1.0, -0.75]]
     two = decoders.counts(of="two", gain=0.5, offset=-1.0).made(box, [2], [20.0])
     assert two({"two": np.array([[1, 9]])}).tolist() == [[-0.5, 2.0]]
 

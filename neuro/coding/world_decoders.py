@@ -90,22 +90,27 @@ class difference(Decoder):
     """
 
     gain: Any = quantity(1.0, "", "factor for all numbers, or a factor for each number", above=0, arrays=True)
+    votes: int = quantity(1, "", "pairs side by side that pull one number together", kind="integer", at_least=1)
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
-        """Make the decoder: neurons 0 and 1 are the pair of the first number."""
-        box, pairs = _box("difference", space), sum(sizes) // 2
-        _numbers("difference", space, sum(sizes), 2 * int(np.prod(box.shape)))
+        """Make the decoder: neurons 0 and 1 are the first pair of the first number."""
+        box = _box("difference", space)
+        numbers = int(np.prod(box.shape))
+        _numbers("difference", space, sum(sizes), 2 * numbers * self.votes)
         low, high, shape = box.low.astype(np.float64), box.high.astype(np.float64), (-1, *box.shape)
         gain = np.asarray(self.gain, np.float64)
-        if gain.size not in (1, pairs):
-            raise ModelError(f"difference: gain = {gain.tolist()}: expected a number or a list of {pairs}")
-        factor = (np.broadcast_to(gain, (pairs,)) / most[0]).reshape(box.shape)
+        if gain.size not in (1, numbers):
+            raise ModelError(f"difference: gain = {gain.tolist()}: expected a number or a list of {numbers}")
+        factor = (np.broadcast_to(gain, (numbers,)) / (most[0] * self.votes)).reshape(box.shape)
         names = self.of
 
         def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:
             counts_of_names = [counts[name] for name in names]
             fired = counts_of_names[0] if len(counts_of_names) == 1 else np.concatenate(counts_of_names, axis=1)
-            actions: Floats = factor * (fired[:, 0::2] - fired[:, 1::2]).reshape(shape)
+            pulls = fired[:, 0::2] - fired[:, 1::2]
+            if self.votes > 1:
+                pulls = pulls.reshape(-1, self.votes).sum(axis=1)
+            actions: Floats = factor * pulls.reshape(shape)
             np.maximum(actions, low, out=actions)  # with the next line twice as fast as clip
             np.minimum(actions, high, out=actions)
             return actions
