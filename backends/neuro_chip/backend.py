@@ -34,7 +34,7 @@ class ChipBackend:
         family: the arithmetic of the chip.
         description: text for people.
         unsupported: conformance cases that the chip cannot run, with reasons.
-        target: the chip; default: the chip with the family's name.
+        target: the chip; by default the chip with the family's name.
     """
 
     arithmetic = "integer"
@@ -59,15 +59,15 @@ class ChipBackend:
         """
         if not is_table(target) and target not in CHIPS:
             return None
-        other = chip(target)
-        own = next(each for each in FAMILIES if each.family is arithmetic_of(other))
-        if own.name == target:
-            return own
-        return ChipBackend(own.family, f"{other.title}, in the arithmetic of {own.name}", own.unsupported, other)
+        table = chip(target)
+        base = next(backend for backend in FAMILIES if backend.family is arithmetic_of(table))
+        if base.name == target:
+            return base
+        return ChipBackend(base.family, f"{table.title}, in the arithmetic of {base.name}", base.unsupported, table)
 
     def targets(self) -> Iterable[str]:
         """Return the names of all chips with this arithmetic."""
-        return [name for name, each in CHIPS.items() if each.arithmetic == self.family.name]
+        return [name for name, entry in CHIPS.items() if entry.arithmetic == self.family.name]
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """Return all refusals and approximations: by the chip's integers, and by the limits of its cores."""

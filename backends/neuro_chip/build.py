@@ -39,19 +39,19 @@ def _dispatch(numbered):
 
     The last step has no comparison: it runs for every other number.
     """
-    (number, own), *others = numbered
-    if not others:
-        return own
+    (number, update), *remaining = numbered
+    if not remaining:
+        return update
     # A chain of comparisons, because a kernel can hold no table of functions. There are few kinds, and each population
     # passes the chain once per step.
-    rest = _dispatch(others)
+    update_others = _dispatch(remaining)
 
     @subkernel
     def update_by_kind(net, pop, row, step):
         if row[t.KIND] == number:
-            own(net, pop, row, step)
+            update(net, pop, row, step)
         else:
-            rest(net, pop, row, step)
+            update_others(net, pop, row, step)
 
     return update_by_kind
 
@@ -66,8 +66,8 @@ STATES = {
 }
 """Arrays of the loop with the state registers, by the registers' names."""
 
-ROOM = 1 << 20
-"""Spikes that the record can hold before it is emptied, in addition to those of one step."""
+SPARE_SPIKES = 1 << 20
+"""Number of spikes that the record can hold before it is emptied, in addition to the spikes of one step."""
 
 
 def arrays_of(fixed: FixedProgram) -> Arrays:
@@ -97,9 +97,9 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
     a["keys"] = _keys(program, "poisson", [p.name for p in program.populations])
     a["group_keys"] = _keys(program, "tie", [g.name for g in program.groups])
     a["mean"], a["nothing"] = np.zeros(total), np.ones(total)
-    room = total + min(ROOM, 64 * total + 1024)
+    capacity = total + min(SPARE_SPIKES, 64 * total + 1024)
     for name in ("rec_steps", "rec_ids", "rec_counts"):
-        a[name] = np.zeros(room, dtype=np.int64)
+        a[name] = np.zeros(capacity, dtype=np.int64)
     a["clock"] = np.zeros(t.CLOCK_COLUMNS, dtype=np.int64)
     a["clock"][t.STOP_GROUP] = t.NONE
     a["stop"] = np.zeros(1, dtype=np.int64)
@@ -112,13 +112,13 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
 def _groups(a: Arrays, program: Program) -> None:
     """Add the tables of groups: the rule of competition of each, and arrays for winners."""
     n, shapes = len(program.groups), [program.populations[group.population].shape for group in program.groups]
-    several = any(group.choice.several for group in program.groups)
+    has_several = any(group.choice.several for group in program.groups)
     a["groups"] = np.zeros((n, t.GROUP_COLUMNS), dtype=np.int64)
     a["groups"][:, t.WINNER] = t.NONE
     a["local"] = np.full((n, 5), t.NONE, dtype=np.int64)
     a["standing"] = np.zeros((n, 2), dtype=np.int64)
     a["map_wins"] = np.zeros((n, max((shape[0] for shape in shapes), default=0)), dtype=np.int64)
-    a["won"] = np.zeros((a["v"].size if several else 0, 2), dtype=np.int64)
+    a["won"] = np.zeros((a["v"].size if has_several else 0, 2), dtype=np.int64)
     for k, (group, shape) in enumerate(zip(program.groups, shapes, strict=True)):
         a["pops"][group.population, t.GROUP] = k
         a["groups"][k, t.POPULATION] = group.population
@@ -137,7 +137,7 @@ def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64
 
 
 def slots_of(fixed: FixedProgram, target: int) -> int:
-    """Return the slots of a population's ring: a power of two above the longest lag of its input."""
+    """Return the number of slots of a population's ring: a power of two above the longest lag of its input."""
     lags = [
         int(longest_lag(fixed.program, index).max(initial=1))
         for index, (wires, part) in enumerate(zip(fixed.projections, fixed.program.projections, strict=True))
@@ -180,8 +180,8 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
             arrived += slots
             pops[k, t.PLANES] = len(planes)
             second_input = [(0, 0, 1)] if _has_second_input(fixed, k) else []
-            own_planes = [each for each in _with_planes(fixed, k) for _ in _plane_lags(each)]
-            for plane in (*second_input, *((each.shift, each.wraps, each.receptor) for each in own_planes)):
+            own_planes = [wires for wires in _with_planes(fixed, k) for _ in _plane_lags(wires)]
+            for plane in (*second_input, *((wires.shift, wires.wraps, wires.receptor) for wires in own_planes)):
                 planes.append((ring, *plane))
                 ring += slots * part.size
             pops[k, t.PLANES_END] = len(planes)
@@ -191,9 +191,9 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
 
 
 def _with_planes(fixed: FixedProgram, target: int) -> list[FixedProjection]:
-    """Return the projections onto a population whose sums are shifted or wrapped before those of others are added."""
-    onto = zip(fixed.projections, fixed.program.projections, strict=True)
-    incoming = [wires for wires, part in onto if wires is not None and part.target == target]
+    """Return the projections onto a population whose sums are shifted or wrapped before other sums are added."""
+    projections = zip(fixed.projections, fixed.program.projections, strict=True)
+    incoming = [wires for wires, part in projections if wires is not None and part.target == target]
     return [wires for wires in incoming if wires.sums_apart]
 
 
@@ -219,16 +219,16 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         table[q, [t.SOURCE, t.TARGET]] = part.source, part.target
         if wires is None:
             continue
-        own = wires.words if not part.synapse.learns else np.broadcast_to(wires.words, part.size)
+        part_words = wires.words if not part.synapse.learns else np.broadcast_to(wires.words, part.size)
         layout, row_ends, ends = _layout(program, q, wires.lag.size > 1)
-        if (layout == t.CSR and own.size > 1) or part.synapse.learns:
-            own = np.broadcast_to(own, part.size)
+        if (layout == t.CSR and part_words.size > 1) or part.synapse.learns:
+            part_words = np.broadcast_to(part_words, part.size)
         table[q, t.LAYOUT] = layout
-        table[q, [t.WORD, t.WORD_STRIDE]] = at["words"], own.size > 1 or part.size == 1
+        table[q, [t.WORD, t.WORD_STRIDE]] = at["words"], part_words.size > 1 or part.size == 1
         table[q, [t.LAG, t.LAG_STRIDE]] = at["lags"], wires.lag.size > 1
         table[q, [t.ROW, t.SYNAPSE]] = at["rows"], at["targets"]
-        table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(own > 0)), bool(np.any(own < 0))
-        arrays: dict[str, NDArray[Any]] = {"words": own, "lags": wires.lag, "rows": row_ends, "targets": ends}
+        table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(part_words > 0)), bool(np.any(part_words < 0))
+        arrays: dict[str, NDArray[Any]] = {"words": part_words, "lags": wires.lag, "rows": row_ends, "targets": ends}
         for name, array in arrays.items():
             lists[name].append(array)
             at[name] += array.size
@@ -272,7 +272,7 @@ def _joined(parts: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
     return joined
 
 
-_NOBODY = np.zeros(0, dtype=np.int32)
+_NO_IDS = np.zeros(0, dtype=np.int32)
 _NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
@@ -285,7 +285,7 @@ def _layout(program: Program, q: int, own_lags: bool) -> tuple[int, NDArray[np.i
         n_source, n_target = program.populations[part.source].size, program.populations[part.target].size
         ends = np.tile(np.arange(n_target, dtype=np.int32), n_source)
         return t.CSR, np.arange(n_source + 1, dtype=np.int64) * n_target, ends
-    return LAYOUTS[part.layout], _NO_ROWS, _NOBODY
+    return LAYOUTS[part.layout], _NO_ROWS, _NO_IDS
 
 
 def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:
@@ -297,7 +297,7 @@ def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulatio
 
 def write_states(a: Arrays, k: int, part: FixedPopulation) -> None:
     """Write the initial state registers of a population to the arrays of the loop."""
-    here = slice(a["pops"][k, t.BEGIN], a["pops"][k, t.END])
+    neurons = slice(a["pops"][k, t.BEGIN], a["pops"][k, t.END])
     for name, array in STATES.items():
         if name in part.initial:
-            a[array][here] = part.initial[name]
+            a[array][neurons] = part.initial[name]

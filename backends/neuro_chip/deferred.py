@@ -26,8 +26,8 @@ class Deferred:
         delays: ticks by which events of the post neurons act later, one per synapse.
         delivered: whether the slots of each synapse are written.
         shifts: shift of the receptor of each synapse.
-        stages: how many times a core for delays holds the packets of each synapse back, each time for as many ticks as
-            there are slots; None: never.
+        stages: number of times that a delay core holds back the packets of each synapse, each time for as many ticks as
+            there are slots; None: 0 for all synapses.
 
     Attributes:
         weights: words of the weights, int64, one per synapse.
@@ -86,7 +86,7 @@ class Deferred:
         return (-self.weights if self.rule.inhibits else self.weights).astype(np.int32)
 
     def words(self, synapses: Ints | slice = slice(None)) -> NDArray[np.int32]:
-        """Return the words that synapses add with the spike: 0 where a packet is held back or never delivered."""
+        """Return the words that synapses add with the spike: 0 for packets that are held back or never delivered."""
         sends = self.synapses.delivered[synapses] & (self.synapses.stages[synapses] == 0)
         words: NDArray[np.int32] = (self.weights[synapses] * sends).astype(np.int32)
         return -words if self.rule.inhibits else words
@@ -143,7 +143,7 @@ class Deferred:
         self.dopamine(ids, np.full(ids.size, self.rule.concentrations[0]), step - 1)
 
     def modulate(self, step: int, values: Floats, scale: float) -> None:
-        """Bring the dopamine of all targets to some values, by spikes of sources of reward and punishment.
+        """Set the dopamine of all targets, by spikes of the sources of reward and punishment.
 
         Args:
             step: the last finished step (0 before the first).
@@ -162,9 +162,9 @@ class Deferred:
 
     def _level(self, tick: int) -> Floats:
         """Return the dopamine of each target at a tick, in s4.11."""
-        every, newest = np.arange(self.history.counts.size), self.history.counts - 1
-        level = self.history.traces[every, newest, kernels.DOPAMINE]
-        return np.asarray(np.floor(level * self._decay(D, tick - self.history.times[every, newest])))
+        neurons, newest = np.arange(self.history.counts.size), self.history.counts - 1
+        level = self.history.traces[neurons, newest, kernels.DOPAMINE]
+        return np.asarray(np.floor(level * self._decay(D, tick - self.history.times[neurons, newest])))
 
     def read(self, name: str, step: int, pre: Ints, post: Ints, n_scale: float) -> Floats:
         """Return a state of every synapse after a step, in units of the language; K_plus is the trace of pairs."""
@@ -186,7 +186,7 @@ class Deferred:
 
     def native(self) -> dict[str, int]:
         """Return the counts that exist only on the machine, by name."""
-        return {what: int(self.counts[k]) for k, what in self.counted.items() if self.counts[k]}
+        return {label: int(self.counts[k]) for k, label in self.counted.items() if self.counts[k]}
 
     @property
     def nbytes(self) -> int:

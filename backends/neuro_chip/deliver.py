@@ -3,9 +3,9 @@
 On grids of many maps, the spikes of a step are first summed in arrays with neighbouring maps, and the sums are then
 added to the ring. In the ring the targets of one place in different maps are far apart, so that a single spike would
 write them one by one. With neighbouring maps many targets are added in one run. Sums are sorted by place, then by map,
-for the maps that one channel reaches. Words are sorted in the same way. Within a line of a kernel, the
-words are sorted by the place that a source reaches with them, so that a whole line is one run. Sums of words do not
-depend on the order, so the bits equal those of spikes sent one by one.
+for the maps that one channel reaches. Words are sorted in the same way. Within a line of a kernel, words
+are sorted by the place to which a source sends them, so that a whole line is one run. Sums of words do not depend on
+the order, so the bits equal those of spikes sent one by one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from neuro_chip import tables as t
 # mypy: ignore-errors
 
 
-OVER = np.int32(65536)
+FULL_SLOT = np.int32(65536)
 """Content of a saturated slot of SpiNNaker, whose largest value is 65535."""
 
 
@@ -35,9 +35,9 @@ def add(ring, place, below, word, times, capped):
         ring[place] += amount
     # SpiNNaker has an unsigned slot for each receptor: the magnitude of a negative word goes to the second one.
     elif amount >= 0:
-        ring[place] = min(np.int32(ring[place] + amount), OVER)
+        ring[place] = min(np.int32(ring[place] + amount), FULL_SLOT)
     else:
-        ring[place + below] = min(np.int32(ring[place + below] - amount), OVER)
+        ring[place + below] = min(np.int32(ring[place + below] - amount), FULL_SLOT)
 
 
 @subkernel
@@ -56,19 +56,19 @@ def send(net, q, i, times, step):
         # A dense row reaches all targets: one flag replaces n marks.
         net.arrived_all[target[t.ARRIVED] + slot] = 1
         net.came[target[t.ARRIVED] + slot] = 1
-        into = net.ring[begin : begin + n]
+        slots = net.ring[begin : begin + n]
         if row[t.WORD_STRIDE] == 0:  # one word for all
             word = net.words[row[t.WORD]]
             for k in range(n):
                 add(net.ring, begin + k, below, word, times, capped)
         elif not capped:
             words = net.words[row[t.WORD] + i * n : row[t.WORD] + (i + 1) * n]
-            send_row(into, words, times)
+            send_row(slots, words, times)
         else:
             words = net.words[row[t.WORD] + i * n : row[t.WORD] + (i + 1) * n]
             # One pass per sign: a loop without branches is vectorised.
             if row[t.POSITIVE]:
-                send_capped(into, words, np.int32(times))
+                send_capped(slots, words, np.int32(times))
             if row[t.NEGATIVE]:
                 # Times -1, so that words of the other sign become negative and are clipped to 0.
                 send_capped(net.ring[begin + below : begin + below + n], words, np.int32(-times))
@@ -91,16 +91,16 @@ def send(net, q, i, times, step):
             lag = net.lags[row[t.LAG] + e * row[t.LAG_STRIDE]]
             slot = (step + lag) & mask
             place = target[t.RING] + slot * n + net.targets[base + e]
-            into = place + plane + (lag - row[t.FIRST_LAG]) * row[t.PLANE_STRIDE]
-            add(net.ring, into, below, net.words[row[t.WORD] + e * row[t.WORD_STRIDE]], times, capped)
+            slots = place + plane + (lag - row[t.FIRST_LAG]) * row[t.PLANE_STRIDE]
+            add(net.ring, slots, below, net.words[row[t.WORD] + e * row[t.WORD_STRIDE]], times, capped)
             net.arrived[place] = 1
             net.came[target[t.ARRIVED] + slot] = 1
     elif row[t.LAYOUT] == t.ONE_TO_ONE:
         lag = net.lags[row[t.LAG] + i * row[t.LAG_STRIDE]]
         slot = (step + lag) & mask
         place = target[t.RING] + slot * n + i
-        into = place + plane + (lag - row[t.FIRST_LAG]) * row[t.PLANE_STRIDE]
-        add(net.ring, into, below, net.words[row[t.WORD] + i * row[t.WORD_STRIDE]], times, capped)
+        slots = place + plane + (lag - row[t.FIRST_LAG]) * row[t.PLANE_STRIDE]
+        add(net.ring, slots, below, net.words[row[t.WORD] + i * row[t.WORD_STRIDE]], times, capped)
         net.arrived[place] = 1
         net.came[target[t.ARRIVED] + slot] = 1
     else:
@@ -108,32 +108,32 @@ def send(net, q, i, times, step):
 
 
 @subkernel
-def send_row(into, words, times):
+def send_row(slots, words, times):
     """Add a row of words to neighbouring slots."""
     if times == 1:
-        for k in range(into.size):
-            into[k] = np.int32(into[k] + np.int32(words[k]))
+        for k in range(slots.size):
+            slots[k] = np.int32(slots[k] + np.int32(words[k]))
     else:
-        for k in range(into.size):
-            into[k] = np.int32(into[k] + np.int32(words[k] * times))
+        for k in range(slots.size):
+            slots[k] = np.int32(slots[k] + np.int32(words[k] * times))
 
 
 @subkernel
-def send_capped(into, words, times):
+def send_capped(slots, words, times):
     """Add the words of one sign to slots that saturate."""
     # A literal 0 has 64 bits, which would widen the loop and halve the words per vector.
     zero = np.int32(0)
-    for k in range(into.size):
+    for k in range(slots.size):
         amount = max(np.int32(words[k] * times), zero)
-        into[k] = min(np.int32(into[k] + amount), OVER)
+        slots[k] = min(np.int32(slots[k] + amount), FULL_SLOT)
 
 
 @subkernel
-def send_sparse(into, arrived, targets, words):
+def send_sparse(slots, arrived, targets, words):
     """Add words to scattered slots."""
     for e in range(targets.size):
         place = np.uint32(targets[e])  # unsigned, so that numba does not check for indices from the end
-        into[place] = np.int32(into[place] + np.int32(words[e]))
+        slots[place] = np.int32(slots[place] + np.int32(words[e]))
         arrived[place] = 1
 
 
@@ -141,9 +141,9 @@ def send_sparse(into, arrived, targets, words):
 def send_grid(net, row, target, i, times, step, below, capped):
     """Send a spike along a shared kernel: to every place of every map whose kernel covers the source."""
     sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
-    channel, rest = i // sheet, i % sheet
+    channel, position = i // sheet, i % sheet
     first = channel // row[t.DEPTH] * row[t.REACH]  # the first map that the channel reaches
-    y, x = rest // row[t.CHANNEL_WIDTH] + row[t.TOP], rest % row[t.CHANNEL_WIDTH] + row[t.LEFT]
+    y, x = position // row[t.CHANNEL_WIDTH] + row[t.TOP], position % row[t.CHANNEL_WIDTH] + row[t.LEFT]
     height, width, stride = row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH], row[t.STRIDE]
     # the first and the last place whose kernel covers the line: ceil((y - height + 1) / stride) and y / stride
     r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[t.ROWS] - 1, y // stride)
@@ -166,7 +166,7 @@ def send_grid(net, row, target, i, times, step, below, capped):
 
 
 FEWEST = 4
-"""Least number of maps per channel for which summing first is faster."""
+"""Smallest number of maps per channel for which summing first is faster."""
 
 
 def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
@@ -225,7 +225,7 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
         where: for a grid, the result of `places`.
     """
     reach, size = row[t.REACH], where.size
-    first = end = into = 0  # bounds of a map's weights, and their destination; neighbours are mostly in one map
+    first = end = dest = 0  # bounds of a map's weights, and their destination; neighbours are mostly in one map
     for k in range(synapses.size):
         s = synapses[k]
         word = table[mantissas[s] - lowest]
@@ -238,8 +238,8 @@ def write_some(mantissas, synapses, table, lowest, words, kernels, row, where):
             # One division per map instead of one per synapse.
             if s < first or s >= end:
                 m = s // size
-                first, end, into = m * size, (m + 1) * size, row[t.KERNEL] + m // reach * size * reach + m % reach
-            kernels[into + where[s - first] * reach] = word
+                first, end, dest = m * size, (m + 1) * size, row[t.KERNEL] + m // reach * size * reach + m % reach
+            kernels[dest + where[s - first] * reach] = word
 
 
 @subkernel
@@ -278,8 +278,8 @@ def gather(net, row, begin, first, last):
     top, bottom, left, right = rows, 0, columns, 0
     for k in range(first, last):
         i = net.emitted[k] - begin
-        channel, rest = i // sheet, i % sheet
-        y, x = rest // width + row[t.TOP], rest % width + row[t.LEFT]
+        channel, position = i // sheet, i % sheet
+        y, x = position // width + row[t.TOP], position % width + row[t.LEFT]
         r_first, r_end = covering(y, kernel_height, stride, rows)
         c_first, c_end = covering(x, kernel_width, stride, columns)
         if r_first >= r_end or c_first >= c_end:
@@ -290,9 +290,9 @@ def gather(net, row, begin, first, last):
         for r in range(r_first, r_end):
             line = (channel * kernel_height + y - r * stride) * kernel_width + column
             word, place = row[t.KERNEL] + line * reach, base + r * columns
-            into = row[t.GATHER] + place * reach
+            spot = row[t.GATHER] + place * reach
             send_row(
-                net.gathered[into : into + run * reach], net.kernels[word : word + run * reach], net.emitted_times[k]
+                net.gathered[spot : spot + run * reach], net.kernels[word : word + run * reach], net.emitted_times[k]
             )
             mark = row[t.MARKS] + place
             net.marked[mark : mark + run] = 1
@@ -300,17 +300,17 @@ def gather(net, row, begin, first, last):
 
 
 @subkernel
-def pour_map(into, sums, stride):
+def pour_map(slots, sums, stride):
     """Add sums with a stride to neighbouring slots."""
-    for p in range(into.size):
-        into[p] = np.int32(into[p] + sums[p * stride])
+    for p in range(slots.size):
+        slots[p] = np.int32(slots[p] + sums[p * stride])
 
 
 @subkernel
-def pour_capped(into, sums, stride, sign):
+def pour_capped(slots, sums, stride, sign):
     """Add sums with a stride to neighbouring slots that saturate."""
-    for p in range(into.size):
-        into[p] = min(np.int32(into[p] + np.int32(sums[p * stride] * sign)), OVER)
+    for p in range(slots.size):
+        slots[p] = min(np.int32(slots[p] + np.int32(sums[p * stride] * sign)), FULL_SLOT)
 
 
 @subkernel
@@ -333,14 +333,14 @@ def pour(net, row, target, box, step, below, capped):
             sums = net.gathered[row[t.GATHER] + place * reach : row[t.GATHER] + (place + run) * reach]
             marks = net.marked[row[t.MARKS] + place : row[t.MARKS] + place + run]
             for m in range(reach):
-                to = base + (group * reach + m) * sheet + first
+                ring_at = base + (group * reach + m) * sheet + first
                 if not capped:
-                    pour_map(net.ring[to + row[t.PLANE] : to + row[t.PLANE] + run], sums[m:], reach)
+                    pour_map(net.ring[ring_at + row[t.PLANE] : ring_at + row[t.PLANE] + run], sums[m:], reach)
                 elif row[t.NEGATIVE]:
-                    pour_capped(net.ring[to + below : to + below + run], sums[m:], reach, np.int32(-1))
+                    pour_capped(net.ring[ring_at + below : ring_at + below + run], sums[m:], reach, np.int32(-1))
                 else:
-                    pour_capped(net.ring[to : to + run], sums[m:], reach, np.int32(1))
-                arrived = net.arrived[to : to + run]
+                    pour_capped(net.ring[ring_at : ring_at + run], sums[m:], reach, np.int32(1))
+                arrived = net.arrived[ring_at : ring_at + run]
                 for p in range(run):
                     arrived[p] |= marks[p]
             # Cleared for the next step while they are in the cache.

@@ -75,8 +75,8 @@ class ChipEngine(Settable):
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Return the recorded spikes after a step."""
-        here = self._machine.slice(population)
-        return carrying(self.program.populations[population], self._machine.record.spikes(here.start, here.stop, since))
+        span = self._machine.slice(population)
+        return carrying(self.program.populations[population], self._machine.record.spikes(span.start, span.stop, since))
 
     def forget(self, before: int) -> None:
         """Drop the recorded spikes up to a step."""
@@ -89,8 +89,8 @@ class ChipEngine(Settable):
         native = machine.native(t.NATIVE_COLUMNS) | machine.weights.native() | machine.learners.native()
         return EngineCounts(
             steps=self.step,
-            events=tuple(a["events"][here].copy() for _, here in parts),
-            spikes=tuple(a["events" if part.model.graded else "spikes"][here].copy() for part, here in parts),
+            events=tuple(a["events"][neurons].copy() for _, neurons in parts),
+            spikes=tuple(a["events" if part.model.graded else "spikes"][neurons].copy() for part, neurons in parts),
             active=a["active"].copy(),
             trial_updates=machine.weights.updates.copy(),
             native=native,

@@ -82,8 +82,8 @@ class Learners:
                 if part.dopamine >= 0:  # packets reach all targets, or one each
                     ids, times = fired(self._a, part.dopamine)
                     n = self._program.populations[part.target].size
-                    every = np.repeat(ids, times)
-                    plastic.release(step, every if part.dopamine_one_to_one else np.tile(np.arange(n), every.size))
+                    spikes = np.repeat(ids, times)
+                    plastic.release(step, spikes if part.dopamine_one_to_one else np.tile(np.arange(n), spikes.size))
                 synapses, differences = plastic.step(step, pre, post, payloads)
                 self._weights.mantissas[index][synapses] = plastic.words(synapses)
                 self._weights.write_some(index, synapses)
@@ -174,7 +174,7 @@ class Learners:
         counts: dict[str, int] = {}
         for index, plastic in self._parts.items():
             name = self._program.projections[index].name
-            counts |= {f"{what} in {name}": count for what, count in plastic.native().items()}
+            counts |= {f"{label} in {name}": count for label, count in plastic.native().items()}
         return counts
 
     def overflows(self) -> dict[str, int]:
@@ -249,7 +249,7 @@ def _learner(program: Program, index: int, wires: FixedProjection) -> Learner | 
     return Plastic(part.name, program.seed, rule, *synapses, wires.bits, wires.sign_mode)
 
 
-_NEVER = -1
+_NO_SPIKE = -1
 
 _Sides = namedtuple("_Sides", "by_source row_ends by_target column_ends source target last_pre last_post y c")
 """The synapses of a pairwise rule for delays, by source and by target, and the values that the rule reads.
@@ -374,14 +374,14 @@ class _PairRule:
         self._h, c, arithmetic = program.resolution, np.zeros(part.synapse.width), part.synapse.arithmetic
         arithmetic.constants(part.synapse.vector(), self._h, c)
         self._pass = _compiled_rule(arithmetic.on_pre, arithmetic.on_post)
-        self.last_pre, self.last_post = np.full(n_source, _NEVER), np.full(n_target, _NEVER)
+        self.last_pre, self.last_post = np.full(n_source, _NO_SPIKE), np.full(n_target, _NO_SPIKE)
         ends = pre.astype(np.int64), post.astype(np.int64)
         self._sides = _Sides(*rows, *columns, *ends, self.last_pre, self.last_post, np.zeros((2, 1)), c)
 
     def start_anew(self) -> None:
         """Forget all spikes."""
-        self.last_pre[:] = _NEVER
-        self.last_post[:] = _NEVER
+        self.last_pre[:] = _NO_SPIKE
+        self.last_post[:] = _NO_SPIKE
 
     def learn(self, units: NDArray[np.int32], low: int, high: int, pre: Ints, post: Ints, step: int) -> None:
         """Apply the post spikes, then the pre spikes of a step.

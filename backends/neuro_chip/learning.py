@@ -128,9 +128,9 @@ def decay(history, slot, keep, keys, step):
             v = np.int64(history[before, k, i])
             if v != 0:
                 v *= numerator  # whole numbers, so that the fraction below is exact
-                rest = v % denominator
+                remainder = v % denominator
                 v //= denominator
-                if rest != 0 and draw(base, i, denominator) < rest:
+                if remainder != 0 and draw(base, i, denominator) < remainder:
                     v += 1
             history[slot, k, i] = v
 
@@ -328,11 +328,11 @@ def rounded_by_loihi(value, change, precision, low, high, away, base, e):
         size -= size % precision
         return value + (size if change > 0 else -size)
     step = precision << 7
-    whole = change // step
-    rest = change - whole * step
-    if rest != 0 and draw(base, e, step) < rest:
-        whole += 1
-    return value + whole * precision
+    quotient = change // step
+    remainder = change - quotient * step
+    if remainder != 0 and draw(base, e, step) < remainder:
+        quotient += 1
+    return value + quotient * precision
 
 
 @inlined
@@ -362,8 +362,8 @@ def rounded_by_loihi2(value, change, precision, low, high, away, base, e):
     """
     change = max(change, -(value << 7)) if low == 0 else change
     change = min(change, -(value << 7)) if high == 0 else change
-    whole = change >> 7
-    return value + whole + np.int64(base < (change - (whole << 7)) / 128.0)
+    quotient = change >> 7
+    return value + quotient + np.int64(base < (change - (quotient << 7)) / 128.0)
 
 
 learn_loihi = microcode(product_of_loihi, base_of_loihi, rounded_by_loihi, -LAST - 1)

@@ -52,10 +52,10 @@ def add_planes(net, first, last, slot, n, receptor, begin):
 
 
 @subkernel
-def add_plane(into, sums, shift, lost):
+def add_plane(slots, sums, shift, lost):
     """Drop the `lost` upper bits of sums, shift the sums down, add and clear them."""
-    for k in range(into.size):
-        into[k] = i32(into[k] + i32(i32(i32(sums[k] << lost) >> lost) >> shift))
+    for k in range(slots.size):
+        slots[k] = i32(slots[k] + i32(i32(i32(sums[k] << lost) >> lost) >> shift))
         sums[k] = ZERO
 
 
@@ -86,15 +86,15 @@ def step_loihi2(x, v, u, keep_u, keep_v, bias):
     clips = ZERO
     for i in range(v.size):
         full = i32(multiplied(u[i], keep_u[i]) + i32(x[i] << SIX))
-        now = i32(i32(full << EIGHT) >> EIGHT)
+        wrapped = i32(i32(full << EIGHT) >> EIGHT)
         # lava wraps to (-2^23, 2^23]; a two's complement has -2^23 instead of 2^23.
-        now = TURN if now == i32(-TURN) else now
-        w = i32(i32(multiplied(v[i], keep_v[i]) + now) + bias[i])
+        wrapped = TURN if wrapped == i32(-TURN) else wrapped
+        w = i32(i32(multiplied(v[i], keep_v[i]) + wrapped) + bias[i])
         clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
-        wraps = i32(wraps + i32(now != full))
+        wraps = i32(wraps + i32(wrapped != full))
         clips = i32(clips + i32(clipped != w))
         x[i] = ZERO
-        u[i] = now
+        u[i] = wrapped
         v[i] = clipped
     return wraps, clips
 
@@ -249,24 +249,24 @@ _COLUMNS = {
 """Registers that all neurons of a population share, with their columns in the table of populations."""
 
 
-def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
-    """Write the registers of a population to rows `here` of the arrays that its step reads."""
+def write(a: Arrays, row: NDArray[np.int64], neurons: slice, r: Mapping[str, Ints]) -> None:
+    """Write the registers of a population to rows `neurons` of the arrays that its step reads."""
     for name, column in _COLUMNS.items():
         row[column] = int(r[name][0]) if name in r else 0
     row[t.INPUT_EXP] = sum(int(r[name][0]) for name in ("spike_exp", "state_exp", "exp") if name in r)
     if "du" in r:
-        a["keep_u"][here] = 4095 - r["du"]
-        a["keep_v"][here] = 4096 - r["dv"]
-        a["threshold"][here] = r["vth_hi" if "vth_hi" in r else "vth"] * 64
-        a["v_rest"][here] = r["vth_lo"] * 64 if "vth_lo" in r else 0
-        a["bias"][here] = r["bias_mant"] << r["bias_exp"]
+        a["keep_u"][neurons] = 4095 - r["du"]
+        a["keep_v"][neurons] = 4096 - r["dv"]
+        a["threshold"][neurons] = r["vth_hi" if "vth_hi" in r else "vth"] * 64
+        a["v_rest"][neurons] = r["vth_lo"] * 64 if "vth_lo" in r else 0
+        a["bias"][neurons] = r["bias_mant"] << r["bias_exp"]
         return
     if "cos_decay" in r:
-        a["keep_u"][here], a["keep_v"][here] = r["cos_decay"], r["sin_decay"]
-        a["threshold"][here] = r["vth"]
+        a["keep_u"][neurons], a["keep_v"][neurons] = r["cos_decay"], r["sin_decay"]
+        a["threshold"][neurons] = r["vth"]
         return
     for name, array in (("vth", "threshold"), ("bias", "bias")):
-        a[array][here] = r.get(name, 0)
+        a[array][neurons] = r.get(name, 0)
 
 
 STEPS = {

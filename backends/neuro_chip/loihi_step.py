@@ -76,35 +76,35 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired, lowest):
         # that width.
         arrived = i32(i32(x[i] << SIXTEEN) >> SIXTEEN)
         full = i32(multiplied(u[i], keep_u[i]) + i32(arrived << SIX))
-        now = i32(i32(full << EIGHT) >> EIGHT)
-        driven = i32(now + bias[i])
+        wrapped = i32(i32(full << EIGHT) >> EIGHT)
+        driven = i32(wrapped + bias[i])
         drive = i32(i32(driven << EIGHT) >> EIGHT)
         w = i32(multiplied(v[i], keep_v[i]) + drive)
         clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
         free = i32(hold[i] == ZERO)
         inputs = i32(inputs + i32(arrived != x[i]))
-        currents = i32(currents + i32(now != full))
+        currents = i32(currents + i32(wrapped != full))
         drives = i32(drives + i32(drive != driven))
         clips = i32(clips + i32(free & i32(clipped != w)))
         # During refractoriness the voltage is held at 0, Loihi's reset, but the current continues.
         clipped = i32(max(clipped, lowest) * free)
         x[i] = ZERO
-        u[i] = now
+        u[i] = wrapped
         v[i] = clipped
         hold[i] = i32(hold[i] - i32(ONE - free))
         fired[i] = np.uint8(free & i32(clipped > threshold[i]))
     return inputs, currents, drives, clips
 
 
-def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
-    """Write the registers of a population to rows `here` of the arrays that its step reads."""
-    a["keep_u"][here] = 4095 - r["du"]
-    a["keep_v"][here] = 4096 - r["dv"]
+def write(a: Arrays, row: NDArray[np.int64], neurons: slice, r: Mapping[str, Ints]) -> None:
+    """Write the registers of a population to rows `neurons` of the arrays that its step reads."""
+    a["keep_u"][neurons] = 4095 - r["du"]
+    a["keep_v"][neurons] = 4096 - r["dv"]
     row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**23) + 1
-    a["fall"][here] = r.get("fall", 0)
-    a["threshold"][here] = r["vth"] * 64
-    a["bias"][here] = r["bias_mant"] << r["bias_exp"]
-    a["refractory"][here] = r["refractory"] - 1
+    a["fall"][neurons] = r.get("fall", 0)
+    a["threshold"][neurons] = r["vth"] * 64
+    a["bias"][neurons] = r["bias_mant"] << r["bias_exp"]
+    a["refractory"][neurons] = r["refractory"] - 1
 
 
 STEPS = {KIND: lif}

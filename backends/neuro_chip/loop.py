@@ -104,9 +104,9 @@ def win(net, row, i, step):
     maps, rows, columns, radius = local[t.LOCAL_MAPS], local[t.LOCAL_ROWS], local[t.LOCAL_COLUMNS], local[t.RADIUS]
     places = rows * columns
     m, r, c = (i - lo) // places, (i - lo) // columns % rows, (i - lo) % columns
-    own = lo + m * places
+    map_begin = lo + m * places
     if net.map_wins[group, m] == 0:
-        for k in range(own, own + places):
+        for k in range(map_begin, map_begin + places):
             net.potential[k] = net.v[k]
     for near_r in range(max(0, r - radius), min(rows, r + radius + 1)):
         for near_c in range(max(0, c - radius), min(columns, c + radius + 1)):
@@ -114,7 +114,7 @@ def win(net, row, i, step):
             silence(net, group, place, place + maps * places, places)
     net.map_wins[group, m] += 1
     if net.map_wins[group, m] == local[t.PER_MAP]:
-        silence(net, group, own, own + places, 1)
+        silence(net, group, map_begin, map_begin + places, 1)
     net.muted[i] |= t.WON
     if net.groups[group, t.WINNER] < 0:
         net.groups[group, t.WINNER] = i - lo
@@ -263,12 +263,12 @@ def count_active(net, pop, row, step):
 @subkernel
 def admit(fired, muted):
     """Keep the neurons above threshold that may fire; return whether there are any."""
-    some = np.uint8(0)
+    has_any = np.uint8(0)
     for k in range(fired.size):
         fired[k] &= np.uint8(muted[k] == 0)
         # No early end: a loop without branches is vectorised.
-        some |= fired[k]
-    return some != 0
+        has_any |= fired[k]
+    return has_any != 0
 
 
 @subkernel
@@ -276,13 +276,13 @@ def decide(net, row, step):
     """Keep the candidates of a group that win and reset the losers."""
     group = row[t.GROUP]
     fired = net.fired[row[t.BEGIN] : row[t.END]]
-    some = admit(fired, net.muted[row[t.BEGIN] : row[t.END]])
+    has_candidates = admit(fired, net.muted[row[t.BEGIN] : row[t.END]])
     if net.groups[group, t.CLOSED]:
         fired[:] = 0
-        some = False
+        has_candidates = False
     if net.local[group, t.RADIUS] >= 0:
         settle_locally(net, row, step)
-    elif not some:
+    elif not has_candidates:
         return
     elif net.groups[group, t.RIVALS] > 0:
         settle_rivals(net, row, step)
@@ -293,10 +293,10 @@ def decide(net, row, step):
 @subkernel
 def any_fired(fired):
     """Return whether any neuron is above threshold."""
-    some = np.uint8(0)
+    has_any = np.uint8(0)
     for k in range(fired.size):
-        some |= fired[k]
-    return some != 0
+        has_any |= fired[k]
+    return has_any != 0
 
 
 @subkernel
@@ -321,11 +321,11 @@ def update_and_fire(net, pop, row, step):
     """Update the neurons of a population, and emit their spikes; return whether any was above threshold."""
     update(net, pop, row, step)
     group, fired = row[t.GROUP], net.fired[row[t.BEGIN] : row[t.END]]
-    reached = some = any_fired(fired)
-    if group >= 0 and (some or net.local[group, t.RADIUS] >= 0):
+    reached = has_candidates = any_fired(fired)
+    if group >= 0 and (has_candidates or net.local[group, t.RADIUS] >= 0):
         decide(net, row, step)
-        some = any_fired(fired)
-    if some:
+        has_candidates = any_fired(fired)
+    if has_candidates:
         for i in range(row[t.BEGIN], row[t.END]):
             if net.fired[i]:
                 # A neuron silenced for a trial neither spikes nor is reset; its voltage may continue to rise.
@@ -438,18 +438,18 @@ def stayed(net, pop, row, before):
 
 
 @subkernel
-def copy(into, values):
+def copy(output, values):
     """Copy an array."""
-    for k in range(into.size):
-        into[k] = values[k]
+    for k in range(output.size):
+        output[k] = values[k]
 
 
 @subkernel
-def equal(one, other):
+def equal(first, second):
     """Return whether two arrays are equal."""
     changed = np.int32(0)
-    for k in range(one.size):
-        changed |= np.int32(one[k] ^ other[k])
+    for k in range(first.size):
+        changed |= np.int32(first[k] ^ second[k])
     return changed == 0
 
 

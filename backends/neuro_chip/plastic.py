@@ -115,7 +115,7 @@ class Learner:
 
     def native(self) -> dict[str, int]:
         """Return the counts that exist only on the chip, by name."""
-        counts = {what: int(self.counts[column]) for column, what in _COUNTED.items() if self.counts[column]}
+        counts = {label: int(self.counts[column]) for column, label in _COUNTED.items() if self.counts[column]}
         return counts | ({"trace saturations": int(self.saturated[0])} if self.saturated[0] else {})
 
     @property
@@ -159,9 +159,9 @@ class Plastic(Learner):
     """A projection that learns on Loihi 1.
 
     Args:
-        name, seed: of the projection and of the program, which determine the draws.
+        name, seed: name of the projection and seed of the program, which determine the draws.
         rule, row_ends, targets, n_targets, weights: see `Learner`.
-        bits, sign_mode: of the weights.
+        bits, sign_mode: number of bits and sign mode of the weights.
     """
 
     def __init__(
@@ -240,7 +240,7 @@ class TwoFactors(Learner):
     and one per epoch for weights. Source: lava 0.10, `src/lava/magma/core`, `model/py/connection.py` and `learning`.
 
     Args:
-        name, seed: of the projection and of the program, for the random numbers.
+        name, seed: name of the projection and seed of the program, for the random numbers.
         numbers: parameters of `loihi2_learning`: impulses and time constants of the traces, `sign_mode`, `graded`,
             `rng_seed`.
         rule, row_ends, targets, n_targets, weights: see `Learner`.
@@ -259,26 +259,26 @@ class TwoFactors(Learner):
     ) -> None:
         super().__init__(rule, row_ends, targets, n_targets, weights, (*SIGN_MODES[numbers["sign_mode"]], -257, 255))
         self.graded = numbers["graded"]
-        self._impulses = [np.array([[numbers[f"{each}_impulse"]] for each in side]) for side in (PRE, POST)]
-        taus = [[numbers[f"{each}_tau"] for each in side] for side in (PRE, POST)]
+        self._impulses = [np.array([[numbers[f"{trace}_impulse"]] for trace in side]) for side in (PRE, POST)]
+        taus = [[numbers[f"{trace}_tau"] for trace in side] for side in (PRE, POST)]
         self._keeps = [np.array([[np.exp(-1.0 / tau) if tau else 0.0] for tau in side]) for side in taus]
         n_sources = row_ends.size - 1
         self.xs, self.ys = (np.zeros((k, n), dtype=np.int64) for k, n in ((2, n_sources), (3, n_targets)))
         self.tx, self.ty = np.zeros(n_sources, dtype=np.int64), np.zeros(n_targets, dtype=np.int64)
-        own = numbers["rng_seed"]
+        first = numbers["rng_seed"]
         # lava's seed for weights is 2, whatever the seed of a rule.
-        self._seeds = [key(seed, purpose, name) for purpose in ("x", "y", "w")] if own < 0 else [own, own + 2, 2]
+        self._seeds = [key(seed, purpose, name) for purpose in ("x", "y", "w")] if first < 0 else [first, first + 2, 2]
 
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
         """Learn from the spikes of a step."""
-        now = (step - 1) % self.epoch + 1
+        epoch_step = (step - 1) % self.epoch + 1
         fired_before = self.tx[pre] > 0
         is_spike = self._raise_x1(pre, payloads, fired_before)
         self._add(self.xs[1:], self._impulses[0][1:], pre[fired_before & is_spike])
-        self.tx[pre[is_spike]] = now
+        self.tx[pre[is_spike]] = epoch_step
         self._add(self.ys, self._impulses[1], post[self.ty[post] > 0])
-        self.ty[post] = now
-        if now == self.epoch:
+        self.ty[post] = epoch_step
+        if epoch_step == self.epoch:
             number = step // self.epoch
             draws = [
                 float(np.random.Generator(np.random.PCG64(seed).advance(at)).random())
@@ -305,12 +305,12 @@ class TwoFactors(Learner):
         added = np.zeros_like(self.xs[0])
         added[pre] = halves
         sums = self.xs[0] + added & 255
-        over = sums > TRACE_MAX
+        is_over = sums > TRACE_MAX
         if self.graded == "add_with_saturation":
             self.xs[0] = np.minimum(sums, TRACE_MAX)
             return every
-        self.xs[0] = np.where(over, sums - TRACE_MAX, sums)
-        wrapped: NDArray[np.bool_] = over[pre]
+        self.xs[0] = np.where(is_over, sums - TRACE_MAX, sums)
+        wrapped: NDArray[np.bool_] = is_over[pre]
         return wrapped
 
     def _add(self, traces: Ints, impulses: Ints, ids: Ints) -> None:
@@ -324,11 +324,11 @@ class TwoFactors(Learner):
         """Return the traces after each step of the epoch, shape (epoch, traces, neurons)."""
         history: Ints = np.empty((self.epoch, *traces.shape), dtype=np.int64)
         before = traces
-        for step, now in enumerate(history, 1):
+        for step, step_traces in enumerate(history, 1):
             decayed = keep * before
-            now[:] = np.floor(decayed) + (draw < decayed % 1)
-            self._add(now, impulses, np.flatnonzero(times == step))
-            before = now
+            step_traces[:] = np.floor(decayed) + (draw < decayed % 1)
+            self._add(step_traces, impulses, np.flatnonzero(times == step))
+            before = step_traces
         return history
 
     def trace(self, name: str, step: int) -> Floats:
@@ -367,10 +367,10 @@ class ThreeFactors(TwoFactors):
     def step(self, step: int, pre: Ints, post: Ints, payloads: Ints) -> None:
         """Learn from the spikes of a step."""
         kernels.decay(self.ys[np.newaxis], 0, self._keep, self._neurons, step)
-        own = self.ys.copy()
+        ys_before = self.ys.copy()
         self.ys[1:] = self.outgoing(step)
         super().step(step, pre, post, payloads)
-        self.ys[:] = own
+        self.ys[:] = ys_before
         self._add(self.ys, self._rise, post)
 
     def outgoing(self, step: int) -> Ints:

@@ -49,7 +49,7 @@ class ChipRegisters:
 
     def state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         """Return a state in the unit of its model, from the state registers."""
-        first, *more = (self._state(population, each, arrays) for each in self.names(population, name))
+        first, *more = (self._state(population, state, arrays) for state in self.names(population, name))
         return sum(more, start=first)
 
     def _state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
@@ -68,8 +68,8 @@ class ChipRegisters:
             ModelError: a value does not fit.
         """
         names, registers = self.names(population, name), dict[str, NDArray[np.int32]]()
-        for each, share in zip(names, shares(values, names), strict=True):
-            register, units = self._units(population, each, share)
+        for state, share in zip(names, shares(values, names), strict=True):
+            register, units = self._units(population, state, share)
             registers[register] = registers[register] + units if register in registers else units
         return registers
 
@@ -105,12 +105,12 @@ class ChipRegisters:
             ModelError: the population has no such register.
         """
         part, name = self.fixed[population], self.names(population, name)[0]
-        own = [*self._arithmetic.states.get(part.kind, ()), *part.registers]
+        register_names = [*self._arithmetic.states.get(part.kind, ()), *part.registers]
         holders = self._arithmetic.stands_for
-        if holders.get(name) in own:
+        if holders.get(name) in register_names:
             return holders[name]
-        if name not in own:
-            raise unknown("register", name, own).at(None, f"population '{part.name}'")
+        if name not in register_names:
+            raise unknown("register", name, register_names).at(None, f"population '{part.name}'")
         return name
 
     def requantised(

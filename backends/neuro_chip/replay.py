@@ -52,12 +52,12 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
         if is_spike:
             part.spike(np.array([unit]), t)
         elif rows[unit]["kind"] == "stdp":
-            here, emitted = slice(ends[unit], ends[unit + 1]), t - lateness
+            unit_events, emitted = slice(ends[unit], ends[unit + 1]), t - lateness
             part.packets(np.array([unit]), emitted)
-            arrives = stored[here] > lateness
-            place = ((emitted + stored[here]) % slots << bits + 1 | below[here])[arrives]
+            arrives = stored[unit_events] > lateness
+            place = ((emitted + stored[unit_events]) % slots << bits + 1 | below[unit_events])[arrives]
             added: dict[int, int] = {}
-            for slot, word in zip(place.tolist(), part.weights[here][arrives].tolist(), strict=True):
+            for slot, word in zip(place.tolist(), part.weights[unit_events][arrives].tolist(), strict=True):
                 saturated += added.get(slot, 0) + word > SLOT
                 added[slot] = min(added.get(slot, 0) + word, SLOT)
             skipped += int(np.count_nonzero(~arrives))
@@ -74,8 +74,8 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
 def _newest(part: Deferred) -> Ints:
     """Return the number of entries of each history, and the time and the traces of the newest entry."""
     history = part.history
-    every, newest = np.arange(history.counts.size), history.counts - 1
-    return np.column_stack((history.counts, history.times[every, newest], history.traces[every, newest]))
+    neurons, newest = np.arange(history.counts.size), history.counts - 1
+    return np.column_stack((history.counts, history.times[neurons, newest], history.traces[neurons, newest]))
 
 
 _STATES: dict[str, Callable[[Deferred], Any]] = {

@@ -185,9 +185,9 @@ class RunningMachine:
 
     def set_rate(self, population: int, rate: Floats) -> None:
         """Change the rate of a poisson_generator."""
-        here = self.slice(population)
-        self.arrays["mean"][here] = rate * (self.program.resolution * 1e-3)
-        self.arrays["nothing"][here] = np.exp(-self.arrays["mean"][here])
+        neurons = self.slice(population)
+        self.arrays["mean"][neurons] = rate * (self.program.resolution * 1e-3)
+        self.arrays["nothing"][neurons] = np.exp(-self.arrays["mean"][neurons])
 
     def native(self, columns: int) -> dict[str, int]:
         """Return the counts in the first columns that exist only on chips, by name."""

@@ -33,22 +33,22 @@ class Settable:
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """Return a state in physical units, or a parameter, of all neurons or of some."""
-        part, here = self.program.populations[population], self._machine.slice(population)
+        part, neurons = self.program.populations[population], self._machine.slice(population)
         if name in [state.name for state in part.model.states]:
-            arrays = {register: self._machine.arrays[array][here] for register, array in STATES.items()}
-            every = self._machine.cells.state(population, name, arrays)
+            arrays = {register: self._machine.arrays[array][neurons] for register, array in STATES.items()}
+            all_values = self._machine.cells.state(population, name, arrays)
         elif part.kind == "current" and name == "amplitude":
-            every = self._machine.currents.parameter(population, "amplitude").copy()
+            all_values = self._machine.currents.parameter(population, "amplitude").copy()
         else:
-            every = np.broadcast_to(self._machine.cells.parameters[population][name], part.size).copy()
-        return every if ids is None else every[ids]
+            all_values = np.broadcast_to(self._machine.cells.parameters[population][name], part.size).copy()
+        return all_values if ids is None else all_values[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters: all of them, or none if a register would overflow."""
         part = self.program.populations[population]
         names = [state.name for state in part.model.states]
-        states = {name: each for name, each in values.items() if name in names}
-        parameters = {name: each.copy() for name, each in values.items() if name not in names}
+        states = {name: value for name, value in values.items() if name in names}
+        parameters = {name: value.copy() for name, value in values.items() if name not in names}
         for name in self._machine.cells.relative_to_rest(population, parameters):
             states.setdefault(name, self.get(population, name))
         if part.kind == "current":
@@ -64,7 +64,7 @@ class Settable:
         elif parameters and part.kind != "listed":
             self._requantise(population)
         try:
-            all_units = [self._machine.cells.units(population, name, each).items() for name, each in states.items()]
+            all_units = [self._machine.cells.units(population, name, value).items() for name, value in states.items()]
         except ModelError:
             self._machine.cells.parameters[population] = before
             self._requantise(population)
@@ -85,12 +85,12 @@ class Settable:
 
     def registers(self, population: int, name: str) -> Ints:
         """Return a register, by the name of the register or of the state or parameter in it."""
-        here = self._machine.slice(population)
+        neurons = self._machine.slice(population)
         register = self._machine.cells.register_of(population, name)
         if register in STATES:
-            return self._machine.arrays[STATES[register]][here].astype(np.int64)
+            return self._machine.arrays[STATES[register]][neurons].astype(np.int64)
         values = self._machine.cells.fixed[population].registers[register]
-        return np.broadcast_to(values, here.stop - here.start).copy()
+        return np.broadcast_to(values, neurons.stop - neurons.start).copy()
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
         """Return the mantissa ("weight", "mantissa") or the tag ("t", "c") of every synapse, or a learnt delay.

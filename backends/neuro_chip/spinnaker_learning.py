@@ -50,7 +50,7 @@ from neuro.kernels.jit import inlined, kernel, subkernel
 
 NEAREST, TRIPLET, VOGELS, RECURRENT = (TIMINGS.index(name) for name in TIMINGS[1:])
 ENTRIES = 16
-"""Entries of a history: a placeholder at tick 0, and 15 events."""
+"""Number of entries of a history: a placeholder at tick 0, and 15 events."""
 FAST, SLOW, SPIKE, DOPAMINE, TRACES = range(5)
 """Columns of an entry: o1 (or the window), o2, the last spike that is not yet in o2, and dopamine."""
 LAST, R1, R2, ROW_COLUMNS = range(4)
@@ -101,7 +101,7 @@ class Synapses(NamedTuple):
         delays: ticks by which entries act later, one per synapse.
         delivered: whether each synapse delivers spikes, which needs a delay other than the number of slots.
         shifts: shift of the receptor of each synapse.
-        stages: how many times a core for delays holds the packets of each synapse back, each time for as many ticks as
+        stages: number of times that a delay core holds back the packets of each synapse, each time for as many ticks as
             there are slots.
         rows: number of rows of a source, one for each stage.
     """

@@ -81,9 +81,9 @@ def lif(net, pop, row, step):
         drive = np.int64(ge) - np.int64(gi) + np.int64(net.bias[i])
         alpha = product(i32(drive), net.r_m[i]) + np.int64(net.v_rest[i])
         gap = np.int64(i32(alpha)) - np.int64(v[k])
-        now = np.int64(i32(alpha)) - product(net.keep_v[i], i32(gap))
-        wraps += (i32(drive) != drive) | (i32(alpha) != alpha) | (i32(gap) != gap) | (i32(now) != now)
-        v[k] = i32(now)
+        new_v = np.int64(i32(alpha)) - product(net.keep_v[i], i32(gap))
+        wraps += (i32(drive) != drive) | (i32(alpha) != alpha) | (i32(gap) != gap) | (i32(new_v) != new_v)
+        v[k] = i32(new_v)
         fired[k] = v[k] >= net.threshold[i]
     net.native[pop, t.SATURATIONS] += saturated
     net.native[pop, t.WRAPS] += wraps
@@ -109,27 +109,27 @@ def delta(net, pop, row, step):
             hold[k] -= 1
             continue
         above = np.int64(v[k]) - np.int64(net.v_rest[i])
-        now = np.int64(net.v_rest[i]) + product(i32(above), net.keep_v[i]) + np.int64(net.bias[i]) + x
-        wraps += (i32(above) != above) | (i32(now) != now)
-        v[k] = max(i32(now), i32(lowest))
+        new_v = np.int64(net.v_rest[i]) + product(i32(above), net.keep_v[i]) + np.int64(net.bias[i]) + x
+        wraps += (i32(above) != above) | (i32(new_v) != new_v)
+        v[k] = max(i32(new_v), i32(lowest))
         fired[k] = v[k] >= net.threshold[i]
     net.native[pop, t.SATURATIONS] += saturated
     net.native[pop, t.WRAPS] += wraps
 
 
-def write(a: Arrays, row: NDArray[np.int64], here: slice, r: Mapping[str, Ints]) -> None:
-    """Write the registers of a population to rows `here` of the arrays that its step reads."""
-    a["keep_v"][here] = r["exp_tc"]
+def write(a: Arrays, row: NDArray[np.int64], neurons: slice, r: Mapping[str, Ints]) -> None:
+    """Write the registers of a population to rows `neurons` of the arrays that its step reads."""
+    a["keep_v"][neurons] = r["exp_tc"]
     row[t.LOWEST] = int(r["v_min"][0]) if "v_min" in r else -(2**31) + 1
-    a["fall"][here] = r.get("fall", 0)
-    a["threshold"][here] = r["v_thresh"]
-    a["bias"][here] = r["i_offset"]
-    a["refractory"][here] = r["t_refract"]
-    a["v_reset"][here], a["v_rest"][here] = r["v_reset"], r["v_rest"]
+    a["fall"][neurons] = r.get("fall", 0)
+    a["threshold"][neurons] = r["v_thresh"]
+    a["bias"][neurons] = r["i_offset"]
+    a["refractory"][neurons] = r["t_refract"]
+    a["v_reset"][neurons], a["v_rest"][neurons] = r["v_reset"], r["v_rest"]
     row[t.EXC_SHIFT], row[t.INH_SHIFT] = r["exc_shift"][0], r["inh_shift"][0]
     for name in ("r_m", "exc_decay", "exc_init", "inh_decay", "inh_init"):
         if name in r:
-            a[name][here] = r[name]
+            a[name][neurons] = r[name]
 
 
 STEPS = {LIF: lif, DELTA: delta}

@@ -136,8 +136,8 @@ class ChipTrials:
             else:
                 # Sources under the kernel of one neuron of a grid, and the weight that connects each.
                 g = part.grid
-                m, rest = divmod(neuron, g.rows * g.columns)
-                r, c = divmod(rest, g.columns)
+                m, position = divmod(neuron, g.rows * g.columns)
+                r, c = divmod(position, g.columns)
                 _, depth, height, width = g.kernels
                 k, i, j = np.indices((depth, height, width))
                 y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
@@ -158,9 +158,9 @@ class ChipTrials:
         else:
             delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
             delay = delay.astype(np.int64)
-        now = tick + self._began + 1
+        lesson_step = tick + self._began + 1
         since = np.empty(len(sources))
-        ages(first, begin, sources, delay, now, machine.program.resolution, since)
+        ages(first, begin, sources, delay, lesson_step, machine.program.resolution, since)
         scale, rule, key, arithmetic = self._prepare_change(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
@@ -299,9 +299,9 @@ def end_trial(view, words, output, group, volt, rest, potential, best):
         potential[m] = -math.inf
         for k in range(m * per_map, (m + 1) * per_map):
             # In mV, because neurons can have different resting potentials.
-            here = v[begin + k] / volt + rest[k if rest.size > 1 else 0]
-            if here > potential[m]:
-                potential[m], best[m] = here, k
+            v_m = v[begin + k] / volt + rest[k if rest.size > 1 else 0]
+            if v_m > potential[m]:
+                potential[m], best[m] = v_m, k
     wrapped = False
     for pop in range(net.native.shape[0]):
         for column in range(t.MERGED):

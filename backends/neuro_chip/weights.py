@@ -15,9 +15,9 @@ from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import deliver, tables as t
 
-_NOWHERE: Ints = np.zeros(0, dtype=np.int64)
+_NO_SYNAPSES: Ints = np.zeros(0, dtype=np.int64)
 
-_GIVEN = "given"
+_SET = "given"
 """Prefix, in snapshots, of weights that a user set, before rounding."""
 
 
@@ -47,12 +47,12 @@ class ChipWeights:
         self.updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
         self.writes = 0
         for index, (part, wires) in enumerate(zip(self._program.projections, self.wires, strict=True)):
-            own = np.zeros(0, dtype=np.int32) if wires is None else wires.mantissas
+            part_mantissas = np.zeros(0, dtype=np.int32) if wires is None else wires.mantissas
             if part.synapse.learns:
-                own = np.broadcast_to(own, part.size).copy()
+                part_mantissas = np.broadcast_to(part_mantissas, part.size).copy()
             if part.synapse.learns == "trials":
                 self.rules[index] = part.synapse.vector()
-            self.mantissas.append(own)  # shared arrays are replaced, never changed in place
+            self.mantissas.append(part_mantissas)  # shared arrays are replaced, never changed in place
 
     def wires_of(self, index: int) -> FixedProjection:
         """Return a projection that carries spikes, at its present scale."""
@@ -103,18 +103,18 @@ class ChipWeights:
         if chosen is not None and not part.synapse.learns:
             weights = np.where(chosen, weights, self._before_rounding(index))  # the others are rounded once
         mantissas = _nearest(wires, weights)
-        own = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # a weight that was read can be written
+        is_sent = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # a read weight can be written
         exact = wires.exact(weights)
         if wires.native:
-            # Like quantising, refuse weights that are no mantissa; `own` marks weights that some mantissa sends.
+            # Like quantising, refuse weights that are no mantissa; `is_sent` marks weights that some mantissa sends.
             fits = (weights == np.rint(weights)) & (weights >= wires.low) & (weights <= wires.high)
-            bad = np.flatnonzero(~own & ~fits)
+            bad = np.flatnonzero(~is_sent & ~fits)
             if bad.size:
                 raise ModelError(
                     f"weights of '{part.name}': weight[{bad[0]}] = {weights[bad[0]]:g}: "
                     f"a mantissa in sign mode {wires.sign_mode} is a whole number from {wires.low} to {wires.high}"
                 )
-        bad = np.flatnonzero(~own & ((exact > wires.high + 0.5) | (exact < wires.low - 0.5)))
+        bad = np.flatnonzero(~is_sent & ((exact > wires.high + 0.5) | (exact < wires.low - 0.5)))
         if bad.size:
             low, high = wires.weights(np.array([wires.low, wires.high], dtype=np.int32))[[0, -1]]
             raise ModelError(
@@ -154,10 +154,10 @@ class ChipWeights:
         # The word of each mantissa is computed once per scale.
         wires, table = self.wires_of(index), self._words.get(index)
         if table is None or table[0] is not wires:
-            every = self._arithmetic.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
-            table = self._words[index] = wires, every.astype(self._a["words"].dtype)
+            all_words = self._arithmetic.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
+            table = self._words[index] = wires, all_words.astype(self._a["words"].dtype)
         if index not in self._places:
-            self._places[index] = _NOWHERE if part.grid is None else deliver.places(part.grid)
+            self._places[index] = _NO_SYNAPSES if part.grid is None else deliver.places(part.grid)
         words, kernels = self._a["words"], self._a["kernels"]
         deliver.write_some(
             self.mantissas[index], synapses, table[1], wires.low, words, kernels, row, self._places[index]
@@ -166,9 +166,9 @@ class ChipWeights:
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
         """Replace the scales, and where they differ the mantissas, of some projections."""
         for index, new in wires.items():
-            same = np.array_equal(new.step, self.wires_of(index).step)
+            has_same_step = np.array_equal(new.step, self.wires_of(index).step)
             self.wires[index] = new
-            if not same:
+            if not has_same_step:
                 size = self.mantissas[index].size
                 self.put(index, np.broadcast_to(new.mantissas, max(size, new.mantissas.size)).copy())
 
@@ -202,7 +202,7 @@ class ChipWeights:
         """Return copies of all arrays that change."""
         arrays: dict[str, NDArray[Any]] = {f"mantissas.{k}": m.copy() for k, m in enumerate(self.mantissas)}
         arrays |= {f"rule.{k}": rule.copy() for k, rule in self.rules.items()}
-        arrays |= {f"{_GIVEN}.{k}": weights.copy() for k, weights in self._given.items()}
+        arrays |= {f"{_SET}.{k}": weights.copy() for k, weights in self._given.items()}
         return arrays | {"weights.updates": self.updates.copy(), "weights.writes": np.array(self.writes)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -211,7 +211,7 @@ class ChipWeights:
             if wires is not None:
                 self.put(k, arrays[f"mantissas.{k}"].astype(np.int32))
         self.rules = {k: arrays[f"rule.{k}"].copy() for k in self.rules}
-        self._given = {k: arrays[f"{_GIVEN}.{k}"].copy() for k in range(len(self.wires)) if f"{_GIVEN}.{k}" in arrays}
+        self._given = {k: arrays[f"{_SET}.{k}"].copy() for k in range(len(self.wires)) if f"{_SET}.{k}" in arrays}
         self.updates[:] = arrays["weights.updates"]
         self.writes = int(arrays["weights.writes"])
 

@@ -123,8 +123,8 @@ class NestEngine:
         """Set the numbers of a synapse model."""
         synapses = self._synapses(projection)
         self._check_changeable(synapses, "the numbers")
-        own = parameters if parameters.ndim == 1 else synapses.own_values(parameters)
-        self.net.rules[projection] = own.copy()
+        numbers = parameters if parameters.ndim == 1 else synapses.own_values(parameters)
+        self.net.rules[projection] = numbers.copy()
         nest_parameters = self.net.synapse_parameters(synapses)
         synapses.invalidate()
         with nest_errors():
@@ -144,8 +144,8 @@ class NestEngine:
             self._check_changeable(synapses, "the weights")
         elif synapses.part.carries == "spikes" and not synapses.part.as_by_sign(weights):
             assert synapses.part.receptor is not None
-            what = f"weights of '{synapses.part.name}' onto receptor '{synapses.part.receptor.name}'"
-            raise ModelError(f"{what}: {BY_SIGN}", hint=ELSEWHERE)
+            label = f"weights of '{synapses.part.name}' onto receptor '{synapses.part.receptor.name}'"
+            raise ModelError(f"{label}: {BY_SIGN}", hint=ELSEWHERE)
         synapses.weights = synapses.own_values(weights).copy()
         self._write(synapses, "weight", synapses.per_synapse(synapses.part.arriving(synapses.weights)))
 

@@ -24,7 +24,7 @@ from neuro.program.program import WHOLE, Share
 T = TypeVar("T")
 
 INSTALL = "pip install nest-simulator"
-OURS = "neuro_nest"
+MARK_MODEL = "neuro_nest"
 """Name of a node model that marks a kernel as ours. ResetKernel removes the model."""
 
 _holder: weakref.ref[Any] = weakref.ref(type("Nobody", (), {})())
@@ -71,15 +71,15 @@ def lend(holder: Any, name: str) -> Any:
     global _holder
     if _alive(holder):
         gc.collect()
-    other = _alive(holder)
-    if other is not None:
+    owner = _alive(holder)
+    if owner is not None:
         raise ModelError(
-            f"backend 'nest' cannot run '{name}' beside '{other.program.name}': a process has one NEST",
+            f"backend 'nest' cannot run '{name}' beside '{owner.program.name}': a process has one NEST",
             hint="drop the first simulation (del sim), or run each in a process of its own",
         )
     nest = load()
     check_mpi(nest.build_info["have_mpi"])
-    if nest.network_size and OURS not in nest.node_models:
+    if nest.network_size and MARK_MODEL not in nest.node_models:
         raise ModelError(
             f"backend 'nest' cannot run '{name}': NEST holds a network of {nest.network_size} nodes of your own: "
             "expected an empty NEST, as a process has one",
@@ -93,7 +93,7 @@ def lend(holder: Any, name: str) -> Any:
 
 def mark_as_ours(nest: Any) -> None:
     """Mark the kernel as ours. After this its resolution and number of threads cannot change."""
-    nest.CopyModel("parrot_neuron", OURS)
+    nest.CopyModel("parrot_neuron", MARK_MODEL)
 
 
 def set_nodes(nest: Any, nodes: Any, values: list[dict[str, Any]]) -> None:
@@ -105,8 +105,8 @@ def set_nodes(nest: Any, nodes: Any, values: list[dict[str, Any]]) -> None:
 
 
 def _alive(holder: Any) -> Any:
-    other = _holder()
-    return None if other is holder else other
+    owner = _holder()
+    return None if owner is holder else owner
 
 
 @contextmanager
@@ -120,23 +120,23 @@ def nest_errors(part: str = "") -> Iterator[None]:
     try:
         yield
     except (nest.NESTError, MemoryError) as error:
-        what = f"{part}: {error}" if part else str(error)
+        problem = f"{part}: {error}" if part else str(error)
         if nest.num_processes > 1:
-            end_all(f"NEST: {what}")
+            end_all(f"NEST: {problem}")
         if isinstance(error, MemoryError):
             raise
-        raise ModelError(f"NEST: {what}", hint="backend 'event' may run it") from None
+        raise ModelError(f"NEST: {problem}", hint="backend 'event' may run it") from None
 
 
-TOLD = "error: the process that ran NEST ended without a message: NEST crashed, or it was killed"
-_WAIT = 'trap "" INT TERM HUP; read -r word || echo "$0" >&2'
+CRASH = "error: the process that ran NEST ended without a message: NEST crashed, or it was killed"
+_SHELL = 'trap "" INT TERM HUP; read -r word || echo "$0" >&2'
 
 
 @cache
 def watch() -> None:
     """Start a watcher process, at most once, which prints a message if this process crashes."""
     try:
-        watcher = subprocess.Popen(["/bin/sh", "-c", _WAIT, TOLD], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+        watcher = subprocess.Popen(["/bin/sh", "-c", _SHELL, CRASH], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     except OSError:
         return
     atexit.register(watcher.communicate, b"well\n")

@@ -17,13 +17,13 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection,
 from neuro_nest.kernel import mark_as_ours, nest_errors, set_nodes
 from neuro_nest.projections import NestProjection, Nodes, RuleProjection, node_places
 from neuro_nest.sources import NONE, InjectedTrain, Noise, TrainSource, is_noise, nodes_of, train
-from neuro_nest.tables import DEVICE, ENDLESS, FIXED_TRUE, LACKING, NODES, OF_TARGET, UNREADABLE, NestClock
+from neuro_nest.tables import DEVICE, FIXED_TRUE, LACKING, LARGE_TAU, NODES, OF_TARGET, UNREADABLE, NestClock
 
 LONGEST = 10_000
-"""Most steps of a stretch, for which injectors and the recorder hold spikes."""
+"""Largest number of steps of a stretch, for which injectors and the recorder hold spikes."""
 
 NEURON_STEPS = 1 << 24
-"""Most neuron steps of a stretch."""
+"""Largest number of neuron steps of a stretch."""
 
 
 class NestNetwork:
@@ -67,9 +67,9 @@ class NestNetwork:
             mark_as_ours(nest)
             self.cells = [
                 NestPopulation(
-                    nest, part, own, self.clock, program.share, nodes_of(program, k), k in sent_at_once, n_workers
+                    nest, part, values, self.clock, program.share, nodes_of(program, k), k in sent_at_once, n_workers
                 )
-                for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
+                for k, (part, values) in enumerate(zip(program.populations, parameters, strict=True))
             ]
             before_each = accumulate(
                 (projection.size if projection.undrawn is not None else 0 for projection in program.projections),
@@ -153,14 +153,14 @@ class NestNetwork:
             text = error.message.rstrip(".")
             cells = [c for c in self.cells if text.endswith(f" {NODES[c.part.model.name]}")]
             beyond = [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())]
-            names = " or ".join(f"'{each.part.name}'" for each in beyond or cells)
+            names = " or ".join(f"'{population.part.name}'" for population in beyond or cells)
             message = error.message.replace("NEST: ", f"NEST: population {names}: ", 1) if names else error.message
             raise error.but(message=message, hint=f"weaken its input, or {error.hint}", kind="instability") from None
 
     def set_noise(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set parameters of noise, which hold for currents sent after the present step."""
-        for name, each in values.items():
-            self.currents.set(population, name, each, self.step)
+        for name, noise_values in values.items():
+            self.currents.set(population, name, noise_values, self.step)
 
     def _connect(self, synapses: NestProjection | RuleProjection) -> None:
         part = synapses.part
@@ -191,8 +191,8 @@ class NestNetwork:
         """
         not_passed = {"deliver_interval", "c_min", *OF_TARGET, *FIXED_TRUE}
         rules = self.rules[synapses.index]
-        each = rules if rules.ndim == 1 else synapses.per_synapse(rules)
-        numbers = dict(zip(synapses.part.synapse.numbers(), each.T, strict=True))
+        row = rules if rules.ndim == 1 else synapses.per_synapse(rules)
+        numbers = dict(zip(synapses.part.synapse.numbers(), row.T, strict=True))
         return {w: value for w, value in numbers.items() if w not in not_passed} | synapses.part.synapse.initial(
             numbers
         )
@@ -321,8 +321,8 @@ class NestPopulation:
         """Return a state of the neurons of all processes."""
         number, first = self._share.number, self.nodes_of.first
         mine = (self._share.index - first) % number
-        here = self.nodes[mine::number] if mine < self.part.size else ()
-        answers = here.get(["global_id", name]) if here else {"global_id": [], name: []}
+        own_nodes = self.nodes[mine::number] if mine < self.part.size else ()
+        answers = own_nodes.get(["global_id", name]) if own_nodes else {"global_id": [], name: []}
         ids, values = (
             np.atleast_1d(answers["global_id"]).astype(np.int64),
             np.atleast_1d(answers[name]).astype(np.float64),
@@ -348,11 +348,11 @@ class NestPopulation:
         if "E_L" in values:
             relative = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
             values = {n: self.get(n) for n in relative} | dict(values)
-        nest_values = {name: self._in_nest_units(name, each) for name, each in values.items() if name not in LACKING}
-        own = {name: each for name, each in nest_values.items() if len(each) > 1}
-        shared = {name: each[0] for name, each in nest_values.items() if name not in own}
-        turn = self.nodes_of.in_turn(self.part.size) if own else ()
-        neurons = [shared | {name: own[name][i] for name in own} for i in turn] or [shared]
+        nest_values = {name: self._in_nest_units(name, array) for name, array in values.items() if name not in LACKING}
+        per_node = {name: array for name, array in nest_values.items() if len(array) > 1}
+        shared = {name: array[0] for name, array in nest_values.items() if name not in per_node}
+        turn = self.nodes_of.in_turn(self.part.size) if per_node else ()
+        neurons = [shared | {name: per_node[name][i] for name in per_node} for i in turn] or [shared]
         with nest_errors(f"population '{self.part.name}'"):
             set_nodes(self._nest, self.nodes, neurons)
 
@@ -360,7 +360,7 @@ class NestPopulation:
         if name == "refractory_input":
             return [bool(v) for v in values]
         if name == "tau_m":
-            return [ENDLESS if np.isinf(v) else v for v in values.tolist()]
+            return [LARGE_TAU if np.isinf(v) else v for v in values.tolist()]
         if name == "t_ref":
             return [self._clock.ms(round(v / self._clock.resolution)) for v in values.tolist()]
         plain: list[Any] = values.tolist()

@@ -73,8 +73,8 @@ RESET = Limit(
 
 
 def _differs(name: str) -> Limit:
-    text = f"NEST expects tau_m and {name} that differ"
-    return Limit((name, "tau_m"), lambda p, _: p[name] == p["tau_m"], text, f"change {name} by 1e-6 of it")
+    text = f"NEST expects that tau_m and {name} differ"
+    return Limit((name, "tau_m"), lambda p, _: p[name] == p["tau_m"], text, f"multiply {name} by 1.000001")
 
 
 def _too_fast(name: str) -> Limit:
@@ -83,13 +83,13 @@ def _too_fast(name: str) -> Limit:
     return Limit((name, "tau_m"), grows, text, f"use a larger {name}")
 
 
-FAST = (_too_fast("tau_syn_ex"), _too_fast("tau_syn_in"))
+STEP_LIMITS = (_too_fast("tau_syn_ex"), _too_fast("tau_syn_in"))
 
 LIMITS: Mapping[str, tuple[Limit, ...]] = {
     **dict.fromkeys(("aeif_cond_exp", "aeif_psc_exp"), (PEAK, SHARP)),
-    "mat2_psc_exp": (HOLDS, _differs("tau_syn_ex"), _differs("tau_syn_in"), *FAST),
+    "mat2_psc_exp": (HOLDS, _differs("tau_syn_ex"), _differs("tau_syn_in"), *STEP_LIMITS),
     "iaf_psc_delta": (RESET,),
-    **dict.fromkeys(("iaf_psc_exp", "iaf_psc_alpha"), (RESET, *FAST)),
+    **dict.fromkeys(("iaf_psc_exp", "iaf_psc_alpha"), (RESET, *STEP_LIMITS)),
 }
 """Checks of each model that values within our bounds may fail, in NEST's order."""
 
@@ -124,7 +124,7 @@ ELSEWHERE = "backend 'event' runs it"
 NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
 RKF45_ONLY = "NEST integrates by RKF45"
 BY_SIGN = "NEST sends weights above 0 to ex and weights below 0 to in"
-HERE = "leave 'draw' out"
+NO_DRAW = "leave 'draw' out"
 FINITE = "use a large tau_m, say 1e6"
 
 
@@ -149,7 +149,10 @@ def _network_problems(program: Program) -> Iterator[Problem]:
     ticks = program.resolution * TICKS_PER_MS
     if abs(ticks - round(ticks)) > 1e-9:
         yield _refused(
-            f"resolution = {program.resolution:g} ms", "NEST's clock ticks in 0.001 ms", "use a multiple of it", None
+            f"resolution = {program.resolution:g} ms",
+            "NEST's clock ticks in 0.001 ms",
+            "use a multiple of 1 us",
+            None,
         )
     for group in program.groups:
         yield _refused(f"group '{group.name}'", f"NEST has no {group.choice.noun}", ELSEWHERE, group)
@@ -157,8 +160,8 @@ def _network_problems(program: Program) -> Iterator[Problem]:
         yield _refused("trials", "NEST cannot drop spikes under way", ELSEWHERE, program.trials)
     for probe in program.probes:
         if probe.record in UNREADABLE:
-            what = f"probe '{probe.name}': {probe.record}"
-            yield _refused(what, "NEST does not show it between steps", "probe V_m", probe)
+            label = f"probe '{probe.name}': {probe.record}"
+            yield _refused(label, "NEST does not show it between steps", "probe V_m", probe)
 
 
 def _population_problems(program: Program, index: int, part: Population) -> Iterator[Problem]:
@@ -202,28 +205,28 @@ def _projection_problems(program: Program, part: Projection) -> Iterator[Problem
         yield _refused(f"{message}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
         return
     if part.grid is not None and part.synapse.learns:
-        what = f"{message}: {part.synapse.name} on a shared kernel"
-        yield _refused(what, "NEST's synapses share no weight that learns", ELSEWHERE, part)
+        label = f"{message}: {part.synapse.name} on a shared kernel"
+        yield _refused(label, "NEST's synapses share no weight that learns", ELSEWHERE, part)
     if part.carries == "current":
         # NEST filters currents with only one of the time constants.
         name = program.populations[part.target].model.name
         if part.receptor is not None and (name, part.receptor.name) not in RECEPTORS_OF_CURRENTS:
-            what = f"{message}: a current to receptor '{part.receptor.name}' of {a(name)}"
-            yield _refused(what, "NEST has no current to it", ELSEWHERE, part)
+            label = f"{message}: a current to receptor '{part.receptor.name}' of {a(name)}"
+            yield _refused(label, "NEST has no current to it", ELSEWHERE, part)
     elif part.receptor is not None and not program.share.every(part.as_by_sign(part.weight)):
         yield _refused(f"{message}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
     if refuses_weight(part):
-        way = f"begin at a weight just below 0, or {ELSEWHERE}"
+        way_out = f"begin at a weight just below 0, or {ELSEWHERE}"
         yield _refused(
-            f"{message}: weight = 0 with Wmax below 0", "NEST expects weights with the sign of Wmax", way, part
+            f"{message}: weight = 0 with Wmax below 0", "NEST expects weights with the sign of Wmax", way_out, part
         )
     if np.isfinite(part.synapse.parameters().get("c_min", -np.inf)):
-        what = f"{message}: {part.synapse.name}.c_min"
-        yield _refused(what, "NEST's eligibility has no bound", f"leave it out, or {ELSEWHERE}", part)
+        label = f"{message}: {part.synapse.name}.c_min"
+        yield _refused(label, "NEST's eligibility has no bound", f"leave it out, or {ELSEWHERE}", part)
     for number in FIXED_TRUE & set(part.synapse.numbers()):
         if not part.synapse.parameters()[number]:
-            what = f"{message}: {part.synapse.name}.{number} = false"
-            yield _refused(what, "NEST acts as if it were true", f"set {number}: true, or {ELSEWHERE}", part)
+            label = f"{message}: {part.synapse.name}.{number} = false"
+            yield _refused(label, "NEST acts as if it were true", f"set {number}: true, or {ELSEWHERE}", part)
 
 
 def _copy_problems(program: Program) -> Iterator[Problem]:
@@ -263,14 +266,14 @@ def _rule_problems(program: Program) -> Iterator[Problem]:
         assert part.undrawn is not None
         rule, message = part.undrawn.rule, f"projection '{part.name}': draw = backend"
         if part.carries == "current":
-            yield _refused(f"{message}: a current", "each of its connections has a node", HERE, part)
+            yield _refused(f"{message}: a current", "each of its connections has a node", NO_DRAW, part)
         if isinstance(rule, fixed_total_number) and not rule.multapses:
-            yield _refused(f"{message}: {rule.name}.multapses = false", "NEST's rule draws pairs twice", HERE, part)
+            yield _refused(f"{message}: {rule.name}.multapses = false", "NEST's rule draws pairs twice", NO_DRAW, part)
     if parts:
         names = ", ".join(f"'{part.name}'" for part in parts[:3])
-        what = f"the synapses of {some(len(parts), 'projection')} ({names}{', ...' * (len(parts) > 3)})"
+        label = f"the synapses of {some(len(parts), 'projection')} ({names}{', ...' * (len(parts) > 3)})"
         why = "drawn by NEST: equal in distribution, but not the synapses that neuro draws"
-        yield Problem(False, what, why, f"if they are to be equal, {HERE}", parts[0].origin)
+        yield Problem(False, label, why, f"if they are to be equal, {NO_DRAW}", parts[0].origin)
 
 
 _NO_LEAK = "a current without leak"

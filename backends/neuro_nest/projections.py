@@ -67,7 +67,7 @@ def node_places(neurons: int, processes: int) -> Ints:
     return np.concatenate([np.arange(rank, neurons, processes) for rank in range(processes)])
 
 
-DEEPEST = 1 << 14
+MAX_LABELS = 1 << 14
 """Number of labels of each projection. NEST's labels have 31 bits, so there may be 131,072 projections."""
 
 
@@ -114,8 +114,8 @@ class NestProjection:
         if program.share.number > 1 and not cut:
             begin, end = program.share.of(self.n_target)
             self._own = np.flatnonzero((target >= begin) & (target < end))
-        own = first_node(program, index)
-        nodes = source if own is None else own + np.arange(source.size)
+        noise_node = first_node(program, index)
+        nodes = source if noise_node is None else noise_node + np.arange(source.size)
         if self._own is not None:
             source, target, slot, nodes = (ids[self._own] for ids in (source, target, slot, nodes))
             self.delay = self.delay[self._own]
@@ -130,9 +130,9 @@ class NestProjection:
             self._receptor["receptor_type"] = RECEPTORS_OF_CURRENTS[model, self.part.receptor.name]
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
         self._layer = layers(source, target).astype(np.int32)
-        if self._depth > DEEPEST:
+        if self._depth > MAX_LABELS:
             message = f"projection '{self.part.name}': {self._depth:,} synapses between two neurons"
-            raise ModelError(f"{message}: backend 'nest' expects at most {DEEPEST:,}")
+            raise ModelError(f"{message}: backend 'nest' expects at most {MAX_LABELS:,}")
         self._states: dict[str, Floats] = {}
         self._listed: dict[int, Ints] = {}
         self._has_run = False
@@ -187,7 +187,7 @@ class NestProjection:
         weights = self.per_synapse(self.part.arriving(self.weights))
         for layer in np.unique(self._layer[among]).tolist():
             synapses = among[self._layer[among] == layer]
-            own = {
+            own_values = {
                 "weight": weights[synapses],
                 "delay": clock.array_ms(self.delay[synapses]),
                 "synapse_label": self._label(layer),
@@ -196,11 +196,11 @@ class NestProjection:
                 nodes.of(ids[synapses].astype(np.int64))
                 for nodes, ids in zip(ends, (self.source, self.target), strict=True)
             )
-            own |= {name: value[synapses] for name, value in nest_parameters.items() if np.ndim(value)}
-            nest.Connect(source, target, "one_to_one", nest_parameters | self._receptor | own)
+            own_values |= {name: value[synapses] for name, value in nest_parameters.items() if np.ndim(value)}
+            nest.Connect(source, target, "one_to_one", nest_parameters | self._receptor | own_values)
 
     def _label(self, layer: int) -> int:
-        return self.index * DEEPEST + layer
+        return self.index * MAX_LABELS + layer
 
     def per_synapse(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the value of every synapse of this process, from a value for all or for each weight of the program."""
@@ -218,9 +218,9 @@ class NestProjection:
             return self._program.joined(self.index, values)
         share = self._program.share
         places, all_values = share.gather(self._own), share.gather(values)
-        every: Floats = np.empty(places.size)
-        every[places] = all_values
-        return every
+        values_of_all: Floats = np.empty(places.size)
+        values_of_all[places] = all_values
+        return values_of_all
 
     def read(self, nest: Any, ends: tuple[Nodes, Nodes], state: str) -> Floats:
         """Return a state of every synapse of this process, by NEST's name."""
@@ -280,7 +280,7 @@ class NestProjection:
         """Return the synapses between pairs of nodes."""
         synapses = np.flatnonzero(self._layer == layer)
         codes = self.source[synapses].astype(np.int64) * self.n_target + self.target[synapses]
-        pre, post = (each.neurons(ids.astype(np.int64)) for each, ids in zip(ends, (source, target), strict=True))
+        pre, post = (end.neurons(ids.astype(np.int64)) for end, ids in zip(ends, (source, target), strict=True))
         return synapses[np.searchsorted(codes, pre * self.n_target + post)]
 
 

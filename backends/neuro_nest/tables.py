@@ -83,11 +83,11 @@ LACKING = (RK4, "reset_by_subtraction", "max_spikes", "threshold_rises")
 TICKS_PER_MS = 1000
 """Ticks of NEST's clock per ms: a tick is a microsecond."""
 
-ENDLESS = 1e200
+LARGE_TAU = 1e200
 """Value that replaces an infinite tau_m, with which NEST's propagators would be NaN."""
 
 SYNAPSE_MODELS = 430
-"""Most copies of synapse models in a network. NEST 3.10 holds 511 models, 77 of them its own."""
+"""Largest number of copies of synapse models in a network. NEST 3.10 holds 511 models, 77 of them its own."""
 
 
 MS_PER_TICK = 1 / TICKS_PER_MS

@@ -87,8 +87,8 @@ class ReferenceEngine:
         """Return the times in ms from the arrivals of a synapse's spikes to a tick; -inf for a silent input."""
         assert self.program.trials is not None
         ticks = self._ticks[synapses.part.source][synapses.source[synapse]]
-        some = ticks if self.program.trials.spikes == "each" else ticks[:1]
-        return [(tick - each - int(synapses.delay[synapse])) * self.program.resolution for each in some] or [-math.inf]
+        times = ticks if self.program.trials.spikes == "each" else ticks[:1]
+        return [(tick - time - int(synapses.delay[synapse])) * self.program.resolution for time in times] or [-math.inf]
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply `encourage` of the rule to every weight of some maps."""
@@ -136,11 +136,11 @@ class ReferenceEngine:
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set states and parameters."""
         cells = self.net.cells[population]
-        for name, each in values.items():
+        for name, array in values.items():
             if name in cells.names:
-                cells.states[cells.names.index(name)] = each
+                cells.states[cells.names.index(name)] = array
             else:
-                cells.parameters[name] = each.copy()
+                cells.parameters[name] = array.copy()
         cells.refresh()
 
     def get_synapses(self, projection: int, name: str) -> Floats:

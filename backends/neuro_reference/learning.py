@@ -85,8 +85,8 @@ class PairLearning:
         """Send spikes of the target to the synapses."""
         emitted: Ints = np.zeros(self.synapses.n_target, dtype=np.int64)
         emitted[ids] = multiplicity
-        to = np.flatnonzero(emitted[self.synapses.target])
-        self.posts[(step + self.back[to]) % len(self.posts), to] = emitted[self.synapses.target[to]]
+        synapses = np.flatnonzero(emitted[self.synapses.target])
+        self.posts[(step + self.back[synapses]) % len(self.posts), synapses] = emitted[self.synapses.target[synapses]]
 
     def arrive(self, step: int) -> None:
         """Process the arrivals of a step: dopamine first, then post spikes."""
@@ -178,8 +178,8 @@ class PairLearning:
 
     def _taus(self, traces: Sequence[Trace]) -> list[Floats]:
         """Return the time constants of some traces, ms."""
-        own = {name: np.full(1, value) for name, value in self._numbers().items()}
-        return [own.get(trace.tau, self.tau_minus) if trace.tau else np.zeros(1) for trace in traces]
+        numbers = {name: np.full(1, value) for name, value in self._numbers().items()}
+        return [numbers.get(trace.tau, self.tau_minus) if trace.tau else np.zeros(1) for trace in traces]
 
     def _numbers(self) -> dict[str, float]:
         """Return the numbers of the rule that all synapses share, by name."""
@@ -240,10 +240,10 @@ class SharedLearning:
         sheets = [p.grid.maps for p in program.projections if p.target == self.part.source and p.grid is not None]
         self.outer: Ints = np.arange(sender.size).reshape(sheets[0] if sheets else 1, -1).T.ravel()
         self.by_place = np.lexsort((order[synapses.slot], place[synapses.target] // maps))
-        self.onto = [np.flatnonzero(synapses.target == target) for target in range(n_target)]
-        self.onto = [each[np.argsort(order[synapses.slot[each]])] for each in self.onto]
+        self.synapses_onto = [np.flatnonzero(synapses.target == target) for target in range(n_target)]
+        self.synapses_onto = [each[np.argsort(order[synapses.slot[each]])] for each in self.synapses_onto]
         rows = [np.arange(synapses.row_ends[i], synapses.row_ends[i + 1]) for i in range(len(synapses.row_ends) - 1)]
-        self.of = [each[np.argsort(place[synapses.target[each]])] for each in rows]
+        self.synapses_of = [each[np.argsort(place[synapses.target[each]])] for each in rows]
         self.left_minus: Floats = np.broadcast_to(np.exp(-self.h / tau_minus), n_target)
         self.k_plus: Floats = np.zeros(sender.size)
         self.k_minus, self.heard, self.n = (np.zeros(n_target) for _ in range(3))
@@ -280,7 +280,7 @@ class SharedLearning:
             doses[:] = 0
         posts = self.posts[step % len(self.posts)]
         for target in self.inner[posts[self.inner] > 0].tolist():
-            for e in self.onto[target].tolist():
+            for e in self.synapses_onto[target].tolist():
                 k_plus, m = float(self.k_plus[self.synapses.source[e]]), float(posts[target])
                 if k_plus == 0.0:
                     continue
@@ -299,7 +299,7 @@ class SharedLearning:
         spikes[ids] = multiplicity
         for source in self.outer[spikes[self.outer] > 0].tolist():
             m = float(spikes[source])
-            for e in self.of[source].tolist():
+            for e in self.synapses_of[source].tolist():
                 k_minus = float(self.k_minus[self.synapses.target[e]])
                 if k_minus == 0.0:
                     continue

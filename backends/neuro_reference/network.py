@@ -20,7 +20,7 @@ from neuro_reference.learning import MoveLearning, PairLearning, SharedLearning,
 from neuro_reference.populations import ReferencePopulation
 from neuro_reference.projections import ReferenceProjection
 
-NOBODY: Ints = np.zeros(0, dtype=np.int64)
+NO_IDS: Ints = np.zeros(0, dtype=np.int64)
 Bools = NDArray[np.bool_]
 Counts = NDArray[np.uint8]
 
@@ -63,16 +63,16 @@ class ReferenceNetwork:
             if synapses.part.synapse.learns == "pairs" and synapses.part.grid is not None
         }
         self.moves = {
-            i: MoveLearning(program, each)
-            for i, each in enumerate(self.synapses)
-            if each.part.synapse.learns == "moves"
+            i: MoveLearning(program, wires)
+            for i, wires in enumerate(self.synapses)
+            if wires.part.synapse.learns == "moves"
         }
         self.by_numbers: dict[int, MoveLearning | SharedLearning] = {**self.moves, **self.shared}
         self.notes = SynapseRecords(program)
         self.rules = {
-            i: each.part.synapse.vector()
-            for i, each in enumerate(self.synapses)
-            if each.part.synapse.learns == "trials"
+            i: wires.part.synapse.vector()
+            for i, wires in enumerate(self.synapses)
+            if wires.part.synapse.learns == "trials"
         }
         self.records = [SpikeRecord(part.size, part.records, part.model.graded) for part in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
@@ -96,14 +96,14 @@ class ReferenceNetwork:
         for synapses in self.synapses:
             if synapses.part.carries != "current":
                 synapses.reset()
-        self.ids: list[Ints] = [NOBODY for _ in self.cells]
-        self.multiplicity: list[Ints] = [NOBODY for _ in self.cells]
+        self.ids: list[Ints] = [NO_IDS for _ in self.cells]
+        self.multiplicity: list[Ints] = [NO_IDS for _ in self.cells]
         self.closed: Bools = np.zeros(len(self.program.groups), dtype=bool)
-        self.won: list[Ints] = [NOBODY for _ in self.program.groups]
+        self.won: list[Ints] = [NO_IDS for _ in self.program.groups]
         for local in self.local.values():
             local.open()
 
-    def advance(self, presented: Ints = NOBODY) -> None:
+    def advance(self, presented: Ints = NO_IDS) -> None:
         """Run one step.
 
         Args:
@@ -198,7 +198,7 @@ class ReferenceNetwork:
         cells = self.cells[group.population]
         candidates = np.flatnonzero((reached[group.population] > 0) & ~self.silenced[group.population])
         reached[group.population][:] = 0
-        self.won[index] = NOBODY
+        self.won[index] = NO_IDS
         if self.closed[index] or not len(candidates):
             return
         above = cells.states[0, candidates] - cells.constants[candidates, 0]
@@ -214,14 +214,14 @@ class ReferenceNetwork:
             local = self.local[index]
             winners = local.enter(ranked)
             self.closed[index] = np.all(local.blocked | self.silenced[self.program.groups[index].population])
-            return winners, NOBODY
+            return winners, NO_IDS
         if index in self.rivals:
             place = self.rivals[index]
             winners = ranked[np.sort(np.unique(place[ranked], return_index=True)[1])]
             return winners, np.setdiff1d(np.flatnonzero(np.isin(place, place[winners])), winners)
         choice = self.program.groups[index].choice
         self.closed[index] = isinstance(choice, winner_take_all) and choice.first_to_fire
-        return ranked[:1], NOBODY if self.closed[index] else np.sort(ranked[1:])
+        return ranked[:1], NO_IDS if self.closed[index] else np.sort(ranked[1:])
 
     def _emit(self, index: int, step: int, reached: Counts, x: Floats, presented: Ints) -> None:
         """Determine the spikes of one population, and reset the neurons that spike."""
@@ -354,10 +354,10 @@ class LocalWinners:
                 winners.append(neuron)
                 near = abs(self._row - self._row[neuron]) <= self._choice.radius
                 self.blocked |= near & (abs(self._column - self._column[neuron]) <= self._choice.radius)
-                own = self._map[neuron]
-                self.wins[own] += 1
-                if self.wins[own] == self._choice.per_map:
-                    self.blocked |= self._map == own
+                own_map = self._map[neuron]
+                self.wins[own_map] += 1
+                if self.wins[own_map] == self._choice.per_map:
+                    self.blocked |= self._map == own_map
         return np.array(winners, dtype=np.int64)
 
 

@@ -67,9 +67,9 @@ class ReferenceProjection:
         self.due: Floats = np.zeros((self.slots, max(2, self.receptors), self.n_target))
         self.heard = np.zeros((self.slots, self.n_target), dtype=bool)
 
-    def set_out(self, some: slice | Ints, delays: Floats) -> None:
+    def set_out(self, synapses: slice | Ints, delays: Floats) -> None:
         """Set the delay in steps of the next spikes along some synapses to the nearest of their delays in ms."""
-        self.delay[some] = [steps_of(delay, self.h, self.fewest, self.most) for delay in delays]
+        self.delay[synapses] = [steps_of(delay, self.h, self.fewest, self.most) for delay in delays]
 
     def row(self, source: int) -> slice:
         """Return the range of synapses of one source."""
@@ -78,15 +78,15 @@ class ReferenceProjection:
     def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool) -> None:
         """Send a spike of a source, emitted in `step`, with given weights of the source's synapses."""
         row = self.row(source)
-        at, to = (step + self.delay[row]) % self.slots, self.target[row]
-        amount = np.full(len(to), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity
+        at, targets = (step + self.delay[row]) % self.slots, self.target[row]
+        amount = np.full(len(targets), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity
         # The receptor is the named receptor, or else follows from the sign of the weight.
         if self.part.receptor is not None:
             receptors = np.full(len(amount), self.part.receptor.index)
         else:
             receptors = ((amount < 0.0) & (self.receptors == 2)).astype(np.int64)
-        np.add.at(self.due, (at, receptors, to), amount)
-        self.heard[at, to] = True
+        np.add.at(self.due, (at, receptors, targets), amount)
+        self.heard[at, targets] = True
 
     def send_current(self, parameters: Mapping[str, Floats], step: int) -> None:
         """Send the current emitted in `step`, if the generator is on. The current acts in the step after its arrival.

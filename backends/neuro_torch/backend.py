@@ -75,10 +75,10 @@ def device_of(name: str | torch.device) -> torch.device:
     Raises:
         ModelError: torch is not installed, or the device does not exist.
     """
-    own = torch_module()
-    devices = ["cpu", *(f"cuda:{number}" for number in range(own.cuda.device_count()))]
+    library = torch_module()
+    devices = ["cpu", *(f"cuda:{number}" for number in range(library.cuda.device_count()))]
     try:
-        device: torch.device | None = own.device(name)
+        device: torch.device | None = library.device(name)
     except (RuntimeError, TypeError):
         device = None
     if device is None or device.type not in ("cpu", "cuda"):

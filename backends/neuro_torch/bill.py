@@ -83,8 +83,8 @@ class Bill:
         self._last_checked = self.program
         check_costs(self.chip)
         if "mac" in self.chip.costs:
-            what = f"target '{self.chip.name}' prices every synapse in every step"
-            raise ModelError(f"{what}: expected a target that prices spikes", hint="loihi, spinnaker, truenorth")
+            problem = f"target '{self.chip.name}' prices every synapse in every step"
+            raise ModelError(f"{problem}: expected a target that prices spikes", hint="loihi, spinnaker, truenorth")
         self.placement: Placement | None = None
         if self.chip.mesh is not None:
             self.placement = place(self.program, self.chip, neurons_per_core=neurons_per_core)
@@ -116,12 +116,12 @@ class Bill:
         return total
 
     def static(self, outcome: Counted) -> Tensor:
-        """Return joules of the static power; 0 where no figure is published."""
+        """Return joules of the static power; 0 if no figure is published."""
         self._check(outcome)
         return self._time(outcome) * self._watts
 
     def seconds(self, outcome: Counted) -> Tensor:
-        """Return the run time of the chip per recording, s; 0 where no figure is published."""
+        """Return the run time of the chip per recording, s; 0 if no figure is published."""
         self._check(outcome)
         return self._time(outcome)
 
@@ -129,7 +129,7 @@ class Bill:
         """Refuse the outcome of a network with other synapses."""
         program = getattr(outcome, "program", self._last_checked)
         if not _same_wiring(program, self._last_checked):
-            n_synapses, expected = (sum(part.size for part in each.projections) for each in (program, self.program))
+            n_synapses, expected = (sum(part.size for part in net.projections) for net in (program, self.program))
             raise ModelError(
                 f"Bill: the outcome is of a network of {n_synapses:,} synapses: expected that of the bill, which has "
                 f"{expected:,}",
@@ -182,7 +182,7 @@ class _Time:
                 for population, first, last in core.parts:
                     row[population] += (last - first) / sizes[population]
             self._share = torch.from_numpy(share)
-            figures = (chip.costs.get(f"{what}_time") for what in ("synaptic_op", *_UPDATES))
+            figures = (chip.costs.get(f"{operation}_time") for operation in ("synaptic_op", *_UPDATES))
             self._op, self._active, self._inactive = (0.0 if figure is None else figure.value for figure in figures)
             self._fans = [torch.from_numpy(fan_out(program, i)).double() for i in range(len(program.projections))]
 
@@ -206,19 +206,19 @@ class _Time:
 _UPDATES = ("neuron_update_active", "neuron_update_inactive")
 
 
-def _same_wiring(one: Program, other: Program) -> bool:
+def _same_wiring(first: Program, second: Program) -> bool:
     """Return whether two networks have the same neurons and synapses; weights may differ."""
-    if one is other:
+    if first is second:
         return True
-    neurons = [[(part.name, part.size) for part in each.populations] for each in (one, other)]
-    synapses = [[(part.name, part.size) for part in each.projections] for each in (one, other)]
+    neurons = [[(part.name, part.size) for part in network.populations] for network in (first, second)]
+    synapses = [[(part.name, part.size) for part in network.projections] for network in (first, second)]
     return (
         neurons[0] == neurons[1]
         and synapses[0] == synapses[1]
         and all(
             np.array_equal(ours, theirs)
-            for index in range(len(one.projections))
-            for ours, theirs in zip(one.connections(index), other.connections(index), strict=True)
+            for index in range(len(first.projections))
+            for ours, theirs in zip(first.connections(index), second.connections(index), strict=True)
         )
     )
 

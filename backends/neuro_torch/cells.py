@@ -99,8 +99,8 @@ class TensorCells:
             vth = torch.as_tensor(self._trainable.get("vth", self.parameters.get("vth", 0.0)), device=self.device)
             unit = 2.0 ** sum(float(self.parameters.get(word, [0.0])[0]) for word in ("spike_exp", "state_exp"))
             return torch.where(vth > 0.0, vth * unit, torch.inf)
-        both = [self._trainable.get(word, self.parameters[word]) for word in ("V_th", reset_of(self.part))]
-        top, bottom = (each if isinstance(each, Tensor) else torch.tensor(each, device=self.device) for each in both)
+        pair = [self._trainable.get(word, self.parameters[word]) for word in ("V_th", reset_of(self.part))]
+        top, bottom = (item if isinstance(item, Tensor) else torch.tensor(item, device=self.device) for item in pair)
         return top - bottom
 
     def step(
@@ -149,7 +149,7 @@ def constants_of(part: Population, parameters: dict[str, Floats], resolution: fl
     """Return the constants of the neurons, shape (size, width), or (1, width) if all neurons have the same."""
     model = part.model
     size = max((values.size for values in parameters.values()), default=1)
-    values = [np.broadcast_to(each, size) for each in parameters.values()]
+    values = [np.broadcast_to(array, size) for array in parameters.values()]
     rows, row_of_neuron = (
         np.unique(np.stack(values, axis=1), axis=0, return_inverse=True)
         if values
@@ -158,8 +158,8 @@ def constants_of(part: Population, parameters: dict[str, Floats], resolution: fl
     constants_by_row: Floats = np.zeros((len(rows), model.width))
     for row, constants in zip(rows, constants_by_row, strict=True):
         model.arithmetic.constants(row.tolist(), resolution, constants)  # type: ignore[attr-defined]
-    every: Floats = constants_by_row[row_of_neuron.reshape(-1)]
-    return every
+    per_neuron: Floats = constants_by_row[row_of_neuron.reshape(-1)]
+    return per_neuron
 
 
 class Surrogated(torch.autograd.Function):

@@ -33,7 +33,7 @@ from neuro_torch.module import Module
 
 __all__ = ["largest", "prune", "quantised"]
 
-EVERY = 50
+BATCHES_PER_CHOICE = 50
 """Batches of a training from one choice of the chip's scales to the next."""
 
 
@@ -100,7 +100,7 @@ class _Scales:
 
     def __call__(self, module: Any, inputs: Any) -> None:
         age = next(iter(_parametrisations(module).values()))[-1].age
-        if not module.training or int(age) % EVERY == 0:
+        if not module.training or int(age) % BATCHES_PER_CHOICE == 0:
             self.choose(module)
         if module.training:
             age += 1
@@ -113,14 +113,14 @@ class _Scales:
         """
         rounded = _parametrisations(module)
         projections = list(module.program.projections)
-        for name, each in rounded.items():
-            weight = each.original.detach().double().cpu().numpy().ravel()
+        for name, weights in rounded.items():
+            weight = weights.original.detach().double().cpu().numpy().ravel()
             if not np.isfinite(weight).all():
                 raise ModelError(f"weights of '{name}' are not finite: expected finite numbers")
             projections[self._index[name]] = replace(projections[self._index[name]], weight=weight)
         network = quantise(replace(module.program, projections=tuple(projections)), self.chip)
-        for name, each in rounded.items():
-            fixed, grid = network.projections[self._index[name]], each[-1]
+        for name, weights in rounded.items():
+            fixed, grid = network.projections[self._index[name]], weights[-1]
             assert fixed is not None, "the hook quantises every learnt projection"
             only_signs = self.bits == 1 and fixed.low < 0 < fixed.high
             size = fixed.grain * 2 ** (fixed.bits - (2 if only_signs else self.bits))
@@ -210,7 +210,7 @@ def _parametrisations(module: Any) -> dict[str, Any]:
 
 def _scales_hook(module: Module) -> _Scales | None:
     """Return the hook that chooses the scales of a module, None if the module is not quantised."""
-    scales: _Scales | None = next((each[-1].scales for each in _parametrisations(module).values()), None)
+    scales: _Scales | None = next((steps[-1].scales for steps in _parametrisations(module).values()), None)
     return scales
 
 

@@ -126,8 +126,8 @@ class TorchEngine:
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """Return a state or parameter of all neurons, or of some."""
-        every: Floats = np.broadcast_to(self._values(population, name), self.program.populations[population].size)
-        selected: Floats = every.copy() if ids is None else every[ids]
+        values: Floats = np.broadcast_to(self._values(population, name), self.program.populations[population].size)
+        selected: Floats = values.copy() if ids is None else values[ids]
         return selected
 
     def _values(self, population: int, name: str) -> Floats:
@@ -143,11 +143,11 @@ class TorchEngine:
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters."""
         part = self.stepper.cells.get(population) or self.stepper.sources.get(population)
-        for name, each in values.items():
+        for name, array in values.items():
             if part is not None and name in part.names:
-                part.put(name, each)
+                part.put(name, array)
             else:
-                self.stepper.parameters(population)[name] = each.copy()
+                self.stepper.parameters(population)[name] = array.copy()
         if part is not None:
             part.refresh()
 

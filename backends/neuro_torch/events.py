@@ -37,8 +37,8 @@ class Train:
         parts = [slice(int(self.ends[b]), int(self.ends[b + 1])) for b in recordings]
         lengths = [part.stop - part.start for part in parts]
         step, neuron = (
-            np.concatenate([np.zeros(0, np.int32), *(each[part] for part in parts)])
-            for each in (self.step, self.neuron)
+            np.concatenate([np.zeros(0, np.int32), *(values[part] for part in parts)])
+            for values in (self.step, self.neuron)
         )
         return Train(np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))), step, neuron)
 
@@ -72,7 +72,7 @@ class Events:
 
     def __init__(self, batch: int, steps: int, spikes: Mapping[str, tuple[Any, Any, Any]]) -> None:
         self.batch, self.steps = _number(batch, "batch", 0), _number(steps, "steps", 1)
-        self.trains = {name: self._train(name, each) for name, each in spikes.items()}
+        self.trains = {name: self._train(name, arrays) for name, arrays in spikes.items()}
 
     @classmethod
     def of_trains(cls, steps: int, trains: Mapping[str, Train]) -> Events:
@@ -138,7 +138,7 @@ class Events:
         if steps < 1:
             raise ModelError(f"duration = {duration:g} ms: expected at least one step of {step:g} ms")
         check_pixels(shape)
-        trains = [_camera_train(one, tuple(shape), step, steps, scale, start) for one in recordings]
+        trains = [_camera_train(recording, tuple(shape), step, steps, scale, start) for recording in recordings]
         return cls.of_trains(steps, {population: _concatenate(trains)})
 
     @classmethod
@@ -160,7 +160,7 @@ class Events:
         )
 
     def _train(self, name: str, spikes: tuple[Any, Any, Any]) -> Train:
-        recording, step, neuron = (_integers(each, name) for each in spikes)
+        recording, step, neuron = (_integers(array, name) for array in spikes)
         if not len(recording) == len(step) == len(neuron):
             raise ModelError(f"'{name}': {len(recording)} recordings, {len(step)} steps, {len(neuron)} neurons")
         for word, values, end in (("recording", recording, self.batch), ("step", step, self.steps)):
@@ -215,7 +215,7 @@ def collate(samples: Sequence[Any]) -> Any:
     from torch.utils.data import default_collate
 
     columns = list(zip(*samples, strict=True))
-    return tuple(Events.join(each) if isinstance(each[0], Events) else default_collate(list(each)) for each in columns)
+    return tuple(Events.join(part) if isinstance(part[0], Events) else default_collate(list(part)) for part in columns)
 
 
 def _camera_train(events: Any, shape: tuple[int, ...], step: float, steps: int, scale: int, start: float) -> Train:

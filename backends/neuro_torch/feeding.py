@@ -50,13 +50,13 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
         distinct_sizes = {(batch.batch, batch.steps)}
         _check_trains(batch)
     else:
-        for name, each in batch.items():
-            if not isinstance(each, (torch.Tensor, np.ndarray)):
-                raise ModelError(f"batch: '{name}': found {type(each).__name__}: expected a tensor")
-            if each.ndim < 3:
-                message = f"batch: '{name}': found the shape {tuple(each.shape)}"
+        for name, tensor in batch.items():
+            if not isinstance(tensor, (torch.Tensor, np.ndarray)):
+                raise ModelError(f"batch: '{name}': found {type(tensor).__name__}: expected a tensor")
+            if tensor.ndim < 3:
+                message = f"batch: '{name}': found the shape {tuple(tensor.shape)}"
                 raise ModelError(f"{message}: expected (batch, steps, neurons)")
-        distinct_sizes = {tuple(each.shape[:2]) for each in batch.values()}
+        distinct_sizes = {tuple(tensor.shape[:2]) for tensor in batch.values()}
     if len(distinct_sizes) != 1:
         raise ModelError(f"batch: found (batch, steps) of {sorted(distinct_sizes)}: expected the same of all inputs")
     size, n_steps = distinct_sizes.pop()
@@ -114,8 +114,8 @@ def emitted(program: Program, part: Population, value: Train | torch.Tensor | No
     if silent and value is not None:
         return value
     source = TensorSource(part, program.resolution, program.seed)
-    own = np.array([source.emit(step) for step in range(1, task.steps + 1)])
-    all_spikes = torch.as_tensor(own).to(task.device, task.dtype).expand(task.batch, -1, -1)
+    numbers = np.array([source.emit(step) for step in range(1, task.steps + 1)])
+    all_spikes = torch.as_tensor(numbers).to(task.device, task.dtype).expand(task.batch, -1, -1)
     return all_spikes if value is None else all_spikes + dense(value, part, task)
 
 
@@ -156,7 +156,7 @@ def check(part: Population, value: Any) -> None:
     shape = tuple(tensor.shape)
     if shape[2:] not in ((part.size,), part.shape):
         shapes = dict.fromkeys([(part.size,), part.shape])
-        expected = " or ".join(f"(batch, steps, {', '.join(map(str, each))})" for each in shapes)
+        expected = " or ".join(f"(batch, steps, {', '.join(map(str, axes))})" for axes in shapes)
         raise ModelError(f"batch: '{part.name}': found the shape {shape}: expected {expected}")
     if tensor.is_complex():
         raise ModelError(f"batch: '{part.name}': found {tensor.dtype}: expected real numbers")

@@ -33,18 +33,18 @@ class Need:
 
     Attributes:
         batch: number of recordings.
-        each: bytes per recording, the mean of the batch.
+        per_recording: bytes per recording, the mean of the batch.
         fixed: bytes that do not depend on the batch.
     """
 
     batch: int
-    each: float
+    per_recording: float
     fixed: int = 0
 
     @property
     def total(self) -> float:
         """Bytes of the whole batch."""
-        return self.batch * self.each + self.fixed
+        return self.batch * self.per_recording + self.fixed
 
 
 def refuse_large(need: Need, task: ScanTask) -> None:
@@ -57,7 +57,7 @@ def refuse_large(need: Need, task: ScanTask) -> None:
     if available is None or need.total <= available:
         return
     location = "" if task.device.type == "cpu" else f" on '{task.device}'"
-    fits = int((available - need.fixed) // need.each)
+    fits = int((available - need.fixed) // need.per_recording)
     raise ModelError(
         f"a batch of {task.batch} recordings of {task.steps} steps needs about {need.total / 1e9:.3g} GB: expected at "
         f"most what is free{location}, {available / 1e9:.3g} GB",
@@ -97,7 +97,7 @@ class _Input:
     """Spikes of a generator in a recording.
 
     Attributes:
-        spikes: number of spikes in the batch's input, the mean of all recordings, or that of the first if dense.
+        spikes: mean number of spikes of a recording; for a dense input the number of the first recording.
         numbers: size of a dense tensor of all steps and neurons.
         sparse: whether the spikes stay sparse.
         copied: whether the input is copied to a dense tensor.
@@ -136,13 +136,13 @@ Inputs = Mapping[int, _Input]
 def _input_bytes(inputs: Iterable[_Input], task: ScanTask) -> float:
     """Return bytes of the inputs of scans: spike lists, or a copy and twice its gradient."""
     size: int = task.dtype.itemsize
-    spike_lists = sum(each.spikes * (3 * INDEX + size) for each in inputs)
-    return spike_lists + sum(size * each.numbers * (each.copied + 2 * each.learns) for each in inputs)
+    spike_lists = sum(item.spikes * (3 * INDEX + size) for item in inputs)
+    return spike_lists + sum(size * item.numbers * (item.copied + 2 * item.learns) for item in inputs)
 
 
-def _largest(parts: Iterable[Component], of: Callable[[Component], float]) -> float:
+def _largest(parts: Iterable[Component], need_of: Callable[[Component], float]) -> float:
     """Return the largest memory of components that run one after the other."""
-    return max(map(of, parts))
+    return max(map(need_of, parts))
 
 
 def _n_neurons(part: Component) -> int:
@@ -169,12 +169,12 @@ def _need_of_kernels(parts: tuple[Component, ...], inputs: Inputs, task: ScanTas
 def _need_of_torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
     """Return the memory of scans by torch: besides that of compiled scans, saved products and rows of weights."""
     size, neurons = task.dtype.itemsize, sum(map(_n_neurons, parts))
-    driven = [each for part in parts for each in part.outside]
-    products = sum(size * each.sizes[0] * len(_delays(each)) for each in driven if not _is_sparse(each, inputs))
+    driven = [wires for part in parts for wires in part.outside]
+    products = sum(size * wires.sizes[0] * len(_delays(wires)) for wires in driven if not _is_sparse(wires, inputs))
     saved = (2 * size + 3) * neurons + products if learns else 2 * size * neurons
     transient = _largest(parts, lambda part: 6 * size * _n_neurons(part) * task.steps + _delivered(part, inputs, task))
-    sparse_synapses = [each for part in parts for each in (*part.outside, *part.inside) if not each.dense]
-    tables = sum(3 * size * each.sizes[0] * each.sizes[1] * len(_delays(each)) for each in sparse_synapses)
+    sparse_synapses = [wires for part in parts for wires in (*part.outside, *part.inside) if not wires.dense]
+    tables = sum(3 * size * wires.sizes[0] * wires.sizes[1] * len(_delays(wires)) for wires in sparse_synapses)
     saved += _graded_bytes(parts, learns)
     return Need(task.batch, task.steps * saved + transient + _input_bytes(inputs.values(), task), tables)
 
@@ -182,22 +182,22 @@ def _need_of_torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask,
 def _delivered(part: Component, inputs: Inputs, task: ScanTask) -> float:
     """Return the memory of the largest projection from outside while it delivers spikes."""
     size = task.dtype.itemsize
-    return max((size * each.sizes[1] * _tensors_at_once(each, inputs, task) for each in part.outside), default=0.0)
+    return max((size * wires.sizes[1] * _tensors_at_once(wires, inputs, task) for wires in part.outside), default=0.0)
 
 
-def _tensors_at_once(each: Synapses, inputs: Inputs, task: ScanTask) -> float:
+def _tensors_at_once(wires: Synapses, inputs: Inputs, task: ScanTask) -> float:
     """Return the number of tensors, each of one step of the targets, that delivering spikes needs at once."""
-    if _is_sparse(each, inputs):
-        return 2 * task.steps + 2 * inputs[each.source].spikes
+    if _is_sparse(wires, inputs):
+        return 2 * task.steps + 2 * inputs[wires.source].spikes
     return 3 * task.steps
 
 
-def _is_sparse(each: Synapses, inputs: Inputs) -> bool:
-    return each.source in inputs and inputs[each.source].sparse
+def _is_sparse(wires: Synapses, inputs: Inputs) -> bool:
+    return wires.source in inputs and inputs[wires.source].sparse
 
 
-def _delays(each: Synapses) -> Any:
-    return np.unique(each.delay)
+def _delays(wires: Synapses) -> Any:
+    return np.unique(wires.delay)
 
 
 def _need_of_steps(program: Program, inputs: Iterable[_Input], task: ScanTask, tape: float) -> Need:
@@ -209,8 +209,8 @@ def _need_of_steps(program: Program, inputs: Iterable[_Input], task: ScanTask, t
     neurons = sum(part.size for part in program.populations if part.kind == "neuron")
     size = task.dtype.itemsize
     saved = 2 * (tape + neurons * (4 * DOUBLE + size))
-    dense = sum(each.numbers for each in inputs) * (2 * DOUBLE + size)
-    return Need(task.batch, task.steps * saved + dense + 3 * INDEX * sum(each.spikes for each in inputs))
+    dense = sum(generator.numbers for generator in inputs) * (2 * DOUBLE + size)
+    return Need(task.batch, task.steps * saved + dense + 3 * INDEX * sum(generator.spikes for generator in inputs))
 
 
 def saved_per_step(run: Callable[[int], object], steps: int) -> float:

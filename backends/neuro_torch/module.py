@@ -39,7 +39,7 @@ class Module(torch.nn.Module):
 
     Args:
         net: the network; it is not changed.
-        trainable: names of the projections whose weights learn; or the names of what learns, by projection or
+        trainable: names of the projections whose weights learn; or the names of quantities that learn, by projection or
             population: {"in_hidden": ["weight", "delay"], "hidden": ["tau_m", "V_th"]}. Weights that synapses share,
             such as kernels of a grid or one number for a projection, are one parameter.
         surrogate: derivative of a spike: a name, a `neuro_torch.surrogates.Surrogate`, or a plain function of x and
@@ -97,19 +97,19 @@ class Module(torch.nn.Module):
         projections, neurons = words.trainable(self.program, trainable)
         self.weights = Named(
             "projection whose weights learn",
-            {name: self._initial_weight(name, kind) for name, each in projections.items() if "weight" in each},
+            {name: self._initial_weight(name, kind) for name, names in projections.items() if "weight" in names},
         )
         self.delays = Named(
             "projection whose delays learn",
-            {name: self._initial_delay(name, kind) for name, each in projections.items() if "delay" in each},
+            {name: self._initial_delay(name, kind) for name, names in projections.items() if "delay" in names},
         )
         self.neurons = Named(
             "population whose parameters learn",
             {
                 name: Named(
-                    f"parameter of '{name}' that learns", {w: self._initial_parameter(name, w, kind) for w in each}
+                    f"parameter of '{name}' that learns", {w: self._initial_parameter(name, w, kind) for w in names}
                 )
-                for name, each in neurons.items()
+                for name, names in neurons.items()
             },
         )
         self._plan = plan_of(self.program, by, neurons)
@@ -144,7 +144,7 @@ class Module(torch.nn.Module):
         }
         if not torch.compiler.is_compiling():
             memory.refuse_large(self._need(checked, task), task)
-        converted = {k: feeding.convert(self.program.populations[k], each, task) for k, each in checked.items()}
+        converted = {k: feeding.convert(self.program.populations[k], value, task) for k, value in checked.items()}
         emitted, potentials = self._run_scans(converted, task) if self._plan.parts else self._run_steps(converted, task)
         return self._outcome(batch, emitted, potentials, task)
 
@@ -154,8 +154,8 @@ class Module(torch.nn.Module):
 
         def run(steps: int) -> None:
             few = replace(task, batch=1, steps=steps)
-            beginnings = {k: feeding.beginning(each, steps) for k, each in checked.items()}
-            self._run_steps({k: feeding.convert(parts[k], each, few) for k, each in beginnings.items()}, few)
+            beginnings = {k: feeding.beginning(value, steps) for k, value in checked.items()}
+            self._run_steps({k: feeding.convert(parts[k], value, few) for k, value in beginnings.items()}, few)
 
         def tape() -> float:
             if "tape" not in self._cache:
@@ -169,14 +169,14 @@ class Module(torch.nn.Module):
         """Return spikes by population, and potentials of the outputs at the ends of steps, by scans."""
         scans = self._scans()[0]
         populations = self.program.populations
-        emitted = {k: feeding.emitted(self.program, populations[k], each, task, scans) for k, each in inputs.items()}
+        emitted = {k: feeding.emitted(self.program, populations[k], value, task, scans) for k, value in inputs.items()}
         weights = {q: self._weight(q, task) for q, p in enumerate(self.program.projections) if p.carries == "spikes"}
         potentials: dict[int, Tensor] = {}
         for part in self._plan.parts:
             drives: dict[int, Tensor] = {}
-            for each, weight in self._paths(part.outside, weights):
-                arrived = scans.drive(each, emitted[each.source], weight, task)
-                drives[each.target] = drives[each.target] + arrived if each.target in drives else arrived
+            for value, weight in self._paths(part.outside, weights):
+                arrived = scans.drive(value, emitted[value.source], weight, task)
+                drives[value.target] = drives[value.target] + arrived if value.target in drives else arrived
             for k in part.cells.keys() - drives.keys():
                 drives[k] = torch.zeros(
                     task.batch, task.steps, part.cells[k].size, dtype=task.dtype, device=task.device
@@ -223,11 +223,11 @@ class Module(torch.nn.Module):
     def _run_steps(self, by_index: Mapping[int, Any], task: ScanTask) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """Return spikes and potentials as `_run_scans`, step by step."""
         populations = self.program.populations
-        parameters = {name: dict(each.items()) for name, each in self.neurons.items()}
+        parameters = {name: dict(values.items()) for name, values in self.neurons.items()}
         inputs = {
-            populations[k].name: feeding.dense(each, populations[k], task)
-            for k, each in by_index.items()
-            if each is not None
+            populations[k].name: feeding.dense(values, populations[k], task)
+            for k, values in by_index.items()
+            if values is not None
         }
         if task.device not in self._steppers:
             with torch.inference_mode(False):
@@ -264,8 +264,8 @@ class Module(torch.nn.Module):
         weights = {index_of[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
         parameters = {
             (self._index[name], word): values.detach().cpu().double().numpy()
-            for name, each in self.neurons.items()
-            for word, values in each.items()
+            for name, tensors in self.neurons.items()
+            for word, values in tensors.items()
         }
         delays = {name: self._rounded_delays(name).cpu().numpy() for name in self.delays}
         return network_of(self._net, self._seed, weights, parameters, delays)
@@ -284,7 +284,7 @@ class Module(torch.nn.Module):
             learns[name] = [*learns.get(name, []), "delay"]
         module = Module(
             net,
-            learns | {name: list(each) for name, each in self.neurons.items()},
+            learns | {name: list(names) for name, names in self.neurons.items()},
             surrogate=self.surrogate,
             duration=None if self._steps is None else self._steps * net.resolution,
             outputs=self.outputs,
@@ -327,13 +327,13 @@ class Module(torch.nn.Module):
         """Return the implementation of the scans on the parameters' device, and its name."""
         like = self._like()
         fits = like.device.type == "cpu" and like.dtype in (torch.float32, torch.float64)
-        by = self._by or ("kernels" if fits else "torch")
+        implementation = self._by or ("kernels" if fits else "torch")
         if not self._plan.parts:
-            by = "steps"
-        if by == "kernels" and not fits:
+            implementation = "steps"
+        if implementation == "kernels" and not fits:
             message = f"by = 'kernels': parameters are {like.dtype} on '{like.device}': expected 32 or 64 bits on a CPU"
             raise ModelError(message, hint="by='torch' runs them")
-        return compiled if by == "kernels" else operations, by
+        return compiled if implementation == "kernels" else operations, implementation
 
     def _like(self) -> Tensor:
         """Return any parameter; all have the same dtype and device."""
@@ -381,7 +381,7 @@ class Module(torch.nn.Module):
 
     def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: ScanTask) -> Outcome:
         outputs = {name: self._index[name] for name in self.outputs}
-        messages = {k: self._messages(k, each) for k, each in emitted.items()}
+        messages = {k: self._messages(k, spikes) for k, spikes in emitted.items()}
         counts = {n: partial(self._count, batch, k, messages[k], task) for n, k in self._index.items() if k in messages}
         active = {
             part.name: partial(self._active, k, messages, task)
@@ -443,7 +443,7 @@ def _check_damping(value: Any) -> float:
 
 def _check_choice(word: str, value: Any, choices: Sequence[Any]) -> Any:
     if value not in choices:
-        raise unknown(word, value, [each for each in choices if each])
+        raise unknown(word, value, [choice for choice in choices if choice])
     return value
 
 

@@ -28,8 +28,8 @@ def problems(program: Program) -> list[Problem]:
         refusals.append(_refusal("trials", "torch runs none", way_out, program.trials))
     for projection in program.projections:
         if projection.synapse.learns:
-            what = f"projection '{projection.name}': {projection.synapse.name}"
-            refusals.append(_refusal(what, "torch has static synapses only", LEARNT_THERE, projection))
+            label = f"projection '{projection.name}': {projection.synapse.name}"
+            refusals.append(_refusal(label, "torch has static synapses only", LEARNT_THERE, projection))
     for part in program.populations:
         refusals += _population_problems(part)
     return refusals

@@ -124,11 +124,11 @@ class Flow:
 
     def send(self, step: int) -> None:
         """Send the current emitted in a step, if any; a current acts in the step after its arrival."""
-        now = np.array([step])
-        if not self._emission.on(now).size:
+        moment = np.array([step])
+        if not self._emission.on(moment).size:
             return
-        if self._emission.moments(now)[0] == step:
-            self.held = self._emission.at(now, self._parameters_at(step))[0]
+        if self._emission.moments(moment)[0] == step:
+            self.held = self._emission.at(moment, self._parameters_at(step))[0]
         amount = self.held[self._emission.column] * self.weights[self._slot]
         np.add.at(self.due, ((step + self._delay + 1) % len(self.due), self._target), amount)
 

@@ -36,7 +36,7 @@ def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mappi
     """Refuse tensors of unknown names or wrong shapes, and parameters out of their bounds.
 
     Raises:
-        ModelError: it names the tensor.
+        ModelError: a name, a shape or a value is wrong. The message names the tensor.
     """
     projections = {part.name: part for part in program.projections if part.carries == "spikes"}
     for word, tensors in (("weights", weights), ("delays", delays)):
@@ -46,8 +46,8 @@ def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mappi
             _check_shape(f"{word} of '{name}'", values, projections[name].size)
     for name in delays:
         if projections[name].grid is not None or program.populations[projections[name].target].model.name == _RELAY:
-            what = "shares its weights" if projections[name].grid is not None else "ends at parrots"
-            raise ModelError(f"delays of '{name}' cannot be learnt: it {what}", hint="learn its weights")
+            reason = "shares its weights" if projections[name].grid is not None else "ends at parrots"
+            raise ModelError(f"delays of '{name}' cannot be learnt: it {reason}", hint="learn its weights")
     neurons = {part.name: part for part in program.populations if part.kind == "neuron"}
     for name, words in parameters.items():
         if name not in neurons:
@@ -84,15 +84,15 @@ def between_steps(
         ModelError: a delay is NaN or too long.
     """
     steps = in_steps(delays, program.resolution, program.projections[index].name)
-    whole = steps.detach().floor()
-    share_later = steps - whole
-    earlier = whole.cpu().numpy().astype(np.int64)
+    lower = steps.detach().floor()
+    share_later = steps - lower
+    earlier = lower.cpu().numpy().astype(np.int64)
     shares = ((earlier + 1, weights * share_later), (earlier, weights * (1.0 - share_later)))
     return [(TorchProjection(program, index, device, delay), share) for delay, share in shares]
 
 
 class Stepper:
-    """A program in execution for a batch, from step 0; without gradients each recording runs as it would alone.
+    """A program in execution for a batch, from step 0. A recording does not depend on the other recordings.
 
     ```python
     stepper = Stepper(program, surrogate=FastSigmoid())
@@ -288,13 +288,13 @@ class Stepper:
         numbers = self.sources[k].emit(step)
         if added_spikes is not None and not numbers.any():
             return added_spikes
-        own = torch.from_numpy(numbers.astype("float64")).to(self.device).expand(self.batch, -1)
-        return own if added_spikes is None else added_spikes + own
+        listed = torch.from_numpy(numbers.astype("float64")).to(self.device).expand(self.batch, -1)
+        return listed if added_spikes is None else added_spikes + listed
 
     def _send(self, step: int) -> None:
         for k, spikes in enumerate(self.spikes):
             if spikes is not None:
-                in_flight = [(since, each) for since, each in self.sent[k] if since + self._longest > step]
+                in_flight = [(since, emission) for since, emission in self.sent[k] if since + self._longest > step]
                 self.sent[k] = [*in_flight, (step, Emitted(spikes))]
 
     def _input_of(self, k: int, step: int) -> tuple[Tensor, Any]:
@@ -304,8 +304,8 @@ class Stepper:
         receives = torch.zeros(cells.shape, dtype=torch.bool, device=self.device) if self._hears else None
         for q, wires in self.wires.items():
             if wires.part.target == k:
-                for each, versions in self._weighted_wires(q):
-                    x = self._add_arrivals(x, receives, each, versions, step)
+                for path, versions in self._weighted_wires(q):
+                    x = self._add_arrivals(x, receives, path, versions, step)
         if receives is not None:
             self.heard[k] = receives
         current: Any = 0.0
@@ -402,4 +402,4 @@ def stepped(
 
 
 def _stack(by_step: Mapping[int, list[Any]], task: ScanTask, learns: list[Tensor]) -> dict[int, Tensor]:
-    return {k: joined(torch.stack(each, 1).to(task.dtype), learns) for k, each in by_step.items()}
+    return {k: joined(torch.stack(spikes, 1).to(task.dtype), learns) for k, spikes in by_step.items()}

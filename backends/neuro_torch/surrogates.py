@@ -40,7 +40,7 @@ class Surrogate:
     """A surrogate derivative.
 
     Attributes:
-        slope: how fast the derivative falls with the distance from the threshold, per V_th - V_reset; > 0.
+        slope: rate at which the derivative falls with the distance from the threshold, per V_th - V_reset; > 0.
         name: name of the surrogate in `neuro_torch.Module`.
 
     Raises:
@@ -194,7 +194,7 @@ def surrogate_of(what: str | Surrogate | Plain, slope: float | None = None) -> S
     if isinstance(what, Surrogate):
         if slope is not None:
             raise ModelError(
-                f"slope = {slope!r}: the surrogate has one already, {what.slope:g}", hint="give one of them"
+                f"slope = {slope!r}: the surrogate has one already, {what.slope:g}", hint="give the slope in one place"
             )
         if type(what).at is Surrogate.at:
             raise ModelError(f"surrogate: {type(what).__name__} has no function of one number: {_EXPECTED}", hint=_LIKE)
@@ -214,13 +214,13 @@ _EXPECTED = f"expected {', '.join(SURROGATES)}, or a plain function of x and slo
 _LIKE = "def gauss(x, slope): return math.exp(-((slope * x) ** 2))"
 
 
-def _check(own: Own) -> None:
+def _check(surrogate: Own) -> None:
     """Refuse a function that cannot be compiled or cannot run for all neurons at once."""
     import torch
 
     from neuro_torch.translate import Untranslatable
 
-    function = own.function
+    function = surrogate.function
     name = getattr(function, "__name__", repr(function))
     if not isinstance(function, FunctionType) or name == "<lambda>":
         raise ModelError(f"surrogate '{name}': found no function defined by def: {_EXPECTED}", hint=_LIKE)
@@ -239,8 +239,8 @@ def _check(own: Own) -> None:
     except OSError:
         raise ModelError(f"surrogate '{name}': source not found: expected a function in a file or a notebook") from None
     try:
-        numbers = [float(function(x, own.slope)) for x in (-1.0, 0.0, 1.0)]
-        own.derivative(torch.linspace(-1.0, 1.0, 3))
+        numbers = [float(function(x, surrogate.slope)) for x in (-1.0, 0.0, 1.0)]
+        surrogate.derivative(torch.linspace(-1.0, 1.0, 3))
     except Untranslatable as error:
         raise ModelError(f"surrogate '{name}': it cannot run for all neurons at once: {error}", hint=_LIKE) from None
     except Exception as error:

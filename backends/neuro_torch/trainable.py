@@ -1,4 +1,4 @@
-"""Parameters that learn: the names that a user gives, the tensors by name, and their bounds."""
+"""Parameters that learn: their names from the user, the tensors by name, and their bounds."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from neuro.program.program import Population, Program
 from neuro_torch.problems import reset_of
 
 Words = Mapping[str, tuple[str, ...]]
-"""Names of what learns, by projection or population, e.g. {"in_hidden": ("weight", "delay")}."""
+"""Names of the quantities that learn, by projection or population, e.g. {"in_hidden": ("weight", "delay")}."""
 
 FIXED = ("t_ref", "refractory_input", "reset_by_subtraction", "max_spikes", "threshold_rises", "tau_minus")
 """Parameters without a gradient: counts of steps, switches, and `tau_minus`, which only rules of pairs read."""
 
 
 def trainable(program: Program, user_choice: Iterable[str] | Mapping[str, Iterable[str] | str]) -> tuple[Words, Words]:
-    """Return the names of what learns: of projections ("weight", "delay"), and of populations (parameters).
+    """Return the names of the quantities that learn, of projections ("weight", "delay") and populations (parameters).
 
     Args:
         program: the network.
@@ -83,7 +83,7 @@ def _check_parameters(population: str, words: tuple[str, ...], parameters: Mappi
         if word in FIXED:
             raise ModelError(f"trainable: '{population}': {word} has no gradient: expected another parameter")
         if word not in parameters:
-            raise unknown(f"parameter of '{population}'", word, [each for each in parameters if each not in FIXED])
+            raise unknown(f"parameter of '{population}'", word, [name for name in parameters if name not in FIXED])
 
 
 __all__ = ["Named"]
@@ -177,11 +177,11 @@ class Named(torch.nn.Module):
 
 Tensors = Mapping[str, Tensor]
 
-INSIDE = 1e-3
+BOUND_DISTANCE = 1e-3
 """Distance from an excluded bound at which `hold` puts a value that left the bounds, in the value's unit."""
 
-SLOWER = "a smaller learning rate"
-HELD = "Module.hold() after each step of the optimiser keeps it in its bounds"
+LOWER_RATE = "use a smaller learning rate"
+CALL_HOLD = "call Module.hold() after each step of the optimiser, to keep it in its bounds"
 
 
 def in_steps(delay: Tensor, resolution: float, projection: str) -> Tensor:
@@ -207,25 +207,25 @@ def check_delays(delay: Tensor, resolution: float, projection: str) -> None:
     """Refuse delays in ms that are NaN or too long.
 
     Raises:
-        ModelError: it names the projection.
+        ModelError: a delay is NaN or too long. The message names the projection.
     """
     if not delay.numel():
         return
-    least, most = (float(each) for each in delay.detach().aminmax())
+    least, most = (float(bound) for bound in delay.detach().aminmax())
     if not (math.isfinite(least) and math.isfinite(most)):
         problem = f"{most if math.isfinite(least) else least:g}: expected numbers of ms"
     elif most / resolution > LONGEST_DELAY + 0.5:  # half a step of tolerance for rounding
         problem = f"{most:g} ms: expected at most {LONGEST_DELAY * resolution:g} ms, 2^16 steps"
     else:
         return
-    raise ModelError(f"delays of '{projection}': found {problem}", hint=SLOWER)
+    raise ModelError(f"delays of '{projection}': found {problem}", hint=LOWER_RATE)
 
 
 def check_parameters(part: Population, tensors: Tensors) -> None:
     """Refuse parameters of neurons out of the bounds of their model, and a threshold that is not above the reset.
 
     Raises:
-        ModelError: it names the parameter.
+        ModelError: a parameter is out of its bounds. The message names the parameter.
     """
     arrays = {word: values.detach().cpu().double().numpy() for word, values in tensors.items()}
     try:
@@ -240,14 +240,14 @@ def check_parameters(part: Population, tensors: Tensors) -> None:
                 label = f"V_th of '{part.name}'{f'[{k}]' * (top.size > 1)} = {top[k]:g}"
                 raise ModelError(f"{label}: expected more than {reset}, {bottom[k]:g} mV")
     except ModelError as error:
-        raise error.but(hint=HELD) from None
+        raise error.but(hint=CALL_HOLD) from None
 
 
 def check(program: Program, weights: Named, delays: Named, neurons: Named) -> None:
     """Refuse learnt values that are NaN or out of their bounds.
 
     Raises:
-        ModelError: it names the value.
+        ModelError: a value is NaN or out of its bounds. The message names the value.
     """
     _check_numbers(program, weights, delays, neurons)
     for name, delay in delays.items():
@@ -292,7 +292,7 @@ def _check_finite(label: str, values: Tensor, infinite: bool = False) -> None:
     if not math.isfinite(float(values.sum())):
         wrong = values.isnan() if infinite else ~values.isfinite()
         if bool(wrong.any()):
-            raise ModelError(f"{label}: found {float(values[wrong][0]):g}: expected numbers", hint=SLOWER)
+            raise ModelError(f"{label}: found {float(values[wrong][0]):g}: expected numbers", hint=LOWER_RATE)
 
 
 def _hold_parameters(part: Population, tensors: Tensors) -> None:
@@ -303,17 +303,17 @@ def _hold_parameters(part: Population, tensors: Tensors) -> None:
     if {"V_th", reset} <= part.parameters.keys():
         if "V_th" in tensors:
             bottom = _comparable(tensors["V_th"], tensors, part, reset, torch.max)
-            _put(tensors["V_th"], tensors["V_th"] <= bottom, bottom + INSIDE)
+            _put(tensors["V_th"], tensors["V_th"] <= bottom, bottom + BOUND_DISTANCE)
         elif reset in tensors:
             top = _comparable(tensors[reset], tensors, part, "V_th", torch.min)
-            _put(tensors[reset], tensors[reset] >= top, top - INSIDE)
+            _put(tensors[reset], tensors[reset] >= top, top - BOUND_DISTANCE)
 
 
 def _hold(values: Tensor, q: Quantity) -> None:
     if q.above is not None:
-        values.masked_fill_(values <= q.above, q.above + INSIDE)
+        values.masked_fill_(values <= q.above, q.above + BOUND_DISTANCE)
     if q.below is not None:
-        values.masked_fill_(values >= q.below, q.below - INSIDE)
+        values.masked_fill_(values >= q.below, q.below - BOUND_DISTANCE)
     if q.at_least is not None or q.at_most is not None:
         values.clamp_(q.at_least, q.at_most)
 
@@ -326,8 +326,8 @@ def _comparable(
     return strictest(other) if values.numel() == 1 else other
 
 
-def _put(values: Tensor, where: Tensor, there: Tensor) -> None:
-    values.copy_(torch.where(where, there, values))
+def _put(values: Tensor, where: Tensor, replacement: Tensor) -> None:
+    values.copy_(torch.where(where, replacement, values))
 
 
 class _AtLeast(torch.autograd.Function):

@@ -116,8 +116,8 @@ class _Rewriter:
         return [] if node.value is None else self._store(node.target, self._value(node.value))
 
     def _on_augassign(self, node: ast.AugAssign) -> list[ast.stmt]:
-        now = ast.parse(ast.unparse(node.target), mode="eval").body
-        return self._store(node.target, self._value(ast.BinOp(now, node.op, node.value)))
+        present = ast.parse(ast.unparse(node.target), mode="eval").body
+        return self._store(node.target, self._value(ast.BinOp(present, node.op, node.value)))
 
     def _on_assign(self, node: ast.Assign) -> list[ast.stmt]:
         value = self._value(node.value)
@@ -136,8 +136,8 @@ class _Rewriter:
             return [ast.Expr(_call("store", self._value(target.value), self._value(target.slice), value))]
         if isinstance(target, ast.Tuple):
             variable, statements = self._new("parts"), list[ast.stmt]()
-            for place, each in enumerate(target.elts):
-                statements += self._store(each, ast.Subscript(_name(variable), ast.Constant(place), ast.Load()))
+            for place, element in enumerate(target.elts):
+                statements += self._store(element, ast.Subscript(_name(variable), ast.Constant(place), ast.Load()))
             return [_assign(variable, value), *statements]
         raise self._stopped(target, f"'{ast.unparse(target)} = ...'")
 
@@ -152,19 +152,19 @@ class _Rewriter:
         if node.orelse:
             raise self._stopped(node, "'else' of a loop")
         loop = self._new("loop")
-        on = _call("goes_on", _name(loop), self._value(node.test))
-        return self._wrap_loop(loop, ast.While(on, self._inside(loop, node.body), []))
+        test = _call("goes_on", _name(loop), self._value(node.test))
+        return self._wrap_loop(loop, ast.While(test, self._inside(loop, node.body), []))
 
     def _on_for(self, node: ast.For) -> list[ast.stmt]:
         if node.orelse or not isinstance(node.target, ast.Name):
             raise self._stopped(node, f"'{ast.unparse(node).splitlines()[0]}'")
         loop, iterable = self._new("loop"), node.iter
         if isinstance(iterable, ast.Call) and isinstance(iterable.func, ast.Name) and iterable.func.id == "range":
-            each = _call("numbers", _name(loop), *map(self._value, iterable.args))
+            numbers = _call("numbers", _name(loop), *map(self._value, iterable.args))
         else:
-            each = _call("each", _name(loop), self._value(iterable))
+            numbers = _call("each", _name(loop), self._value(iterable))
         target = ast.Name(node.target.id, ast.Store())
-        return self._wrap_loop(loop, ast.For(target, each, self._inside(loop, node.body), []))
+        return self._wrap_loop(loop, ast.For(target, numbers, self._inside(loop, node.body), []))
 
     def _wrap_loop(self, loop: str, statement: ast.stmt) -> list[ast.stmt]:
         return [_assign(loop, _call("loop", _name("_frame"))), statement, ast.Expr(_call("end_loop", _name(loop)))]
@@ -194,16 +194,16 @@ class _Rewriter:
             case ast.Starred(value=value):
                 return ast.Starred(self._value(value), ast.Load())
             case ast.Tuple(elts=elements):
-                return ast.Tuple([self._value(each) for each in elements], ast.Load())
+                return ast.Tuple([self._value(element) for element in elements], ast.Load())
             case ast.Subscript(value=of, slice=at):
                 return ast.Subscript(self._value(of), self._value(at), ast.Load())
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 return _call("choose", self._value(test), _later(self._value(body)), _later(self._value(orelse)))
             case ast.BoolOp(op=op, values=values):
                 method = "both" if isinstance(op, ast.And) else "either"
-                first, *rest = map(self._value, values)
-                for each in rest:
-                    first = _call(method, first, _later(each))
+                first, *remaining = map(self._value, values)
+                for element in remaining:
+                    first = _call(method, first, _later(element))
                 return first
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return _call("no", self._value(operand))

@@ -22,7 +22,7 @@ class Emitted:
     """Spikes of a population in one step, as events.
 
     Attributes:
-        recording, neuron, multiplicity: of each event, sorted by recording, then neuron; multiplicities are doubles.
+        recording, neuron, multiplicity: data of each event, by recording, then neuron. Multiplicities are doubles.
         spikes: the dense spikes, shape (batch, neurons), if they have a gradient, else None.
 
     Args:
@@ -73,7 +73,7 @@ class TorchProjection:
         delay_and_source = np.searchsorted(-np.array(self.delays), -delay[order]) * self.n_source + source[order]
         count = np.bincount(delay_and_source, minlength=len(self.delays) * self.n_source)
         self.bounds = [0, *np.cumsum(count)[self.n_source - 1 :: self.n_source].tolist()]
-        self.source, self.target, self.slot = (self._tensor(each[order]) for each in (source, target, slot))
+        self.source, self.target, self.slot = (self._tensor(values[order]) for values in (source, target, slot))
         self.count, self.first = self._tensor(count), self._tensor(np.cumsum(count) - count)
         self.is_single_block = self.part.layout == "dense" and len(self.delays) == 1
 
@@ -126,10 +126,10 @@ class TorchProjection:
     def add(self, x: Tensor, receives: Tensor | None, weights: Tensor, arriving: Sent) -> None:
         """Add the delivered amounts to `x` (receptors, batch, neurons); set a mask (batch, neurons) at arrivals."""
         if self.by_rows(weights):
-            for _, each in arriving:
-                self._add_rows(x, weights, each)
+            for _, emitted in arriving:
+                self._add_rows(x, weights, emitted)
                 if receives is not None:
-                    receives[each.recording] = True
+                    receives[emitted.recording] = True
             return
         synapses, b, m = self.reached_synapses(arriving)
         if len(synapses):
@@ -155,13 +155,13 @@ class TorchProjection:
         receives.view(-1)[b * self.n_target + self.target[synapses]] = True
 
 
-def add_at(into: Tensor, places: Tensor, amounts: Tensor) -> None:
+def add_at(sums: Tensor, places: Tensor, amounts: Tensor) -> None:
     """Add amounts at indices, in their order."""
-    if into.is_cuda:
+    if sums.is_cuda:
         # index_put_ sorts the indices, so the order does not depend on threads.
-        into.index_put_((places,), amounts, accumulate=True)
+        sums.index_put_((places,), amounts, accumulate=True)
     else:
-        into.index_add_(0, places, amounts)
+        sums.index_add_(0, places, amounts)
 
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -226,28 +226,26 @@ class Arrivals(torch.autograd.Function):
         (weights,) = ctx.saved_tensors
         wires, g = ctx.wires, g.contiguous()
         needs_gradient = zip(ctx.needs_input_grad[5:], ctx.sent, strict=True)
-        spike_gradients = [
-            _spike_gradient(wires, weights, g, d) if needed else None for needed, (d, _) in needs_gradient
-        ]
+        spike_gradients = [_spike_gradient(wires, weights, g, d) if needs else None for needs, (d, _) in needs_gradient]
         if ctx.needs_input_grad[2] and not wires.relay:
             _add_weight_gradients(wires, weights, g, ctx.sent, ctx.accumulator.gather())
         token = torch.zeros_like(g[0, 0, 0]) if ctx.needs_input_grad[2] else None
         return None, None, token, None, None, *spike_gradients
 
 
-def _add_weight_gradients(wires: TorchProjection, weights: Tensor, g: Tensor, arriving: Sent, into: Tensor) -> None:
+def _add_weight_gradients(wires: TorchProjection, weights: Tensor, g: Tensor, arriving: Sent, out: Tensor) -> None:
     """Add the gradients of the weights along which spikes arrived."""
     if wires.by_rows(weights):
-        for _, each in arriving:
-            wires.rows(into).index_add_(0, each.neuron, _weight_gradient_rows(wires, weights, g, each))
+        for _, emitted in arriving:
+            wires.rows(out).index_add_(0, emitted.neuron, _weight_gradient_rows(wires, weights, g, emitted))
         return
     synapses, b, m = wires.reached_synapses(arriving)
     receptor = wires.receptor(wires.amounts(weights, synapses) * m)
     shares = wires.arriving(g.view(-1)[receptor * g[0].numel() + b * wires.n_target + wires.target[synapses]] * m)
     if weights.numel() == 1:
-        into += shares.sum()
+        out += shares.sum()
     else:
-        add_at(into.view(-1), wires.slot[synapses], shares)
+        add_at(out.view(-1), wires.slot[synapses], shares)
 
 
 def _weight_gradient_rows(wires: TorchProjection, weights: Tensor, g: Tensor, emitted: Emitted) -> Tensor:

@@ -90,11 +90,11 @@ def wiring(areas: int = 32, density: float = 0.66, radius: float = 20.0, seed: i
     centres *= radius / np.linalg.norm(centres, axis=1, keepdims=True)
     centres = centres[np.argsort(centres[:, 0])]
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
-    one, other = np.triu_indices(areas, 1)
-    likely = np.exp(-_DECAY * distances[one, other])
-    chosen = rng.choice(one.size, round(density * one.size), replace=False, p=likely / likely.sum())
+    first, second = np.triu_indices(areas, 1)
+    likely = np.exp(-_DECAY * distances[first, second])
+    chosen = rng.choice(first.size, round(density * first.size), replace=False, p=likely / likely.sum())
     connected = np.zeros((areas, areas), dtype=np.bool_)
-    connected[one[chosen], other[chosen]] = connected[other[chosen], one[chosen]] = True
+    connected[first[chosen], second[chosen]] = connected[second[chosen], first[chosen]] = True
     return Wiring(centres, distances, connected)
 
 
@@ -136,9 +136,9 @@ def network(
         _add_area(net, circuit, area, inputs[area])
     weight = circuit.projections["L23E_L23E"].weight
     for area in range(areas):
-        for (other, source, target), n in inputs[area].items():
-            mean_delay = wired.distances[area, other] / speed
-            pre, post = _name(other, source), _name(area, target)
+        for (area_from, source, target), n in inputs[area].items():
+            mean_delay = wired.distances[area, area_from] / speed
+            pre, post = _name(area_from, source), _name(area, target)
             delay = neuro.normal(mean=mean_delay, std=_DELAY_SPREAD * mean_delay, low=_SHORTEST_DELAY)
             net.connect(pre, post, neuro.fixed_total_number(n=n), weight=weight, delay=delay)
     return net

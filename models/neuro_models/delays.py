@@ -17,8 +17,8 @@ Floats = NDArray[np.float64]
 
 BETWEEN = 200.0
 """Time from one presentation to the next, ms."""
-_SHARE = 0.3  # share of the inputs that makes the neuron fire
-_FIRST = 31.0  # ms, the delay at the start
+_FIRING_SHARE = 0.3  # share of the inputs that makes the neuron fire
+_START_DELAY = 31.0  # ms, the delay at the start
 _LONGEST = 62.0
 
 
@@ -39,12 +39,12 @@ def gathering(onsets: Floats, presentations: int, by_step: bool = False) -> neur
     begins = 1.0 + BETWEEN * np.arange(presentations)
     net = neuro.Network("gathering", resolution=1.0)
     net.population("inputs", cells * inputs, neuro.spike_generator(spike_times=onsets.reshape(-1, 1) + begins))
-    threshold = _SHARE * inputs
+    threshold = _FIRING_SHARE * inputs
     model = neuro.iaf_psc_delta(tau_m=20.0, t_ref=100.0, E_L=0.0, V_reset=0.0, V_th=threshold)
     net.population("cells", cells, model)
     rule = neuro.stddp(A=0.1, tau=50.0 if by_step else 20.0, by_step=by_step, d_min=1.0, d_max=_LONGEST)
-    own = neuro.pairs(pre=np.arange(cells * inputs), post=np.repeat(np.arange(cells), inputs))
-    net.connect("inputs", "cells", own, rule, weight=1.0, delay=_FIRST, name="gathered")
+    listed = neuro.pairs(pre=np.arange(cells * inputs), post=np.repeat(np.arange(cells), inputs))
+    net.connect("inputs", "cells", listed, rule, weight=1.0, delay=_START_DELAY, name="gathered")
     return net
 
 

@@ -63,9 +63,9 @@ def present(sim: neuro.Simulation, rates: ArrayLike, rewards: ArrayLike, duratio
     for trial, (rate, reward) in enumerate(zip(rates, rewards, strict=True)):
         sim.set("inputs", rate=rate)
         for _ in range(round(duration / _SLICE)):
-            now = sim.time
+            begin = sim.time
             sim.run(_SLICE)
-            fired = len(sim.spikes("output", since=now)[0])
+            fired = len(sim.spikes("output", since=begin)[0])
             spikes[trial] += fired
             if reward_now != (reward_now := reward * fired / _SLICE):
                 for post in ("hidden", "output"):

@@ -22,8 +22,8 @@ Ints = NDArray[np.int64]
 
 INPUTS = 9
 _APART, _JITTER = 2.0, 0.5  # ms, interval between spikes and its jitter
-_FIRST = 2.0  # ms, time of the first spike
-_LATE = 6.0  # ms, delay of the pixels beside a bar after those of the bar
+_FIRST_SPIKE = 2.0  # ms, time of the first spike
+_LATE_DELAY = 6.0  # ms, delay of the pixels beside a bar after those of the bar
 _DURATION = 60.0
 BARS = np.array([[3, 4, 5], [2, 4, 6], [1, 4, 7], [0, 4, 8]])
 """Pixels of the bars through the middle of the grid, (4, 3), row by row: horizontal, rising, vertical, falling."""
@@ -66,7 +66,7 @@ def batch(seed: int, trials: int, orders: int = 0) -> tuple[Floats, Ints, Ints, 
     ranks = np.array([np.random.default_rng((orders, k)).permutation(INPUTS) for k in range(2)])
     rng = np.random.default_rng((orders, seed, 7))
     labels = rng.integers(2, size=trials)
-    return _trials(_FIRST + _APART * ranks[labels], labels, rng)
+    return _trials(_FIRST_SPIKE + _APART * ranks[labels], labels, rng)
 
 
 def bars(seed: int, trials: int) -> tuple[Floats, Ints, Ints, Ints]:
@@ -80,8 +80,8 @@ def bars(seed: int, trials: int) -> tuple[Floats, Ints, Ints, Ints]:
     """
     rng = np.random.default_rng((seed, 11))
     labels = rng.integers(len(BARS), size=trials)
-    times = np.full((trials, INPUTS), _FIRST + _LATE)
-    np.put_along_axis(times, BARS[labels], _FIRST, axis=1)
+    times = np.full((trials, INPUTS), _FIRST_SPIKE + _LATE_DELAY)
+    np.put_along_axis(times, BARS[labels], _FIRST_SPIKE, axis=1)
     return _trials(times, labels, rng)
 
 

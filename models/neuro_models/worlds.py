@@ -47,12 +47,12 @@ class Grid(gymnasium.Env[Any, Any]):
 
     def step(self, action: Any) -> tuple[int, float, bool, bool, dict[str, Any]]:
         """Go to the next place; return the place, the reward, and whether the goal is reached."""
-        y, x = (at + on for at, on in zip(divmod(self.place, self.side), ACTIONS[int(action)], strict=True))
+        y, x = (place + move for place, move in zip(divmod(self.place, self.side), ACTIONS[int(action)], strict=True))
         if not (0 <= y < self.side and 0 <= x < self.side):
             return self.place, self.wall, False, False, {}
         self.place = y * self.side + x
-        there = self.place == self.side**2 - 1
-        return self.place, self.goal if there else 0.0, there, False, {}
+        at_goal = self.place == self.side**2 - 1
+        return self.place, self.goal if at_goal else 0.0, at_goal, False, {}
 
 
 class Track(gymnasium.Env[Any, Any]):
@@ -73,14 +73,14 @@ class Track(gymnasium.Env[Any, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin a run."""
         super().reset(seed=seed)
-        self.at = 0
+        self.position = 0
         return np.zeros(1), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Run for a step; return the position, and the reward at the end."""
-        self.at += 1
-        there = self.at == self.steps
-        return np.array([self.at / self.steps]), self.reward * there, there, False, {}
+        self.position += 1
+        at_end = self.position == self.steps
+        return np.array([self.position / self.steps]), self.reward * at_end, at_end, False, {}
 
     @staticmethod
     def expected(reward: float = 100.0) -> Floats:
@@ -97,8 +97,8 @@ def values(loop: ClosedLoop) -> Floats:
     td = loop.network().world_section.reward["error"]  # type: ignore[union-attr]  # it has a world
     runs, steps = len(loop.log), loop.log.lengths[0]
     spikes = loop.sim.spikes("critic")[0]
-    at = np.ceil(spikes / 20.0).astype(int) - 1  # a spike at the end of a step belongs to it
-    counts = np.bincount(at, minlength=runs * (steps + 1))[: runs * (steps + 1)].reshape(runs, steps + 1)
+    indices = np.ceil(spikes / 20.0).astype(int) - 1  # a spike at the end of a step belongs to it
+    counts = np.bincount(indices, minlength=runs * (steps + 1))[: runs * (steps + 1)].reshape(runs, steps + 1)
     fired = counts / loop.sim.get("critic", "V_m").size
     decay = np.exp(-1.0 / np.asarray(td.smooth))
     parts, smoothed = np.zeros((runs, 2)), []

@@ -284,10 +284,10 @@ def see(
         if since < 0:
             continue
         if not begin <= since < end:
-            whole = since * eye.denominator // eye.numerator
-            step = whole + eye.start + 1
-            begin = -(-whole * eye.numerator // eye.denominator)
-            end = -(-(whole + 1) * eye.numerator // eye.denominator)
+            ms_steps = since * eye.denominator // eye.numerator
+            step = ms_steps + eye.start + 1
+            begin = -(-ms_steps * eye.numerator // eye.denominator)
+            end = -(-(ms_steps + 1) * eye.numerator // eye.denominator)
         if step <= after or step > eye.stop:
             continue
         column, row = np.int64(x[k]), np.int64(y[k])

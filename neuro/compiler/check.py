@@ -234,7 +234,7 @@ def _check_graded(net: Network, part: Projection) -> None:
         text = (
             f"graded spikes of '{part.source}' onto '{part.target}', {a(target.name)} with {target.receptors} receptors"
         )
-        hint = "payloads may be negative, so the sign of a weight cannot choose one; iaf_psc_delta has one receptor"
+        hint = "payloads may be negative, so the sign of a weight cannot choose; iaf_psc_delta has one receptor"
         refuse(part, f"{text}: expected {expected}", hint, "to")
 
 
@@ -256,11 +256,11 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
     if synapse.learns in ("pairs", "moves", "chip") and net.trials_section is not None:
         shared = isinstance(part.rule, grid)
         if synapse.name not in LEARNING_IN_TRIALS or shared:
-            what = f"{synapse.name} on a shared kernel" if shared else synapse.name
+            label = f"{synapse.name} on a shared kernel" if shared else synapse.name
             expected = f"static, {', '.join(LEARNING_IN_TRIALS)} with a weight for each pair, or a rule for trials"
             hint = "each trial resets everything except weights, so other states of a rule would be lost"
             hint = "all_to_all gives each pair a weight" if shared else hint
-            refuse(part, f"{what} in a network with trials: expected {expected}", hint, synapse.name, "trials")
+            refuse(part, f"{label} in a network with trials: expected {expected}", hint, synapse.name, "trials")
     _check_weight(part)
     if isinstance(synapse, Modulated):
         check_dopamine(net, part, synapse, shapes)
@@ -287,21 +287,21 @@ def _check_weight(part: Projection) -> None:
 def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
     members: dict[str, str] = {}
     for part in net.groups.values():
-        of, kind = part.choice.of, part.choice.name
-        if of not in net.populations:
-            error = unknown("population", of, net.populations, path=(kind, "of"))
+        name, kind = part.choice.of, part.choice.name
+        if name not in net.populations:
+            error = unknown("population", name, net.populations, path=(kind, "of"))
             raise error.at(part.origin, f"group '{part.name}': {kind}.of")
-        model = net.populations[of].model
-        if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
-            refuse(part, f"{kind} of '{of}', {a(model.name)}: expected neurons with V_m and V_th", word=kind)
+        model = net.populations[name].model
+        if "V_m" not in recordable(net.populations[name]) or "V_th" not in model.quantities():
+            refuse(part, f"{kind} of '{name}', {a(model.name)}: expected neurons with V_m and V_th", word=kind)
         if isinstance(model, Neuron) and model.resets_in_step:
-            message = f"{kind} of '{of}', {a(model.name)}, which resets itself before a group can choose"
+            message = f"{kind} of '{name}', {a(model.name)}, which resets itself before a group can choose"
             refuse(part, f"{message}: expected neurons that a group resets", word=kind)
-        if problem := part.choice.misfit(shapes[of]):
+        if problem := part.choice.misfit(shapes[name]):
             refuse(part, problem, word=kind)
-        if of in members:
-            refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
-        members[of] = part.name
+        if name in members:
+            refuse(part, f"'{name}' is already in group '{members[name]}': expected one group for each population")
+        members[name] = part.name
 
 
 def named_by(synapse: Synapse) -> str | None:
@@ -321,7 +321,7 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
         target: the population of target neurons.
 
     Raises:
-        ModelError: the neurons have no receptor of that name, or have several of which one must be named.
+        ModelError: the neurons have no receptor of that name, or the synapse does not name one of several receptors.
     """
     model = target.model
     assert isinstance(model, Neuron)

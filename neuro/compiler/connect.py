@@ -102,7 +102,7 @@ class Blocks:
         rule: the rule.
         source: shape of the source.
         target: shape of the target.
-        own: index of each source neuron among the targets, -1 where it is not a target. None between different
+        target_index: index of each source neuron among the targets, -1 where it is not a target. None between different
             populations, which have no autapses.
         sizes: sizes of a grid.
         key: key of the draws, see `keyed_random`.
@@ -112,7 +112,7 @@ class Blocks:
     rule: Rule
     source: Shape
     target: Shape
-    own: Ints | None
+    target_index: Ints | None
     sizes: Grid | None
     key: Key
     get_geometry: GetGeometry
@@ -143,10 +143,10 @@ class Blocks:
         Raises:
             ModelError: the rule does not fit the sizes.
         """
-        rule, own, sizes = self.rule, self.own, self.sizes
+        rule, target_index, sizes = self.rule, self.target_index, self.sizes
         n_pre, n_post = size(self.source), size(self.target)
         rng, draws = generator(*self.key), key_of(*self.key)
-        excluded = None if getattr(rule, "autapses", True) else own
+        excluded = None if getattr(rule, "autapses", True) else target_index
         match rule:
             case one_to_one():
                 if n_pre != n_post:
@@ -170,7 +170,7 @@ class Blocks:
             case fixed_total_number():
                 return in_rows(*total_number(rule.n, n_pre, n_post, excluded, rule.multapses, draws, buffer))
             case symmetric_pairwise_bernoulli():
-                if not is_same(own, n_post):
+                if not is_same(target_index, n_post):
                     message = f"{rule.name} between different neurons: expected one population, or view"
                     hint = "pairwise_bernoulli connects one population with another"
                     raise ModelError(f"{message}, connected with itself", hint=hint, path=(rule.name,))
@@ -192,7 +192,7 @@ class Blocks:
                 flat = ((shape[0], *shape[2:]),) if shape[1] == 1 else ()
                 return Connections("grid", n, weight_shapes=(shape, (n,), *flat))
         # A third-party rule.
-        same = is_same(own, n_post)
+        same = is_same(target_index, n_post)
         return listed_pairs(*pairs_of_rule(rule, self.source, self.target, same, rng), n_pre, n_post, rule.name)
 
     def connect(self, block: Block) -> Connections:
@@ -203,17 +203,17 @@ class Blocks:
         """
         rule, first, end = self.rule, block.first, block.end
         n_pre, n_post, width = size(self.source), size(self.target), end - first
-        own = self.own
-        if own is not None:
-            own = np.where((own >= first) & (own < end), own - first, -1)
-        excluded = None if getattr(rule, "autapses", True) else own
-        part = replace(self, target=(width,), own=own, key=block.key(self.key))
+        target_index = self.target_index
+        if target_index is not None:
+            target_index = np.where((target_index >= first) & (target_index < end), target_index - first, -1)
+        excluded = None if getattr(rule, "autapses", True) else target_index
+        part = replace(self, target=(width,), target_index=target_index, key=block.key(self.key))
         match rule:
             case one_to_one():
                 self.whole()  # raises an error if the sizes differ
                 return one_onto(n_pre, first, end)
             case all_to_all():
-                return all_onto(n_pre, n_post, None if rule.autapses else self.own, first, end)
+                return all_onto(n_pre, n_post, None if rule.autapses else self.target_index, first, end)
             case fixed_outdegree():
                 degrees = self._degrees[block.index].astype(np.int64)
                 return shifted(drawn_rows(degrees, width, excluded, rule.multapses, generator(*part.key)), first)
@@ -231,7 +231,7 @@ class Blocks:
         """The number of synapses in each block, for a rule with a total number."""
         rule = self.rule
         assert isinstance(rule, fixed_total_number)
-        excluded = None if rule.autapses else self.own
+        excluded = None if rule.autapses else self.target_index
         n_pre = size(self.source)
         pairs = np.array([n_pre * (block.end - block.first) for block in self.all])
         if excluded is not None:
@@ -245,7 +245,7 @@ class Blocks:
         """The number of synapses of each source in each block, for a rule with an out-degree."""
         rule = self.rule
         assert isinstance(rule, fixed_outdegree)
-        excluded = None if rule.autapses else self.own
+        excluded = None if rule.autapses else self.target_index
         remaining, targets_left = (
             np.full(size(self.source), rule.n),
             choices(size(self.source), size(self.target), excluded),

@@ -23,7 +23,7 @@ from neuro.program.program import Floats, Ints, StoredSynapses
 
 _OF_THREAD, _NOTHING = threading.local(), np.zeros(0)
 
-LARGE = 1 << 24
+MIN_FREED = 1 << 24
 """Smallest number of synapses at which the memory of blocks is freed. Allocating it again takes time, too."""
 
 
@@ -62,7 +62,7 @@ class Divided(Drawing):
             return values["weight"]
 
         weights = list(mapped(finish, range(len(needed_blocks)), self.threads))
-        if joint.size >= LARGE:
+        if joint.size >= MIN_FREED:
             give_back()
         connections = joint.connections(targets)
         rows = [*columns.values(), *([delay] if has_each(self.part.delay) else [])]
@@ -87,8 +87,8 @@ class Divided(Drawing):
     @property
     def _stay_in_blocks(self) -> bool:
         """True if synapses stay in blocks. A backend that sorts synapses itself can read them in this form."""
-        whole = self.target_range is None and self._layout == "csr" and self.ends[1].ascends
-        return whole and self._sorts and not self._parameters
+        is_whole = self.target_range is None and self._layout == "csr" and self.ends[1].ascends
+        return is_whole and self._sorts and not self._parameters
 
     def _block(self, block: Block) -> SynapseBlock:
         """Return the synapses of a block in the smallest types."""
@@ -131,7 +131,7 @@ class Divided(Drawing):
         rule, (source, target) = self.blocks.rule, self.ends
         if source.ids is not None or target.ids is not None:
             return "csr"
-        if isinstance(rule, all_to_all) and (rule.autapses or self.blocks.own is None):
+        if isinstance(rule, all_to_all) and (rule.autapses or self.blocks.target_index is None):
             return "dense"
         return "one_to_one" if isinstance(rule, one_to_one) else "csr"
 
@@ -166,17 +166,17 @@ class Joint:
         """Return memory for a value of each synapse; `existing` memory is used if it fits."""
         return existing if existing is not None and existing.size == self.size else np.empty(self.size, dtype=kind)
 
-    def put(self, k: int, values: NDArray[Any], to: NDArray[Any]) -> None:
-        """Copy the values of block k to their places in `to`."""
+    def put(self, k: int, values: NDArray[Any], output: NDArray[Any]) -> None:
+        """Copy the values of block k to their places in `output`."""
         match self._layout:
             case "one_to_one":
-                to[self._columns(k)] = values
+                output[self._columns(k)] = values
             case "dense":
-                to.reshape(self._shape)[:, self._columns(k)] = values.reshape(self._shape[0], -1)
+                output.reshape(self._shape)[:, self._columns(k)] = values.reshape(self._shape[0], -1)
             case _:
                 from neuro.compiler.rows import put_rows
 
-                put_rows(self._rows[k], values, self._starts[k], to)
+                put_rows(self._rows[k], values, self._starts[k], output)
 
     def connections(self, targets: NDArray[np.int32]) -> Connections:
         """Return all synapses."""
@@ -190,10 +190,10 @@ def join_blocks(has_weights: bool, blocks: Sequence[SynapseBlock]) -> StoredSyna
     joint = Joint("csr", (0, 0), (), [block.row_ends for block in blocks])
 
     def of_all(name: str) -> NDArray[Any]:
-        to = joint.buffer(getattr(blocks[0], name).dtype)
+        output = joint.buffer(getattr(blocks[0], name).dtype)
         for k, block in enumerate(blocks):
-            joint.put(k, getattr(block, name), to)
-        return to
+            joint.put(k, getattr(block, name), output)
+        return output
 
     targets, delay = of_all("targets"), of_all("delay")
     weight = of_all("weight") if has_weights else blocks[0].weight

@@ -67,20 +67,20 @@ def drawn_delays(
 ) -> Steps:
     """Return delays in steps, rounded, at least one step; arguments as for `delay_steps`."""
     check_distribution(value, clock, what)
-    # One byte per synapse where delays are drawn and static saves 0.9 GB for 300 M synapses. A single delay above 255
+    # One byte per synapse for drawn, static delays saves 0.9 GB for 300 M synapses. A single delay above 255
     # steps widens the array.
     delays: Steps = np.empty(connections.size, dtype=np.uint8 if small else np.int32)
     longest, n_done = 0.0, 0
     for piece in _pieces(value, connections, what, rng, get_geometry):
         check_values(value, piece, connections, clock, what)
         for begin, end in blocks(0, piece.size, BLOCK):
-            whole = piece[begin:end] / clock.resolution
-            np.rint(whole, out=whole)
-            longest = max(longest, float(whole.max()))
+            in_steps = piece[begin:end] / clock.resolution
+            np.rint(in_steps, out=in_steps)
+            longest = max(longest, float(in_steps.max()))
             if longest > np.iinfo(delays.dtype).max:
                 delays = delays.astype(np.int32)
             if longest <= LONGEST_DELAY:
-                delays[n_done + begin : n_done + end] = np.maximum(whole, 1.0, out=whole)
+                delays[n_done + begin : n_done + end] = np.maximum(in_steps, 1.0, out=in_steps)
         n_done += piece.size
     if longest > LONGEST_DELAY:
         raise too_long_delay(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(longest), clock)
@@ -111,7 +111,7 @@ def too_long_delay(what: str, step: int, clock: Clock) -> ModelError:
     )
 
 
-_SLACK = 1e-9
+_TOLERANCE = 1e-9
 """Tolerance in steps for values below 0 of a function of distance, because of rounding."""
 
 
@@ -127,12 +127,12 @@ def check_distribution(value: Distribution | of_distance, clock: Clock, what: st
     match value:
         case uniform():
             if value.low < 0.0:
-                hint = f"low: {clock.resolution:g} is one step"
+                hint = f"set low to {clock.resolution:g}, one step"
                 raise ModelError(
                     f"{what}: uniform.low = {value.low:g} ms: expected at least 0 ms", hint=hint, path=words_of(what)
                 )
             if _rounds_to_zero(value.high, clock):
-                hint = "a finer resolution has shorter steps"
+                hint = "use a finer resolution, which has shorter steps"
                 message = f"{what}: uniform.high = {value.high:g} ms: {_expected_one_step(clock)}"
                 raise ModelError(message, hint=hint, path=words_of(what))
         case normal() | lognormal():
@@ -164,8 +164,8 @@ def check_values(
         return
     function = isinstance(value, of_distance)
     first = int(delays.argmin())
-    if delays[first] < -_SLACK * clock.resolution:
-        first = int((delays < -_SLACK * clock.resolution).argmax())
+    if delays[first] < -_TOLERANCE * clock.resolution:
+        first = int((delays < -_TOLERANCE * clock.resolution).argmax())
         pre, post = connections.ends(first)
         hint = "the function of distance is below 0 there: raise c" if function else "'sample' must give at least 0"
         message = f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"

@@ -17,9 +17,9 @@ from neuro.program.program import Floats, Ints
 _DRAWS = 1 << 22
 
 
-def is_same(own: Ints | None, n_post: int) -> bool:
+def is_same(target_index: Ints | None, n_post: int) -> bool:
     """Return whether sources and targets are the same neurons in the same order."""
-    return own is not None and np.array_equal(own, np.arange(n_post))
+    return target_index is not None and np.array_equal(target_index, np.arange(n_post))
 
 
 def pairs_of_rule(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.random.Generator) -> tuple[Ints, Ints]:
@@ -57,15 +57,15 @@ def all_onto(n_pre: int, n_post: int, excluded: Ints | None, first: int, end: in
     return Connections("csr", pre.size, ends_of(pre, n_pre), post.astype(np.int32), pre * n_post + post, shapes)
 
 
-def inverted(own: Ints | None, n_post: int) -> Ints | None:
+def inverted(target_index: Ints | None, n_post: int) -> Ints | None:
     """Return the index of each target among the sources, from that of each source among the targets.
 
     Example: [2, -1, 1] with 3 targets gives [-1, 2, 0].
     """
-    if own is None:
+    if target_index is None:
         return None
     places = np.full(n_post, -1, dtype=np.int64)
-    places[own[own >= 0]] = np.flatnonzero(own >= 0)
+    places[target_index[target_index >= 0]] = np.flatnonzero(target_index >= 0)
     return places
 
 

@@ -21,9 +21,9 @@ def _check_signal(net: Network, part: Projection, word: str, signal: str) -> Non
     if signal not in net.signals:
         error = unknown("signal", signal, net.signals, path=(name, word))
         raise error.at(part.origin, f"projection '{part.name}': {name}.{word}")
-    to = net.signals[signal].to
-    if to != part.target:
-        message = f"{name}.{word} '{signal}' goes to '{to}': expected one to '{part.target}', the target"
+    target = net.signals[signal].to
+    if target != part.target:
+        message = f"{name}.{word} '{signal}' goes to '{target}': expected one to '{part.target}', the target"
         refuse(part, message, word=f"{name}.{word}")
 
 

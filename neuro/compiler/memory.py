@@ -46,7 +46,7 @@ NO_ROOM = "memory"
 """Kind of the error for too little memory. Its text depends on the free memory of the moment."""
 
 NEURON, STATE = 64, 12
-"""Smallest bytes of a neuron, and of each state. Measured: 72 for a parrot, 128 for iaf_psc_exp with four states."""
+"""Least bytes of a neuron, and of each state. Measured: 72 for a parrot, 128 for iaf_psc_exp with four states."""
 
 OVERHEAD = 1.2
 """Factor on the memory of synapses, for tables, neurons and arrays that exist while synapses are drawn."""
@@ -81,8 +81,8 @@ def check_memory(
     local_share = min(shares, neighbours()) / shares
     for part in (net.projections if projections is None else projections).values():
         synapses, has_targets = _stored(net, part, shapes)
-        what = f"projection '{part.name}', {synapses:,} synapses"
-        needs.append(Need(local_share * OVERHEAD * synapses * _bytes(part, shares, has_targets), what, part.origin))
+        label = f"projection '{part.name}', {synapses:,} synapses"
+        needs.append(Need(local_share * OVERHEAD * synapses * _bytes(part, shares, has_targets), label, part.origin))
     check_room(net.name, needs)
 
 
@@ -90,9 +90,9 @@ class Need(NamedTuple):
     """The bytes that a part of a network needs.
 
     Attributes:
-        bytes: approximate number.
+        bytes: approximate number of bytes.
         what: the part and its size, e.g. "population 'a', 1,000 neurons".
-        where: its place.
+        where: place of the part in the description.
     """
 
     bytes: float
@@ -111,16 +111,16 @@ def check_room(network: str, needs: Sequence[Need], file: Path | None = None) ->
     Raises:
         ModelError: too few bytes are free. The message names the part that needs most, and its place.
     """
-    needed = sum(need.bytes for need in needs)
-    if needed < LEAST:
+    total = sum(need.bytes for need in needs)
+    if total < LEAST:
         return
     free = free_memory() if file is None else shutil.disk_usage(file.parent).free
-    if free is None or needed <= free:
+    if free is None or total <= free:
         return
     largest = max(needs, key=lambda need: need.bytes)
-    of = "of memory" if file is None else f"on the disk of {file}"
+    kind = "of memory" if file is None else f"on the disk of {file}"
     raise ModelError(
-        f"network '{network}' needs about {_in_bytes(needed)} {of}: expected at most what is free, {_in_bytes(free)}",
+        f"network '{network}' needs about {_in_bytes(total)} {kind}: expected at most what is free, {_in_bytes(free)}",
         where=largest.where,
         kind=NO_ROOM,
         hint=f"most are for {largest.what}: {_in_bytes(largest.bytes)}",
@@ -167,9 +167,9 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
 def _bytes(part: Projection, shares: int, has_targets: bool) -> int:
     """Return the bytes of a synapse: target, weight and delay, and for rules that learn, states and an index by target.
 
-    With drawn delays the numbers are two, four or eight, and one, unless a delay exceeds 255 steps or a population
-    65,536 neurons. The joined rows of a backend, which replace these arrays, need at most as much. With several shares
-    the numbers are four, eight and one.
+    With drawn delays a target takes two bytes, a weight four or eight, and a delay one, unless a delay exceeds 255
+    steps or a population 65,536 neurons. The joined rows of a backend, which replace these arrays, need at most as
+    much. With several shares a target takes four bytes, a weight eight and a delay one.
     """
     weight = plain(part.weight)
     if _has_drawn_delays(part):

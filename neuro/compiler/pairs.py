@@ -86,7 +86,7 @@ def check_number(n: int, pairs: int, repeats: bool) -> None:
 
 
 def synapses_per_block(n: int, pairs: Ints, repeats: bool, rng: np.random.Generator) -> Ints:
-    """Draw how many of n synapses each block has, from the number of pairs in each block.
+    """Draw the number of synapses in each block, n in total, from the number of pairs in each block.
 
     The distribution is multinomial; without repeats it is hypergeometric.
     """
@@ -290,7 +290,7 @@ def geometry_of(source: Population, target: Population, shapes: Mapping[str, tup
     if first.lattice != second.lattice:
         raise ModelError(
             f"{message} have no common scale: one has a spacing of 1 from its shape: expected 'extent' of both",
-            hint="populations of one shape need none",
+            hint="populations of the same shape need no extent",
         )
     if not np.array_equal(first.periods, second.periods):
         raise ModelError(
@@ -323,9 +323,9 @@ def expected_pairs(rule: distance_dependent, geometry: Geometry) -> float:
     """Estimate the expected number of connected pairs, from a sample of the sources."""
     n = len(geometry.source.places)
     sample = min(_SAMPLE, max(16, _PAIRS // len(geometry.target.places)))
-    some = np.unique(np.linspace(0, n - 1, sample).astype(np.int64))
-    candidates = _candidates(rule, geometry.subset(some, None), None)
-    return sum(float(np.sum(np.broadcast_to(p, pre.size))) for pre, _, p in candidates) * n / some.size
+    sources = np.unique(np.linspace(0, n - 1, sample).astype(np.int64))
+    candidates = _candidates(rule, geometry.subset(sources, None), None)
+    return sum(float(np.sum(np.broadcast_to(p, pre.size))) for pre, _, p in candidates) * n / sources.size
 
 
 def _candidates(

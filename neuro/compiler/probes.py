@@ -38,8 +38,8 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
                 part, f"every = {part.every:g} ms and at = {part.at}: expected one of both", word="every", about=("at",)
             )
         for name in {part.name, *part.traces().values()}:
-            if (other := names.setdefault(name, part.name)) != part.name:
-                refuse(part, f"probe '{other}' has a trace of the name '{name}', too: expected another name")
+            if (owner := names.setdefault(name, part.name)) != part.name:
+                refuse(part, f"probe '{owner}' has a trace of the name '{name}', too: expected another name")
         if part.every is not None:
             with naming_the_part(part):
                 every = clock.step(part.every, "every")
@@ -60,17 +60,17 @@ def _check_neurons(part: Probe, population: Population) -> None:
     if len(states) > 1 and (single := next((state for state in states if state in ALONE), "")):
         refuse(part, f"'{single}' is recorded alone", "give it a probe of its own", "record")
     if states[0] in ALONE:
-        what = states[0]
+        quantity = states[0]
         if isinstance(population.model, CurrentGenerator):
-            refuse(part, f"{what} of '{part.of}', {a(population.model.name)}: it emits a current", word="record")
-        if what == "spikes" and part.every is not None:
+            refuse(part, f"{quantity} of '{part.of}', {a(population.model.name)}: it emits a current", word="record")
+        if quantity == "spikes" and part.every is not None:
             refuse(part, "every is for states: spikes are all recorded", "leave 'every' out", "every")
-        if what == "rate" and part.every is None:
+        if quantity == "rate" and part.every is None:
             text = "a rate needs every, the length of its bins"
             refuse(part, text, "every: 10.0 is a common one", "record", about=("every",))
         if part.mean:
-            message = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
-            way_out = "leave 'mean' out" if what == "rate" else "record: rate is the mean rate of spikes"
+            message = "a rate is a mean over the neurons" if quantity == "rate" else "mean is for states"
+            way_out = "leave 'mean' out" if quantity == "rate" else "record: rate is the mean rate of spikes"
             refuse(part, message, way_out, "mean", about=("record",))
         return
     states_of_model = recordable(population)
@@ -134,8 +134,8 @@ def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
     if projection.grid is not None:
         refuse(part, f"at = {part.at}: the synapses of a grid share their weights", "every: 10.0 records weights", "at")
     if projection.synapse.learns == "chip" or net.trials_section is not None:
-        what = projection.synapse.name if net.trials_section is None else "a network with trials"
-        refuse(part, f"at = {part.at}: not possible with {what}", "every: 10.0 records its synapses", "at")
+        label = projection.synapse.name if net.trials_section is None else "a network with trials"
+        refuse(part, f"at = {part.at}: not possible with {label}", "every: 10.0 records its synapses", "at")
     for state in part.traces():
         if state in ("K_plus", "n"):
             refuse(

@@ -155,10 +155,10 @@ def _with_totals(projections: Sequence[resolved.Projection], share: Share) -> tu
     own_totals = np.array([(part.size, *part.delay_span) for part in projections], dtype=np.int64).reshape(-1, 3)
     all_totals = share.gather(own_totals[None])
 
-    def whole(part: resolved.Projection, each: Ints) -> resolved.Projection:
-        if part.share.number == 1 or not each[:, 0].any():
+    def whole(part: resolved.Projection, counts: Ints) -> resolved.Projection:
+        if part.share.number == 1 or not counts[:, 0].any():
             return part
-        non_empty = each[each[:, 0] > 0]
+        non_empty = counts[counts[:, 0] > 0]
         return replace(
             part, size=int(non_empty[:, 0].sum()), span=(int(non_empty[:, 1].min()), int(non_empty[:, 2].max()))
         )
@@ -289,7 +289,7 @@ class _Resolver:
             refuse(part, "delay: a shared kernel has one delay: expected a number", word="delay")
         source = end_of(part.source_view, self.shapes[part.source])
         target = end_of(part.target_view, self.shapes[part.target])
-        own = own_places(source, target) if part.source == part.target else None
+        ids = own_places(source, target) if part.source == part.target else None
 
         # Called only by rules and values that depend on distance; other projections need no positions.
         @cache
@@ -299,20 +299,20 @@ class _Resolver:
         # Currents use few synapses, and kernels have few weights, so each share has all of them.
         if is_for_backend or sizes is not None or current:
             share = WHOLE
-        onto = None if share.number == 1 else share.of(target.size)
+        target_range = None if share.number == 1 else share.of(target.size)
         described = None
         if is_for_backend:
             described, synapses = undrawn(part, source.size, target.size, clock)
         else:
             geometry_of_views = cache(lambda: get_geometry().subset(source.ids, target.ids))
             blocks = Blocks(
-                part.rule, source.shape, target.shape, own, sizes, (self.seed, "connect", part.name), geometry_of_views
+                part.rule, source.shape, target.shape, ids, sizes, (self.seed, "connect", part.name), geometry_of_views
             )
             ends, ordered = (source, target), many and not part.synapse.learns
             read_file = partial(wired, part, part.rule, (pre, post), ends) if isinstance(part.rule, from_file) else None
             drawing = Divided if read_file is None and len(blocks.all) > 1 else Drawing
             synapses = drawing(
-                part, blocks, read_file, ends, clock, self.seed, get_geometry, ordered, onto, threads
+                part, blocks, read_file, ends, clock, self.seed, get_geometry, ordered, target_range, threads
             ).synapses(buffers)
         connections, delay, weight, rule = synapses.connections, synapses.delay, synapses.weight, synapses.rule
         # The weights of a shared kernel can learn, so the array has an entry for each from the start.
@@ -407,8 +407,8 @@ def _check_weights(rule: Synapse, weight: Floats, connections: Connections | Non
 def _check_delays(rule: Synapse, delay: Steps, clock: Clock) -> None:
     """Refuse delays out of the bounds of a rule for delays, and delays above one step for learning by moves."""
     if isinstance(rule, MoveRule) and np.any(delay != 1):
-        one = f"{clock.resolution:g} ms, one step, with {rule.name}"
-        message = f"delay = {clock.ms(int(delay.max())):g} ms: expected {one}"
+        one_step = f"{clock.resolution:g} ms, one step, with {rule.name}"
+        message = f"delay = {clock.ms(int(delay.max())):g} ms: expected {one_step}"
         raise ModelError(message, hint="delay the input with a parrot_neuron", path=("delay",))
     if not isinstance(rule, DelayRule):
         return

@@ -15,7 +15,7 @@ from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Ints
 
 _HEAP = 15
-"""Binary logarithm of the numbers in a heap, which is sorted within the cache."""
+"""Binary logarithm of the size of a heap, so that a heap is sorted within the cache."""
 
 _MOST_BITS = 31
 """Largest number of bits within a heap, because the number is stored in the place of the target."""
@@ -91,9 +91,9 @@ def by_delay(
     _sort_rows(row_ends, delays, targets, shortest, counts, np.empty(longest_row, dtype=np.int32))
 
 
-def put_rows(ends: Ints, values: NDArray[Any], starts: Ints, to: NDArray[Any]) -> None:
-    """Copy the values of each source, which end at `ends`, to its start in `to`."""
-    _put_rows(ends, values, starts, to)
+def put_rows(ends: Ints, values: NDArray[Any], starts: Ints, output: NDArray[Any]) -> None:
+    """Copy the values of each source, which end at `ends`, to its start in `output`."""
+    _put_rows(ends, values, starts, output)
 
 
 @subkernel
@@ -108,10 +108,10 @@ def _draw(base, first, bound, chunk):
 def _count(key, n, bound, bits, heaps, chunk):
     base = step_word(key, 0)
     for first in range(0, n, chunk.size):
-        some = chunk[: min(chunk.size, n - first)]
-        _draw(base, first, bound, some)
-        for k in range(some.size):
-            heaps[np.uint64((some[k] >> bits) + 1)] += 1
+        draws = chunk[: min(chunk.size, n - first)]
+        _draw(base, first, bound, draws)
+        for k in range(draws.size):
+            heaps[np.uint64((draws[k] >> bits) + 1)] += 1
 
 
 @kernel
@@ -119,11 +119,11 @@ def _deal(key, n, bound, bits, heaps, chunk, targets):
     """Put the lower bits of each draw into its heap; `heaps` has the beginnings before and the ends after the call."""
     base, low = step_word(key, 0), (1 << bits) - 1
     for first in range(0, n, chunk.size):
-        some = chunk[: min(chunk.size, n - first)]
-        _draw(base, first, bound, some)
-        for k in range(some.size):
-            heap = np.uint64(some[k] >> bits)
-            targets[np.uint64(heaps[heap])] = np.int32(some[k] & low)
+        draws = chunk[: min(chunk.size, n - first)]
+        _draw(base, first, bound, draws)
+        for k in range(draws.size):
+            heap = np.uint64(draws[k] >> bits)
+            targets[np.uint64(heaps[heap])] = np.int32(draws[k] & low)
             heaps[heap] += 1
 
 
@@ -136,7 +136,7 @@ def _sort(numbers, scratch, places, passes, digit):
 
 
 @subkernel
-def _deal_by(numbers, to, places, shift):
+def _deal_by(numbers, output, places, shift):
     """Put numbers in the order of a digit; numbers with the same digit stay in order."""
     # Unsigned indices take half the time, because numba need not check for negative ones.
     mask = np.uint32(places.size - 1)
@@ -150,7 +150,7 @@ def _deal_by(numbers, to, places, shift):
         before += number
     for k in range(numbers.size):
         d = (np.uint32(numbers[k]) >> shift) & mask
-        to[np.uint32(places[d])] = numbers[k]
+        output[np.uint32(places[d])] = numbers[k]
         places[d] += np.int32(1)
 
 
@@ -189,12 +189,12 @@ def _places(delays, shortest, counts):
 
 
 @kernel
-def _put_rows(ends, values, starts, to):
+def _put_rows(ends, values, starts, output):
     for source in range(starts.size):
         first = ends[source]
         start = starts[source]
         for e in range(first, ends[source + 1]):
-            to[start + e - first] = values[e]
+            output[start + e - first] = values[e]
 
 
 @kernel

@@ -86,15 +86,15 @@ def _shape(net: Network, name: str, shapes: dict[str, Shape], pending: tuple[str
     if AUTO not in part.shape:
         shapes[name] = tuple(int(s) for s in part.shape)
         return shapes[name]
-    what = f"shape {list(part.shape)}"
+    label = f"shape {list(part.shape)}"
     if name in pending:
-        refuse(part, f"{what}: its grids form a cycle: expected numbers in one of its shapes", word="shape")
+        refuse(part, f"{label}: its grids form a cycle: expected numbers in one of its shapes", word="shape")
     # The first grid decides; `grid_of` then refuses others that give another size.
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
     if not deciding:
-        refuse(part, f"{what}: 'auto' needs a grid projection onto it, found none", "write the numbers", "shape")
+        refuse(part, f"{label}: 'auto' needs a grid projection onto it, found none", "write the numbers", "shape")
     if len(part.shape) != 3 or part.shape[0] == AUTO:
-        refuse(part, f"{what}: expected [maps, auto, auto] with a number of maps", word="shape")
+        refuse(part, f"{label}: expected [maps, auto, auto] with a number of maps", word="shape")
     source = _shape(net, deciding[0].source, shapes, (*pending, name))
     _, height, width = _source_shape(deciding[0], source)
     sizes = _output_size(deciding[0], height, width)
@@ -120,7 +120,7 @@ def _output_size(part: Projection, height: int, width: int) -> tuple[int, int]:
     high, wide = (n + 2 * b for n, b in zip((height, width), rule.border, strict=True))
     if rule.kernel[0] > high or rule.kernel[1] > wide:
         text = f"grid.kernel = {list(rule.kernel)}: expected at most [{high}, {wide}], the size of '{part.source}'"
-        hint = "a smaller kernel or more padding"
+        hint = "use a smaller kernel or more padding"
         refuse(part, f"{text} with its padding", hint, "grid.kernel", about=("padding",))
     return (high - rule.kernel[0]) // rule.stride + 1, (wide - rule.kernel[1]) // rule.stride + 1
 
@@ -168,5 +168,5 @@ def own_places(source: End, target: End) -> Ints:
     """Return the index of each source neuron in the target, -1 for others; both ends have the same population."""
     places = np.full(source.size, -1, dtype=np.int64)
     places[target.neurons] = np.arange(size(target.shape))
-    own: Ints = places[source.neurons]
-    return own
+    places_of_source: Ints = places[source.neurons]
+    return places_of_source

@@ -13,7 +13,7 @@ from neuro.core.tables import Table
 from neuro.model.network import Network
 from neuro.program.program import Floats, Group, Population, Program, Projection, Trials
 
-_LISTED = 8
+_MAX_LISTED = 8
 
 
 def tables(net: Network, program: Program) -> list[Table]:
@@ -32,9 +32,9 @@ def tables(net: Network, program: Program) -> list[Table]:
             tuple(_projection_row(net, program, part, clock) for part in program.projections),
         ),
     ]
-    rest = tuple(_rest(program, clock))
-    if rest:
-        first_tables.append(Table("more", ("kind", "name", "of", "what"), rest))
+    other_rows = tuple(_rest(program, clock))
+    if other_rows:
+        first_tables.append(Table("more", ("kind", "name", "of", "what"), other_rows))
     neurons = sum(_bytes(*p.parameters.values(), *p.initial.values()) for p in program.populations)
     synapses = sum(_projection_bytes(p) for p in program.projections)
     total = (("neurons", _grouped(neurons)), ("synapses", _grouped(synapses)))
@@ -53,7 +53,7 @@ def summary(values: NDArray[Any]) -> str:
         return f"{flat[0]:g}"
     if not flat.size:
         return "none"
-    if flat.size <= _LISTED:
+    if flat.size <= _MAX_LISTED:
         return "[" + ", ".join(f"{value:g}" for value in flat) + "]"
     return f"{flat.min():g} .. {flat.max():g}, mean {flat.mean():.6g}, {flat.size} values"
 
@@ -93,8 +93,8 @@ def _rest(program: Program, clock: Clock) -> Iterator[tuple[str, str, str, str]]
     for group in program.groups:
         yield "group", group.name, name[group.population], _group_text(group)
     for probe in program.probes:
-        every = "" if probe.record == "spikes" else f" every {clock.ms(probe.every):g} ms"
-        yield "probe", probe.name, name[probe.population], ("mean " if probe.mean else "") + probe.record + every
+        interval = "" if probe.record == "spikes" else f" every {clock.ms(probe.every):g} ms"
+        yield "probe", probe.name, name[probe.population], ("mean " if probe.mean else "") + probe.record + interval
     for part in program.synapse_probes:
         when = f" every {clock.ms(part.every):g} ms" if part.every else " at pre spikes"
         chosen = "" if part.synapses is None else f", {part.synapses.size:,} synapses"
@@ -181,8 +181,8 @@ def _trials_lines(part: Trials) -> Iterator[str]:
     yield f"trials: population {part.input} -> {part.output}, group {part.group}, {part.duration} ticks, to the {stop}"
     yield f"  maps {part.maps}, of each label {part.maps_per_label}"
     yield "  reward correct {:g}, wrong {:g}, silent {:g}".format(*part.reward)
-    each = "trial" if part.dropout_per_trial else "sample"
-    yield f"  dropout {part.dropout:g} of each {each}, decay {part.dropout_decay:g}"
+    unit = "trial" if part.dropout_per_trial else "sample"
+    yield f"  dropout {part.dropout:g} of each {unit}, decay {part.dropout_decay:g}"
     yield f"  reset {', '.join(part.reset) or 'nothing'}"
 
 

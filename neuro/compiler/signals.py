@@ -74,19 +74,19 @@ class _Resolver:
             return self.plans[part.name], scale
         where = f"values.{source.name}.signal"
         if source.signal in (*followers, part.name):
-            refuse(part, f"like '{source.signal}', which is like this one: expected an end", word=where)
+            refuse(part, f"like '{source.signal}', which is like this one: expected a signal with values", word=where)
         if source.signal not in self.net.signals:
             error = unknown("signal", source.signal, self.net.signals, path=("values", source.name, "signal"))
             raise error.at(part.origin, f"signal '{part.name}'")
         other = self.net.signals[source.signal]
         plan, factor = self.of(other, (*followers, part.name))
         if plan is None:
-            refuse(part, f"like '{other.name}', which has no values: expected one that has", word=where)
+            refuse(part, f"like '{other.name}', which has no values: expected a signal with values", word=where)
         width = max(factor.size, plan.values.shape[1] if isinstance(plan, Schedule) else 1)
         own_size, other_size = size(self.shapes[part.to]), size(self.shapes[other.to])
         if width > 1 and own_size != other_size:
             text = f"like '{other.name}', which has a value for each of {other_size} neurons"
-            refuse(part, f"{text}: expected one to as many, found {own_size}", word=where)
+            refuse(part, f"{text}: expected a signal to as many, found {own_size}", word=where)
         return plan, factor * self.numbers(part, source.scale, "scale")
 
     def numbers(self, part: Signal, value: Any, what: str) -> Floats:
@@ -173,14 +173,14 @@ class _Reader:
             expected = f"{least}" if least == most else f"{least} or {most}"
             message = f"{tree.name} has {len(tree.arguments)} values in its brackets: expected {expected}"
             raise self.expression.mistake(tree.at, message)
-        first, *rest = tree.arguments
+        first, *others = tree.arguments
         period = self.every * self.clock.resolution
         if tree.name in ("mean", "trace"):
-            share = math.exp(-period / self.ms(rest[0])) if rest else 1.0
+            share = math.exp(-period / self.ms(others[0])) if others else 1.0
             return self.add(tree.name, self.read(first), number=share if tree.name == "trace" else 1.0 - share)
         if tree.name == "after":
-            within = self.clock.floor(self.ms(rest[1]) if len(rest) > 1 else 20.0, "after")
-            return self.add("after", number=float(within), reads=(self.neurons(first), self.neurons(rest[0])))
+            within = self.clock.floor(self.ms(others[1]) if len(others) > 1 else 20.0, "after")
+            return self.add("after", number=float(within), reads=(self.neurons(first), self.neurons(others[0])))
         if tree.name in ("count", "rate"):
             index, ids = read = self.neurons(first)
             count = self.add("count", reads=(read,))
@@ -188,7 +188,7 @@ class _Reader:
             return (
                 count if tree.name == "count" else self.add("*", count, self.add("number", number=1e3 / (n * period)))
             )
-        return self.add(tree.name, *(self.read(each) for each in tree.arguments))
+        return self.add(tree.name, *(self.read(argument) for argument in tree.arguments))
 
     def ms(self, tree: Tree) -> float:
         """Return a time in ms that is a number, with or without a unit."""
@@ -196,7 +196,7 @@ class _Reader:
             raise self.expression.mistake(tree.at, "expected a time > 0 ms, as a number")
         factor, dimension = unit(tree.unit or "ms")
         if dimension != unit("ms")[1]:
-            raise self.expression.mistake(tree.at, f"found the unit {tree.unit}: expected one of time")
+            raise self.expression.mistake(tree.at, f"found the unit {tree.unit}: expected a unit of time")
         return tree.value * factor
 
     def neurons(self, tree: Tree) -> tuple[int, Ints | None]:
@@ -211,6 +211,6 @@ class _Reader:
             raise self.expression.mistake(tree.at, error.message, error.hint) from None
         model = self.net.populations[name].model
         if isinstance(model, CurrentGenerator):
-            message = f"'{name}' is {a(model.name)}, which has no spikes: expected one that has"
+            message = f"'{name}' is {a(model.name)}, which has no spikes: expected a population that has"
             raise self.expression.mistake(tree.at, message)
         return self.names[name], ids

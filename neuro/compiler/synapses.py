@@ -142,9 +142,9 @@ class Drawing:
         columns = {"weight": per_synapse(part.weight, connections, "weight", rng, self.get_geometry, buffer)}
         for name, word in self._parameters.items():
             rng = generator(*block.key((self.seed, "synapse_parameter", f"{part.name}.{word}")))
-            what = f"{rule.name}.{word}"
-            each = per_synapse(rule.parameters()[word], connections, what, rng, self.get_geometry)
-            columns[name] = check(rule.quantities()[word], each, what)  # drawn values may be out of bounds
+            label = f"{rule.name}.{word}"
+            values = per_synapse(rule.parameters()[word], connections, label, rng, self.get_geometry)
+            columns[name] = check(rule.quantities()[word], values, label)  # drawn values may be out of bounds
         return columns
 
     @cached_property
@@ -207,8 +207,8 @@ def in_populations(connections: Connections, source: End, target: End) -> Connec
 def with_numbers(rule: Synapse, numbers: Mapping[str, Floats]) -> Synapse:
     """Return the synapse model with arrays of values per synapse; without synapses, with the defaults."""
     defaults = {entry.name: entry.default for entry in fields(rule)}
-    each = {name: values if values.size else defaults[name] for name, values in numbers.items()}
-    return replace(rule, **each) if each else rule
+    arrays = {name: values if values.size else defaults[name] for name, values in numbers.items()}
+    return replace(rule, **arrays) if arrays else rule
 
 
 def by_delay_in_place(row_ends: Ints, delay: Steps, targets: NDArray[Any], others: Sequence[NDArray[Any]]) -> None:

@@ -148,12 +148,12 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
     for part in net.projections.values():
         if part.synapse.learns != "trials":
             continue
-        what = f"projection '{part.name}': {part.synapse.name}"
+        label = f"projection '{part.name}': {part.synapse.name}"
         if part.target != output:
-            text = f"{what} onto '{part.target}': expected '{output}', which decides"
+            text = f"{label} onto '{part.target}': expected '{output}', which decides"
             raise ModelError(text, where=part.origin, path=words_of(part.synapse.name))
         if part.synapse.peaks and group.choice.several:
-            message = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
+            message = f"{label} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
             raise ModelError(
                 f"{message}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name)
             )

@@ -34,7 +34,7 @@ from neuro.model.synapses import static
 from neuro.model.wiring.edges import Counted, Edges, End as Named, read_edges, shuffle_edges
 from neuro.program.program import Floats, Undrawn
 
-_FAR = 9.0
+_MAX_DEVIATIONS = 9.0
 """Largest distance from the mean, in standard deviations, of a normal number made of 53 random bits."""
 
 _WAY_OUT = "draw: neuro, or leave it out"
@@ -95,9 +95,9 @@ def bounds(value: Distribution) -> tuple[float, float]:
         case uniform():
             return value.low, value.high
         case normal():
-            least, most = value.mean - _FAR * value.std, value.mean + _FAR * value.std
+            least, most = value.mean - _MAX_DEVIATIONS * value.std, value.mean + _MAX_DEVIATIONS * value.std
         case lognormal():
-            least, most = (math.exp(min(value.mean + side * _FAR * value.std, 700.0)) for side in (-1, 1))
+            least, most = (math.exp(min(value.mean + side * _MAX_DEVIATIONS * value.std, 700.0)) for side in (-1, 1))
         case _:
             raise NotImplementedError(value)
     return max(least, value.low), min(most, value.high)

@@ -69,9 +69,9 @@ def per_synapse(
         buffer: memory for the values of all synapses, which may be used; in 32 bits only if all values fit.
     """
     if what in connections.factors:
-        own = replace(connections, factors={})
+        unscaled = replace(connections, factors={})
         factor = connections.factors[what]
-        scaled = per_synapse(value, own, what, rng, get_geometry) * factor if connections.size else factor
+        scaled = per_synapse(value, unscaled, what, rng, get_geometry) * factor if connections.size else factor
         if not np.isfinite(scaled).all():
             raise ModelError(f"{what}: {shown(value)} x the file's values is too large: expected finite numbers")
         return scaled + 0.0
@@ -112,10 +112,10 @@ def delay_steps(
     each.
     """
     if what in connections.factors:
-        whole = np.maximum(np.rint(per_synapse(value, connections, what, rng, get_geometry) / clock.resolution), 1.0)
-        if whole.max(initial=1.0) > LONGEST_DELAY:
-            raise too_long_delay(f"the longest {what}", int(whole.max()), clock)
-        return whole.astype(np.int32)
+        in_steps = np.maximum(np.rint(per_synapse(value, connections, what, rng, get_geometry) / clock.resolution), 1.0)
+        if in_steps.max(initial=1.0) > LONGEST_DELAY:
+            raise too_long_delay(f"the longest {what}", int(in_steps.max()), clock)
+        return in_steps.astype(np.int32)
     value = plain(value)
     if isinstance(value, (Distribution, of_distance)):
         return drawn_delays(value, connections, clock, what, rng, get_geometry, small)

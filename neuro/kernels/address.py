@@ -1,4 +1,4 @@
-"""Compiled functions called by address, so that a caller does not have to be compiled again for each of them."""
+"""Compiled functions that are called by their address, so that one compiled caller can call any of them."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,override,misc"
 from __future__ import annotations
@@ -28,22 +28,22 @@ _TYPES = {
 
 
 def fields_of(text: str) -> list[Field]:
-    """The fields that a text lists, one a line: name, type as in NumPy's short names, dimensions, remarks."""
+    """Return the fields that a text lists, one per line: name, NumPy's short type, number of dimensions, remarks."""
     words = [line.split(maxsplit=3) for line in text.strip().splitlines()]
     return [(name, kind, int(ndim)) for name, kind, ndim, *_ in words]
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """An array as a text declares it.
+    """The declaration of an array.
 
     Attributes:
-        name: by which kernels see it.
-        kind: its type, as in NumPy's short names.
+        name: name of the array in kernels.
+        kind: type of the elements, by NumPy's short name.
         shape: a number or the name of a size for each dimension.
-        line: the cache line of its page at which it begins, None where that does not matter.
-        life: how long what it holds lives, in the words of the text.
-        account: the heading above it.
+        line: the cache line in a page at which the array begins; None: any.
+        life: lifetime of the content, by the words of the text.
+        account: the heading above the declaration.
     """
 
     name: str
@@ -60,9 +60,9 @@ class Declared:
 
 
 def declared(text: str) -> list[Declared]:
-    """The arrays that a text declares, one a line: name, type, shape and after @ its line, life, remarks.
+    """Return the arrays that a text declares, one per line: name, type, shape@cache line, lifetime, remarks.
 
-    `state f8 states,row@4 run` has the sizes `states` and `row`, and begins at the fourth cache line of a page.
+    Example: `state f8 states,row@4 run` has the sizes `states` and `row`, and begins at cache line 4 of a page.
     """
     arrays, account = [], ""
     for line in text.strip().splitlines():
@@ -76,7 +76,7 @@ def declared(text: str) -> list[Declared]:
 
 
 def table_of(*parts: tuple[Sequence[Field], Mapping[str, NDArray[Any]]]) -> NDArray[np.int64]:
-    """The table for some arrays by name, of each list of fields in turn. The caller keeps the arrays alive."""
+    """Return the table of the arrays of some lists of fields, in order. The caller keeps the arrays alive."""
     return np.array([row_of(field, arrays[field[0]]) for fields, arrays in parts for field in fields], dtype=np.int64)
 
 
@@ -90,9 +90,9 @@ def row_of(field: Field, array: NDArray[Any]) -> list[int]:
 
 
 class Views(types.Type):
-    """All arrays of one table, from row `first` on: the address of the table. An array is made where it is named.
+    """The type of a table of arrays, which is the address of the table. The first array is in row `first`.
 
-    Making all of them in every function took most of the time of compiling.
+    An array is loaded where a kernel names it. Loading all arrays in each function took most of the compile time.
     """
 
     def __init__(self, name, first, fields):
@@ -118,7 +118,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
-    """Generate the array of a field. The row never changes while a kernel runs, so one early read suffices."""
+    """Generate the array of a field. Its row never changes while a kernel runs, so the compiler may read it once."""
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))
@@ -138,14 +138,14 @@ def _array(context, builder, views, table, name):
 
 
 def pointer(context, builder, signature, arguments):
-    """Generate the pointer to the table of an intrinsic whose first argument is the table or its address."""
+    """Generate the pointer to a table, for an intrinsic whose first argument is the table or its address."""
     if isinstance(signature.args[0], types.Integer):
         return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
     return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
 
 def viewer(views):
-    """A compiled function from a table to its arrays."""
+    """Return a compiled function that returns the arrays of a table."""
 
     @intrinsic
     def view(typingctx, table):
@@ -155,7 +155,7 @@ def viewer(views):
 
 
 _KEPT: list[Any] = []
-"""Whose machine code is called by address stays for good."""
+"""Compiled functions that are called by address, so that their machine code is never freed."""
 
 
 @dataclass(frozen=True)
@@ -163,9 +163,9 @@ class Entry:
     """A kernel that is called by its address.
 
     Attributes:
-        kernel: of `neuro.kernels.jit.kernel`.
-        signature: numba's, of integers and floats.
-        model: the class of which it calls the functions, if it does; its `arithmetic` is their module.
+        kernel: result of `neuro.kernels.jit.kernel`.
+        signature: numba's signature, of integers and floats.
+        model: the class whose functions the kernel calls, if any. Its `arithmetic` is the module of the functions.
     """
 
     kernel: Any
@@ -182,8 +182,7 @@ class Entry:
         """Return the address of the machine code; compile the kernel or load its code from disk.
 
         Raises:
-            ModelError: numba cannot compile the model's functions; the message has numba's reason, and the place if
-                known.
+            ModelError: numba cannot compile the model's functions. The message has numba's reason.
         """
         try:
             self.kernel.compile(self.signature)
@@ -198,7 +197,7 @@ class Entry:
 
 
 def _refused(model: Any, message: str) -> ModelError:
-    """Return numba's error about a model without its call stack."""
+    """Return numba's error about a model, without the call stack."""
     file = inspect.getfile(model.arithmetic)
     reasons = [line for line in message.splitlines() if line.strip() and not line.startswith("Failed in")]
     function = re.search(r"<function (?:\w+\.)*?(\w+)\.[0-9a-f]{32}", message)
@@ -212,7 +211,10 @@ def _refused(model: Any, message: str) -> ModelError:
 
 
 def caller(result: Any, *arguments: Any) -> Any:
-    """A compiled function (address, tuple of arguments) that calls what lies there; all types are of numbers."""
+    """Return a compiled function (address, tuple of arguments) that calls the function at an address.
+
+    `result` and `arguments` are numba's types of numbers.
+    """
 
     @intrinsic
     def call(typingctx, address, values_of_call):

@@ -1,7 +1,7 @@
-"""Compilation of kernels in two processes, this one and a helper.
+"""Compilation of kernels in two processes: this process and a helper.
 
-Numba compiles one function at a time in a process. The helper gets one kernel after the other, the last of the queue,
-while this process takes the first. If the helper fails, this process compiles whatever is missing.
+Numba compiles one function at a time in a process. This process takes kernels from the front of a queue, and the
+helper gets kernels from the end. If the helper fails, this process compiles the missing kernels.
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -28,32 +28,32 @@ from neuro.kernels.kept import folder
 
 _config: Any = numba.config
 Asked: TypeAlias = Callable[[], Entry]
-"""Gives an entry, the same one each time; can be pickled where its model is of the package."""
+"""Function that returns an entry, the same at each call. It can be pickled if the model belongs to the package."""
 
 
 def addresses(makers: Sequence[Asked]) -> list[int]:
-    """Return the addresses of some entries; missing machine code is compiled.
+    """Return the addresses of some entries. Missing machine code is compiled first.
 
     Raises:
         ModelError: see `Entry.address`.
     """
-    to_compile = deque(each for each in makers if not each().is_compiled)
+    to_compile = deque(maker for maker in makers if not maker().is_compiled)
     if len(to_compile) > 1 and _helper_pays():
         with _helper(to_compile):
             while to_compile:
                 to_compile.popleft()().address()
-    return [each().address() for each in makers]
+    return [maker().address() for maker in makers]
 
 
 def _helper_pays() -> bool:
     """Return True if a helper saves time: a core is free, the cache can be written, and both compile the same code."""
-    alone = compile_report.REPORTED in os.environ and not compile_report.here
-    return usable_cores() > 1 and folder() is not None and not _config.BOUNDSCHECK and not alone
+    is_alone = compile_report.REPORTED in os.environ and not compile_report.has_reported
+    return usable_cores() > 1 and folder() is not None and not _config.BOUNDSCHECK and not is_alone
 
 
 @contextmanager
 def _helper(queue: deque[Asked]) -> Iterator[None]:
-    """Let a helper compile from the end of the queue, too; wait for it at the end."""
+    """Within the block, let a helper compile kernels from the end of the queue. Wait for the helper at the end."""
     began, paths = compile_report.begin(), [os.path.abspath(path) for path in sys.path]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "neuro.kernels.beside"],
@@ -76,14 +76,14 @@ def _helper(queue: deque[Asked]) -> Iterator[None]:
 
 
 def _hand_out(process: subprocess.Popen[bytes], queue: deque[Asked], compiled: list[Asked]) -> None:
-    """Hand out one kernel after the other until the queue is empty or the helper has ended."""
+    """Send the helper one kernel after the other until the queue is empty or the helper has ended."""
     assert process.stdin is not None
     assert process.stdout is not None
     with suppress(IndexError, OSError, ValueError):
         while True:
-            each = queue.pop()
+            maker = queue.pop()
             try:
-                job = pickle.dumps(each)
+                job = pickle.dumps(maker)
             except Exception:  # the helper cannot import the model, so this process compiles the kernel at the end
                 continue
             process.stdin.write(base64.b64encode(job) + b"\n")
@@ -92,17 +92,17 @@ def _hand_out(process: subprocess.Popen[bytes], queue: deque[Asked], compiled: l
             if not answer:
                 return
             if answer == _DONE:
-                compiled.append(each)
+                compiled.append(maker)
 
 
 _DONE = b"done\n"
 
 
 def main() -> None:
-    """Compile what is asked for, until there is nothing more."""
+    """Compile the kernels that arrive on stdin, and answer after each."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
-    os.dup2(2, 1)  # what is imported may print
+    os.dup2(2, 1)  # imported modules may print
     for line in sys.stdin.buffer:
         answer = b"not done\n"
         with suppress(Exception):

@@ -1,4 +1,4 @@
-"""Reports compiling on stderr: when it begins, and, when the process ends, how many kernels and how long."""
+"""Reports of compilation on stderr: when it begins, and at the end of the process its kernels and its time."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ import sys
 import time
 
 REPORTED = "NEURO_COMPILING_REPORTED"
-"""Environment variable: a process of the same command has reported, or will, that kernels are compiled."""
+"""Environment variable that is set once a process of a command has reported that kernels are compiled."""
 
-NOW = (0.0, 0.0)
-"""A beginning that is not reported."""
+NO_BEGIN = (0.0, 0.0)
+"""Start of a measurement, before `begin` has been called."""
 
-here = False
-"""Whether this process has reported it."""
+has_reported = False
+"""Whether this process has reported that kernels are compiled."""
 
 _kernels = 0
 _seconds = 0.0
 
 
 def begin(cached: bool = True) -> tuple[float, float]:
-    """Report once that kernels are compiled; return the start of the measurement."""
-    global here
+    """Report once that kernels are compiled, and return the start of the measurement."""
+    global has_reported
     if REPORTED not in os.environ:
-        if not here:
+        if not has_reported:
             atexit.register(_sum_up)
-        here = True
+        has_reported = True
         os.environ[REPORTED] = "1"
         way_out = (
-            "" if cached else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
+            "" if cached else "; they cannot be cached, as no cache folder can be written: set XDG_CACHE_HOME to one"
         )
         print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
     return time.perf_counter(), _seconds
 
 
 def end(began: tuple[float, float], kernels: int = 1) -> None:
-    """Add the time since `begin`. Compilation by others in the meantime is not counted twice."""
+    """Add kernels and the time since `begin`. Measurements that overlap are not counted twice."""
     global _kernels, _seconds
     _kernels += kernels
     _seconds = began[1] + time.perf_counter() - began[0]

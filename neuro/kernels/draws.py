@@ -1,4 +1,4 @@
-"""Keyed random numbers, bit for bit those of `neuro.core.keyed_random`."""
+"""Keyed random numbers, bit-identical to those of `neuro.core.keyed_random`."""
 
 # mypy: ignore-errors
 import numpy as np
@@ -18,16 +18,16 @@ _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(
 GUIDE_BITS = 12
 _GUIDE = np.uint64(64 - GUIDE_BITS)
 UNSURE = 1 << 15
-"""Set in an entry of a guide whose words do not all count the same; the rest is the least of their counts."""
+"""Bit of a guide entry whose words have different counts; the lower bits are the smallest of these counts."""
 _UNIT = 2.0**-53
 _ENDS = np.arange((1 << GUIDE_BITS) + 1) / (1 << GUIDE_BITS)
 _CELLS = ((_ENDS[:-1], "right"), (_ENDS[1:], "left"))
-"""The least number of each cell of a guide, which an equal entry counts for, and the end, which no number reaches."""
+"""Bounds of the cells of a guide: the smallest number, which counts an equal entry, and the end, which does not."""
 
 
 @subkernel
 def mix(z):
-    """SplitMix64's finaliser."""
+    """Return the word after SplitMix64's finaliser."""
     z = (z ^ (z >> _S30)) * _A
     z = (z ^ (z >> _S27)) * _B
     return z ^ (z >> _S31)
@@ -41,13 +41,13 @@ def step_word(key, step):
 
 @subkernel
 def uniform(base, neuron):
-    """A number in [0, 1) for one neuron."""
+    """Return a number in [0, 1) for one neuron."""
     return np.float64(mix(base + np.uint64(neuron) * _NEURON) >> _S11) * _UNIT
 
 
 @intrinsic
 def reaching(typingctx, base, neuron, bounds, place):
-    """As bits which of the numbers of eight neighbouring neurons are at least their bounds, from a place on."""
+    """Return as bits which numbers of eight neighbouring neurons reach their bounds, which begin at `place`."""
 
     def codegen(context, builder, signature, arguments):
         word, real = ir.VectorType(ir.IntType(64), LANES), ir.VectorType(ir.DoubleType(), LANES)
@@ -66,8 +66,8 @@ def reaching(typingctx, base, neuron, bounds, place):
             z = builder.mul(builder.xor(z, builder.lshr(z, number(shift))), number(factor))
         z = builder.lshr(builder.xor(z, builder.lshr(z, number(_S31))), number(_S11))
         u = builder.fmul(builder.uitofp(z, real), ir.Constant(real, [_UNIT] * LANES))
-        some = builder.fcmp_ordered(">=", u, load(context, builder, signature.args[2], arguments[2], arguments[3]))
-        return builder.zext(builder.bitcast(some, ir.IntType(LANES)), ir.IntType(64))
+        bits = builder.fcmp_ordered(">=", u, load(context, builder, signature.args[2], arguments[2], arguments[3]))
+        return builder.zext(builder.bitcast(bits, ir.IntType(LANES)), ir.IntType(64))
 
     return types.uint64(types.uint64, types.int64, bounds, types.intp), codegen
 
@@ -85,7 +85,7 @@ def words_of(base, first, words):
 def poisson_by_table(words, guide, cumulative, counts):
     """Count the entries of `cumulative` up to each word's uniform number; the first bits nearly always decide."""
     for k in range(words.size):
-        counts[k] = words[k] >> _GUIDE  # in a loop of its own, which lanes do
+        counts[k] = words[k] >> _GUIDE  # a separate loop, which is vectorised
     for k in range(words.size):
         m = guide[counts[k]]
         if m >= UNSURE:
@@ -95,7 +95,7 @@ def poisson_by_table(words, guide, cumulative, counts):
 
 @subkernel
 def _count(word, m, cumulative):
-    """Count of entries up to the number of a word, of which the first m are known to be."""
+    """Return the number of entries up to the number of a word, at least m."""
     u = np.float64(word >> _S11) * _UNIT
     while cumulative[m] <= u:
         m += 1
@@ -110,7 +110,7 @@ def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
 
 @subkernel
 def poisson_by_sum(base, neuron, mean, none_probability):
-    """Return the same number by summing the probabilities; `none_probability` is exp(-mean)."""
+    """Return the number of `poisson_by_table` by summing probabilities; `none_probability` is exp(-mean)."""
     u = uniform(base, neuron)
     m = 0
     term = none_probability

@@ -1,7 +1,7 @@
-"""Machine instructions that Python has no words for, as functions that kernels call.
+"""Machine instructions that Python lacks, as functions that kernels call.
 
-Operations on eight neighbouring numbers, and on 64 marks, at once; loads and stores by which threads know how far the
-others are; addresses, and requests for memory ahead of its use.
+There are operations on eight neighbouring numbers or on 64 marks at once, loads and stores by which threads read each
+other's progress, addresses of arrays, and prefetches.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
@@ -25,7 +25,7 @@ def _at(context, builder, kind, array, first, lanes):
 
 
 def load(context, builder, kind, array, first):
-    """In the code of an intrinsic: eight neighbouring items of a flat array from one on."""
+    """Generate the load of eight neighbouring items of a flat array, from item `first` on."""
     place, _ = _at(context, builder, kind, array, first, LANES)
     return _load(builder, place, kind.dtype.bitwidth // 8)
 
@@ -46,19 +46,19 @@ def _function(builder, name, result, *arguments):
 
 @intrinsic
 def marked(typingctx, bytes_, first):
-    """The 64 bytes from one on as bits: 1 where a byte is not 0."""
+    """Return 64 bytes from byte `first` on as bits: 1 where a byte is not 0."""
 
     def codegen(context, builder, signature, arguments):
         place, items = _at(context, builder, signature.args[0], arguments[0], arguments[1], 64)
-        some = builder.icmp_unsigned("!=", _load(builder, place, 1), ir.Constant(items, None))
-        return builder.bitcast(some, _WORD)
+        is_marked = builder.icmp_unsigned("!=", _load(builder, place, 1), ir.Constant(items, None))
+        return builder.bitcast(is_marked, _WORD)
 
     return types.uint64(bytes_, types.intp), codegen
 
 
 @intrinsic
 def take(typingctx, states, inputs, first):
-    """Add eight inputs to eight states, and leave none, -0.0; return as bits in which of them there was some."""
+    """Add eight inputs to eight states, and set the inputs to -0.0, no input. Return as bits which had an input."""
 
     def codegen(context, builder, signature, arguments):
         state, items = _at(context, builder, signature.args[0], arguments[0], arguments[2], LANES)
@@ -66,17 +66,17 @@ def take(typingctx, states, inputs, first):
         words = ir.VectorType(_WORD, LANES)
         none = ir.Constant(words, [1 << 63] * LANES)
         new = _load(builder, came, 8)
-        some = builder.icmp_unsigned("!=", builder.bitcast(new, words), none)
+        has_input = builder.icmp_unsigned("!=", builder.bitcast(new, words), none)
         _store(builder, builder.fadd(_load(builder, state, 8), new), state, 8)
         _store(builder, builder.bitcast(none, items), came, 8)
-        return builder.zext(builder.bitcast(some, _BYTE), _WORD)
+        return builder.zext(builder.bitcast(has_input, _BYTE), _WORD)
 
     return types.uint64(states, inputs, types.intp), codegen
 
 
 @intrinsic
 def lowest(typingctx, word):
-    """The place of the lowest bit of a word that is not 0."""
+    """Return the index of the lowest 1 bit of a word other than 0."""
 
     def codegen(context, builder, signature, arguments):
         bit = ir.IntType(1)
@@ -102,7 +102,7 @@ def _first_of_row(context, builder, kind, array, index):
 
 @intrinsic
 def load_acquire(typingctx, array, row):
-    """The first number of a row of a table of int64; whatever its writer did before is seen, too."""
+    """Return the first number of a row of a table of int64, and see all that its writer wrote before."""
 
     def codegen(context, builder, signature, arguments):
         index = context.cast(builder, arguments[1], signature.args[1], types.intp)
@@ -115,7 +115,7 @@ def load_acquire(typingctx, array, row):
 
 @intrinsic
 def store_release(typingctx, array, row, value):
-    """Write the first number of a row for other threads, after all that was done before."""
+    """Write the first number of a row for other threads, after all earlier writes."""
 
     def codegen(context, builder, signature, arguments):
         index = context.cast(builder, arguments[1], signature.args[1], types.intp)
@@ -130,7 +130,7 @@ def store_release(typingctx, array, row, value):
 
 @intrinsic
 def address(typingctx, array):
-    """The address of an array."""
+    """Return the address of an array."""
 
     def codegen(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -141,7 +141,7 @@ def address(typingctx, array):
 
 @intrinsic
 def moved(typingctx, array, first):
-    """An array whose items from `first` on are those of a flat array; it has no others."""
+    """Return a flat array with other indices: item `first` is the first item, and no lower index is valid."""
 
     def codegen(context, builder, signature, arguments):
         kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)
@@ -164,7 +164,7 @@ def moved(typingctx, array, first):
 
 @intrinsic
 def prefetch(typingctx, address):
-    """Ask for the cache line at an address, to be read soon."""
+    """Prefetch the cache line at an address."""
 
     def codegen(context, builder, signature, arguments):
         pointer = ir.PointerType(ir.IntType(8))

@@ -43,7 +43,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def allocating(function: Callable[..., Any]) -> Any:
-    """Compile an entry point that makes arrays of its own."""
+    """Compile an entry point that allocates arrays."""
     return _cached(_njit(error_model="numpy", nogil=True)(_with_unique_name(function)))
 
 

@@ -5,10 +5,9 @@ The file begins with a digest of its name and content. Code damaged on disk coul
 numbers; a wrong digest makes the kernel compile again. There is no index. If the folder is too large, the files
 unused for the longest time are removed.
 
-The name changes with any dependency of the code: the kernel's bytecode, the values of all globals that
-the bytecode reads, all kernels that are called, directly or not, the options of compilation, the compiler and the
-processor. Values and
-bytecode count, not files, so an edited comment compiles nothing, and functions without a file count, too. Only two
+The name changes with any dependency of the code: the kernel's bytecode, the values of all globals that the bytecode
+reads, all kernels that are called, directly or not, the options of compilation, the compiler and the processor. Values
+and bytecode count, not files, so an edited comment compiles nothing, and functions without a file count, too. Only two
 source files are read: those that define the compilation.
 """
 
@@ -44,8 +43,8 @@ from neuro.kernels.numba_internals import CompileResult, Dispatcher, Intrinsic, 
 _result: Any = CompileResult
 _dumps: Any = dumps
 
-ROOM = 1 << 28
-"""Bytes that all machine code may take together; a network takes about one million."""
+MAX_BYTES = 1 << 28
+"""Largest number of bytes of all machine code together; a network takes about one million."""
 
 _OURS = re.compile(r".+-[0-9a-f]{32}(\.\d+)?", re.DOTALL)
 _DAY_S = 86_400.0
@@ -57,24 +56,24 @@ class KernelCache:
 
     def __init__(self, kernel: Any) -> None:
         self._kernel = kernel
-        self._began = compile_report.NOW
+        self._began = compile_report.NO_BEGIN
 
     @property
     def cache_path(self) -> str | None:
-        """The folder, None where no folder can be written."""
+        """The folder, or None if no folder can be written."""
         place = folder()
         return None if place is None else str(place)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """The machine code for these types of arguments, or None: it has to be compiled."""
+        """Return the machine code for these types of arguments, or None if it must be compiled."""
         place = self._file(signature, target)
         content = None if place is None else _read(place)
         if content is not None:
-            # What was written whole may still be of other libraries, and raise anything; compiling anew replaces it.
+            # A complete file may still come from other libraries and raise any error. Compiling anew replaces it.
             with suppress(Exception):
                 parts = pickle.loads(content)
                 if self._kernel.targetoptions.get("_nrt", True):
-                    target.refresh()  # for what allocates; it imports most of numba
+                    target.refresh()  # only for code that allocates, because it imports most of numba
                 return _result._rebuild(target, *parts)
         self._began = compile_report.begin(cached=place is not None)
         return None
@@ -85,20 +84,20 @@ class KernelCache:
         return place is not None and place.exists()
 
     def save_overload(self, signature: Any, code: Any) -> None:
-        """Keep what was compiled; where that fails, e.g. on a full disk, the next process compiles again."""
+        """Write machine code to its file. If this fails, e.g. on a full disk, the next process compiles again."""
         compile_report.end(self._began)
         place = self._file(signature, code.target_context)
         if place is None:
             return
         content = _dumps(code._reduce())
         try:
-            _clear(place.parent, ROOM - len(content))
+            _clear(place.parent, MAX_BYTES - len(content))
             _write(place, content)
         except OSError:
             return
 
     def flush(self) -> None:
-        """Numba asks for this before it compiles anew; files are named by what is in them, so none is wrong."""
+        """Do nothing. Numba calls this before it compiles anew, but no file is outdated, as names are digests."""
 
     def _file(self, signature: Any, target: Any) -> Path | None:
         place = folder()
@@ -142,12 +141,12 @@ def _digest(name: str, content: bytes) -> bytes:
 def _read(place: Path) -> bytes | None:
     """Return the content of a file; None if the file is missing or damaged."""
     try:
-        whole = place.read_bytes()
+        data = place.read_bytes()
         os.utime(place)
     except OSError:
         return None
-    content = whole[_DIGEST:]
-    return content if whole[:_DIGEST] == _digest(place.name, content) else None
+    content = data[_DIGEST:]
+    return content if data[:_DIGEST] == _digest(place.name, content) else None
 
 
 def _write(place: Path, content: bytes) -> None:
@@ -161,7 +160,7 @@ def _write(place: Path, content: bytes) -> None:
 
 
 def _clear(place: Path, room: int) -> None:
-    """Remove the machine code unused for the longest time, until the rest takes at most so many bytes.
+    """Remove the machine code unused for the longest time, until the remaining files have at most `room` bytes.
 
     Partial files of killed processes are removed after a day; files with other names stay.
     """
@@ -184,7 +183,7 @@ def _clear(place: Path, room: int) -> None:
 
 _COMPILER = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
 _config: Any = numba.config
-_HOW = tuple(Path(__file__).with_name(name) for name in ("jit.py", "numba_internals.py"))
+_COMPILE_FILES = tuple(Path(__file__).with_name(name) for name in ("jit.py", "numba_internals.py"))
 _KNOWN_BY_NAME = {"numba", "numpy", *sys.stdlib_module_names}
 """Packages whose versions are in `_COMPILER`."""
 
@@ -202,16 +201,16 @@ def digest(kernel: Any, arguments: tuple[Any, ...], target: Any) -> str:
     """
     numbers = {kernel: 0}
     parts: list[object] = [_COMPILER, target.codegen().magic_tuple(), _config.BOUNDSCHECK, _config.OPT]
-    parts += [_source(str(path)) for path in _HOW]
+    parts += [_source(str(path)) for path in _COMPILE_FILES]
     parts += [_typed(kind) for kind in arguments]
     waiting = [kernel]
-    for each in waiting:
-        reads, callees = _own(each)
-        for other in callees:
-            if other not in numbers:
-                numbers[other] = len(numbers)
-                waiting.append(other)
-        parts.append((reads, [numbers[other] for other in callees]))
+    for function in waiting:
+        reads, callees = _own(function)
+        for callee in callees:
+            if callee not in numbers:
+                numbers[callee] = len(numbers)
+                waiting.append(callee)
+        parts.append((reads, [numbers[callee] for callee in callees]))
     return _hashed(parts)[:32]
 
 
@@ -220,7 +219,7 @@ def _hashed(parts: list[object]) -> str:
 
 
 def _typed(kind: Any) -> object:
-    """A numba type as text; of a named tuple its fields, too, which numba's own text leaves out."""
+    """Return a numba type as text; for a named tuple also its fields, which numba's own text leaves out."""
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
         return repr(kind), getattr(kind, "fields", ()), [_typed(part) for part in parts]
@@ -259,7 +258,7 @@ def _content(function: FunctionType, callees: list[Any]) -> list[object]:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """Yield a function's code and the code of functions inside of it."""
+    """Yield a function's code and the code of its inner functions."""
     yield code
     for inside in code.co_consts:
         if isinstance(inside, CodeType):

@@ -1,8 +1,7 @@
-"""NumPy's normal numbers, bit for bit those of `Generator(PCG64).normal`, several times as fast.
+"""Normal numbers, bit-identical to those of NumPy's `Generator(PCG64).normal`, but several times as fast.
 
-Words: O'Neill, PCG, HMC-CS-2014-0905, 2014 (PCG XSL RR 128/64). Words are generated for four neighbours at a time,
-    none
-of which waits for another. Normal numbers: Marsaglia & Tsang, J. Stat. Softw. 5(8), 2000, with NumPy's tables.
+Random words: O'Neill, PCG, HMC-CS-2014-0905, 2014 (PCG XSL RR 128/64). Four neighbouring words are generated at a
+time, independently of each other. Normal numbers: Marsaglia & Tsang, J. Stat. Softw. 5(8), 2000, with NumPy's tables.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,misc,unreachable"
@@ -17,17 +16,17 @@ from neuro.kernels.jit import kernel, subkernel
 from neuro.kernels.numba_internals import ir, normal_tables
 
 PIECE = 1 << 16
-"""Numbers at a time: those of a piece that lie outside the bounds are drawn again when all of it is drawn."""
+"""Largest number of values that are drawn at a time. Values outside the bounds are then drawn again."""
 
 TRIES = 1000
-"""How often they are."""
+"""Number of times that values outside the bounds are drawn again."""
 
 _LANES = 4
 _WORDS = 1024
 _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _LOW = (1 << 64) - 1
 _AT, _HIGH, _JUMP, _STEP = 0, 1, 1 + 2 * _LANES, 3 + 2 * _LANES
-"""Places of a stream's row: words taken, the lanes' states, and the two numbers of a jump of as many steps."""
+"""Indices in a stream: number of used words, states of the lanes, factor and summand of a jump by `_LANES` steps."""
 
 _HEAD = 5 + 2 * _LANES
 _FI, _KI, _WI, _R, _INVERSE = normal_tables()
@@ -38,15 +37,15 @@ _UNIT = 2.0**-53
 
 
 class Normals:
-    """Goes on with the stream of a generator, which is not to be used beside it."""
+    """Continues the stream of a generator. The generator itself must not be used any more."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         state = rng.bit_generator.state["state"]
-        whole = 1 << 128
+        modulus = 1 << 128
         lanes, jump, step = [state["state"]], 1, 0
         for _ in range(_LANES):
-            lanes.append((lanes[-1] * _MULTIPLIER + state["inc"]) % whole)
-            jump, step = jump * _MULTIPLIER % whole, (step * _MULTIPLIER + state["inc"]) % whole
+            lanes.append((lanes[-1] * _MULTIPLIER + state["inc"]) % modulus)
+            jump, step = jump * _MULTIPLIER % modulus, (step * _MULTIPLIER + state["inc"]) % modulus
         self._stream = np.zeros(_HEAD + _WORDS, dtype=np.uint64)
         self._stream[_AT] = _WORDS
         numbers = (*lanes[1:], jump, step)
@@ -54,13 +53,13 @@ class Normals:
         self._outside, self._again = np.empty(PIECE, dtype=np.int32), np.empty(PIECE)
 
     def fill(self, values: NDArray[np.float64], mean: float, std: float, low: float, high: float) -> bool:
-        """Fill at most `PIECE` values; those outside [low, high] are drawn again. False: hardly any lies inside."""
+        """Fill at most `PIECE` values with numbers in [low, high]; return False if hardly any number is inside."""
         return bool(_fill(self._stream, values, mean, std, low, high, self._outside, self._again))
 
 
 @intrinsic
 def _high(typingctx, a, b):
-    """The upper half of a product of two words."""
+    """Return the upper half of the product of two words."""
 
     def codegen(context, builder, signature, arguments):
         wide = ir.IntType(128)
@@ -72,7 +71,7 @@ def _high(typingctx, a, b):
 
 @subkernel
 def _refill(stream):
-    """The next words: each lane makes every fourth."""
+    """Generate the next words. Each of the four lanes makes every fourth word."""
     a, b = stream[_JUMP], stream[_JUMP + 1]
     c, d = stream[_STEP], stream[_STEP + 1]
     for k in range(_HEAD, _HEAD + _WORDS, _LANES):
@@ -106,8 +105,8 @@ def _uniform(stream):
 def _beyond(stream, level, fraction, x):
     """Return the number for a draw outside its level's rectangle, and True if the number is accepted."""
     if level > 0:
-        here = (_FI[level - 1] - _FI[level]) * _uniform(stream) + _FI[level]
-        return x, here < np.exp(-0.5 * x * x)
+        density = (_FI[level - 1] - _FI[level]) * _uniform(stream) + _FI[level]
+        return x, density < np.exp(-0.5 * x * x)
     while True:
         out = -_INVERSE * np.log1p(-_uniform(stream))
         bound = -np.log1p(-_uniform(stream))
@@ -117,7 +116,7 @@ def _beyond(stream, level, fraction, x):
 
 @subkernel
 def _fill_all(stream, values, mean, std):
-    """Fill with numbers, of whatever size."""
+    """Fill an array with normal numbers, without bounds."""
     filled = np.uint64(0)
     size = np.uint64(values.size)
     while filled < size:

@@ -66,17 +66,17 @@ OF_MODULES = {
         "ziggurat_nor_r",
     ),
 }
-"""What is used of each module, attributes of classes behind a dot."""
+"""Names that are used of each module. An attribute of a class follows a dot."""
 
 OF_KERNELS = ("_cache", "overloads", "py_func", "targetctx", "targetoptions")
-"""What is used of a compiled function."""
+"""Names that are used of a compiled function."""
 
 OF_RESULTS = ("library", "fndesc.llvm_cfunc_wrapper_name", "target_context")
-"""What is used of each of its overloads."""
+"""Names that are used of each overload of a compiled function."""
 
 
 def missing(kernel: Any) -> list[str]:
-    """The names of `OF_MODULES`, `OF_KERNELS` and `OF_RESULTS` that the installed versions do not have.
+    """Return the names of `OF_MODULES`, `OF_KERNELS` and `OF_RESULTS` that the installed versions lack.
 
     Args:
         kernel: a compiled function, called at least once.
@@ -103,21 +103,21 @@ def populate_array(array: Any, **parts: Any) -> None:
 
 
 def normal_tables() -> tuple[Any, ...]:
-    """NumPy's ziggurat of the normal distribution: fi, ki and wi of each level, the tail's begin and its inverse."""
+    """Return NumPy's ziggurat tables of the normal distribution: fi, ki, wi, the tail's beginning and its inverse."""
     from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
 
     return fi_double, ki_double, wi_double, ziggurat_nor_r, ziggurat_nor_inv_r
 
 
 STRICT_BOUNDS = 2
-"""What numba's own check, 1, is not: part of the key under which kernels are kept."""
+"""Value of numba's BOUNDSCHECK for our check; numba's own check is 1. The name of cached machine code depends on it."""
 
 
 def check_bounds() -> None:
-    """Compile with checks from now on: an index beyond an array's end, or below 0, raises IndexError.
+    """Compile kernels with checks from now on: an index below 0 or beyond an array's end raises IndexError.
 
-    Call it before any kernel compiles; kernels are several times slower then. Numba's own check lets -1 stand for the
-    last item; no kernel here means that.
+    Call this function before any kernel is compiled. Checked kernels are several times slower. Numba's own check
+    accepts -1 as the last item, but no kernel uses -1 in this sense.
     """
     from numba.np import arrayobj
 
@@ -127,12 +127,12 @@ def check_bounds() -> None:
 
 
 def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> Any:
-    """The index as a signed word, whatever the size of the array; huge unsigned ones are below 0, too."""
+    """Return an index as a signed word, without numba's wrap-around; huge unsigned indices become negative."""
     return context.cast(builder, index, kind, types.intp)
 
 
 class _NoAddress:
-    """Numba's place for the Python constants of a function; kernels make no objects, so machine code reads none."""
+    """Replaces numba's address of a function's Python constants, which kernels never read."""
 
     @staticmethod
     def set_env(name, environment):
@@ -140,11 +140,11 @@ class _NoAddress:
 
 
 class _Part(JITCodeLibrary):
-    """Code to link into that of others.
+    """Code that is only linked into the code of callers.
 
-    Numba would optimise each function alone, and again in every caller of a caller, and make machine code that nobody
-    runs. A function that only kernels call is lowered once, and optimised within its callers; with arrays of the table
-    made where they are named, that saves two thirds of the time of compiling.
+    Numba would optimise each function alone and again in each direct and indirect caller, and generate machine code
+    that never runs. Here a function that only kernels call is lowered once, and optimised within its callers. Together
+    with `neuro.kernels.address.Views` this saves two thirds of the compile time.
     """
 
     codegen = _NoAddress
@@ -157,13 +157,13 @@ class _Part(JITCodeLibrary):
         self._finalized = True
 
     def get_pointer_to_function(self, name):
-        """None: it is not called from outside."""
+        """Return 0, because the function is never called from outside."""
         self._ensure_finalized()
         return 0
 
 
 class PartCompiler(Compiler):
-    """Numba's compiler with another kind of library at its end."""
+    """Numba's compiler with `_Part` as the library of its result."""
 
     def __init__(self, typing, target, library, *rest):
         super().__init__(typing, target, _Part(target.codegen(), "part") if library is None else library, *rest)

@@ -23,7 +23,7 @@ _BLOCK = 1 << 16
 _MANY = 1 << 20
 """Number of values from which `normal` draws with compiled code."""
 
-_FAR = 40.0
+_MAX_DEVIATIONS = 40.0
 """Distance from the mean, in standard deviations, that a drawn normal number never reaches."""
 
 
@@ -151,7 +151,7 @@ class normal(_Clipped):
         Raises:
             ModelError: fewer than one value in a thousand is within the bounds.
         """
-        large = not math.isfinite(abs(self.mean) + _FAR * self.std)
+        large = not math.isfinite(abs(self.mean) + _MAX_DEVIATIONS * self.std)
         if n < _MANY or large or type(self) is not normal:
             yield from super().pieces(rng, n)
             return

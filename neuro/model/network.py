@@ -105,25 +105,25 @@ class Network(Description):
         Returns:
             The population, an argument of `connect`, `signal` and `probe`.
         """
-        what = f"population '{name}'"
+        label = f"population '{name}'"
         if neurons is not None:
-            self._expect(neurons, neuron_table, what, "a table such as neuro.neuron_table('neurons.csv', id='id')")
-        sizes = self._checked(Population, "shape", shape, what)
+            self._expect(neurons, neuron_table, label, "a table such as neuro.neuron_table('neurons.csv', id='id')")
+        sizes = self._checked(Population, "shape", shape, label)
         if neurons is not None and sizes == (AUTO,):
-            with self._in_place(what):
+            with self._in_place(label):
                 sizes = (neurons.neurons.size,)
-        self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
-        self._expect({} if initial is None else initial, Mapping, what, "states by name such as {'V_m': -60.0}")
+        self._expect(model, Model, label, "a model such as neuro.iaf_psc_exp()")
+        self._expect({} if initial is None else initial, Mapping, label, "states by name such as {'V_m': -60.0}")
         states = {s.name: s.quantity() for s in model.states if not s.hidden} if initial else {}
         initial_values = {}
         for state, value in (initial or {}).items():
             path = ("initial", str(state))
-            with self._in_place(what):
+            with self._in_place(label):
                 if state not in states:
                     raise unknown(f"state of {model.name}", state, states, path=path)
-                initial_values[state] = check(states[state], value, f"{what}: initial.{state}", path)
+                initial_values[state] = check(states[state], value, f"{label}: initial.{state}", path)
         words = {"positions": positions, "extent": extent, "periodic": periodic}
-        checked = {word: self._checked(Population, word, value, what) for word, value in words.items()}
+        checked = {word: self._checked(Population, word, value, label) for word, value in words.items()}
         part = Population(name, sizes, model, initial_values, self._where(), **checked, neurons=neurons)
         return self._add(self.populations, part)
 
@@ -230,10 +230,10 @@ class Network(Description):
             values: a number, an array with a number per neuron, or a source such as
                 `neuro.computed("count(left)", every=50.0)`. Without it, a program sets the signal by `sim.signal`.
         """
-        what = f"signal '{check_name(name, 'signal', self._where())}'"
-        target = self._name_of(to, what, "to")
+        label = f"signal '{check_name(name, 'signal', self._where())}'"
+        target = self._name_of(to, label, "to")
         return self._add(
-            self.signals, Signal(name, target, self._where(), self._checked(Signal, "values", values, what))
+            self.signals, Signal(name, target, self._where(), self._checked(Signal, "values", values, label))
         )
 
     def group(self, name: str, choice: Competition) -> Group:
@@ -260,8 +260,8 @@ class Network(Description):
         Args:
             name: a new name.
             of: a population or projection of this network, its name, or a view of a population.
-            record: for a population "spikes", "rate" (mean rate per neuron and bin, in Hz), or one or several of its
-                states; for a projection "weight" or other states of its synapses.
+            record: recorded quantity. For a population "spikes", "rate" (mean rate per neuron and bin, in Hz), or one
+                or several of its states; for a projection "weight" or other states of its synapses.
             every: sampling interval in ms, or the length of the bins of a rate. The default is each step.
             at: "pre_spikes" records the synapses of a neuron that fires, with the values that its spike carries.
             mean: whether to record the mean over neurons or synapses instead of each value.
@@ -270,24 +270,24 @@ class Network(Description):
             pre: for a projection, record only synapses from these neurons: a population, a view of it, or ids.
             post: for a projection, record only synapses onto these neurons.
         """
-        what = f"probe '{check_name(name, 'probe', self._where())}'"
-        states = self._checked(Probe, "record", record, what)
+        label = f"probe '{check_name(name, 'probe', self._where())}'"
+        states = self._checked(Probe, "record", record, label)
         if not states or len(set(states)) < len(states):
-            message = f"{what}: record = {shown(record)}: expected one or several names, each once"
+            message = f"{label}: record = {shown(record)}: expected one or several names, each once"
             raise ModelError(message, where=self._where(), path=("record",))
-        population, view = self._recorded(of, what)
+        population, view = self._recorded(of, label)
         part = Probe(
             name,
             population,
             record if isinstance(record, str) else states,
-            self._checked(Probe, "every", every, what),
+            self._checked(Probe, "every", every, label),
             self._where(),
             view,
-            self._checked(Probe, "at", at, what),
-            self._checked(Probe, "mean", mean, what),
-            self._checked(Probe, "synapses", synapses, what),
-            self._side(pre, population, what, "pre"),
-            self._side(post, population, what, "post"),
+            self._checked(Probe, "at", at, label),
+            self._checked(Probe, "mean", mean, label),
+            self._checked(Probe, "synapses", synapses, label),
+            self._side(pre, population, label, "pre"),
+            self._side(post, population, label, "post"),
         )
         return self._add(self.probes, part)
 
@@ -412,7 +412,12 @@ class Network(Description):
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
         if isinstance(population, Population) and population is not self.populations[name]:
             message = f"{what}: {role}: population '{name}' is a part of another network: expected one of '{self.name}'"
-            raise ModelError(message, where=self._where(), hint=f"'{name}' names the one here", path=(role,))
+            raise ModelError(
+                message,
+                where=self._where(),
+                hint=f"pass the name '{name}'",
+                path=(role,),
+            )
         return name
 
     def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:

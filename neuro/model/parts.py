@@ -210,14 +210,14 @@ class Population(Part):
         return view(self, ...).ids
 
 
-def _no_attribute(part: Population, word: str, way: str) -> str:
-    """Return the message for an attribute that a population lacks. `way` names the method of a simulation to use."""
+def _no_attribute(part: Population, word: str, method_hint: str) -> str:
+    """Return the message for an attribute that a population lacks. `method_hint` names a method of a simulation."""
     model = vars(part).get("model")
     attributes = () if model is None else (*model.quantities(), *(state.name for state in model.states))
     if word_of(word) not in attributes:
         return f"'{type(part).__name__}' object has no attribute '{word}'"
     message = f"population '{part.name}' is a description: its {word_of(word)} is in a simulation"
-    return f"{message}: {way.format(name=part.name, word=word_of(word))}"
+    return f"{message}: {method_hint.format(name=part.name, word=word_of(word))}"
 
 
 def _refuse_change(part: Population, word: str, value: Any) -> None:

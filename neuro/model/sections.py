@@ -173,7 +173,7 @@ class World(Choice):
     act: Any = quantity(doc="decoding of spikes into the action", kind="choice", choice=Decoder)
     reward: Any = quantity(None, "", "source of each signal", kind="choices", choice=Teacher)
     explore: int = quantity(0, "", "control steps of random actions before learning", kind="integer", at_least=0)
-    episode: Any = quantity(None, "", "most control steps per episode", kind="integer", at_least=1)
+    episode: Any = quantity(None, "", "largest number of control steps per episode", kind="integer", at_least=1)
     process: bool = quantity(False, "", "whether the environment runs in a process of its own", kind="boolean")
     block: int = quantity(10_000, "", "control steps between two checkpoints", kind="integer", at_least=1)
 

@@ -18,7 +18,7 @@ class Source(Choice):
     kind: ClassVar[str] = "source"
 
     def stands_for(self) -> Value | Source:
-        """Return what the source is composed of: a number, an array, or a source of this package."""
+        """Return an equivalent of the source: a number, an array, or a source of this package."""
         raise NotImplementedError
 
 

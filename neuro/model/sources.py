@@ -16,7 +16,7 @@ from neuro.model.signals import Source
 _CHOICE = "write where(a > b, value, other)"
 _HINTS = Hints(
     {
-        "=": "compare with < <= > or >=; the only argument with a name is that of after: after(a, b, within=20)",
+        "=": "compare with < <= > or >=; only 'after' has an argument with a name: after(a, b, within=20)",
         "?": _CHOICE,
         "if": _CHOICE,
         "and": "write min(a > b, c > d)",

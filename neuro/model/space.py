@@ -18,7 +18,7 @@ from neuro.core.registry import Registry
 from neuro.core.values import shown
 
 Floats = NDArray[np.float64]
-SLACK = 1e-9
+TOLERANCE = 1e-9
 """Relative tolerance of a radius. Distances on a lattice have rounding errors, and a distance that exceeds the radius
 by less than this share counts as the radius."""
 
@@ -106,11 +106,11 @@ class box(Profile):
     @property
     def reach(self) -> float:
         """Distance beyond which the function is 0."""
-        return self.radius * (1.0 + SLACK) if self.c == 0.0 else math.inf
+        return self.radius * (1.0 + TOLERANCE) if self.c == 0.0 else math.inf
 
     def at(self, distance: Floats) -> Floats:
         """Return the values at distances >= 0."""
-        return np.where(distance <= self.radius * (1.0 + SLACK), self.a, self.c)
+        return np.where(distance <= self.radius * (1.0 + TOLERANCE), self.a, self.c)
 
 
 PROFILES: Registry[type[Profile]] = Registry(
@@ -165,7 +165,7 @@ class circular(Mask):
     @property
     def reach(self) -> float:
         """Distance beyond which every target is outside the mask."""
-        return self.radius * (1.0 + SLACK)
+        return self.radius * (1.0 + TOLERANCE)
 
     def inside(self, displacement: Floats) -> NDArray[np.bool_]:
         """Return which targets are inside the mask. `displacement` has the shape (axes, n)."""
@@ -193,7 +193,7 @@ class rectangular(Mask):
 
     @property
     def _slack(self) -> Floats:
-        return SLACK * np.asarray(self.upper_right - self.lower_left, dtype=np.float64)
+        return TOLERANCE * np.asarray(self.upper_right - self.lower_left, dtype=np.float64)
 
     @property
     def reach(self) -> float:

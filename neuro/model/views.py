@@ -58,7 +58,7 @@ class View:
         index: a number or a slice for each axis, or the ids.
 
     Raises:
-        ModelError: by properties that need the shape, if the shape is not known before the network is compiled.
+        ModelError: a property needs the shape, which is not known before the network is compiled.
     """
 
     are_neurons: ClassVar[bool] = True
@@ -150,9 +150,9 @@ def view(population: HasShape, index: Any) -> View:
     if isinstance(index, (list, range, np.ndarray)):
         return View(population, _read_only(_ids(population, _array(index))))
     items = index if isinstance(index, tuple) else (index,)
-    what = f"{population.name}[{', '.join(_text(item) for item in items)}]"
+    label = f"{population.name}[{', '.join(_text(item) for item in items)}]"
     sizes = _sizes(population)
-    return View(population, _axes(_fill_axes(items, len(sizes), what), sizes, what))
+    return View(population, _axes(_fill_axes(items, len(sizes), label), sizes, label))
 
 
 def count(population: HasShape) -> int:
@@ -191,8 +191,8 @@ def _fill_axes(items: Sequence[Any], n_axes: int, what: str) -> tuple[Any, ...]:
     if len(places) > 1 or len(items) - len(places) > n_axes:
         raise ModelError(f"{what}: found {len(items)} indices: expected at most {n_axes}, one for each axis")
     ellipsis_at = places[0] if places else len(items)
-    rest = (slice(None),) * (n_axes - len(items) + len(places))
-    return (*items[:ellipsis_at], *rest, *items[ellipsis_at + 1 :])
+    whole_axes = (slice(None),) * (n_axes - len(items) + len(places))
+    return (*items[:ellipsis_at], *whole_axes, *items[ellipsis_at + 1 :])
 
 
 def _axes(items: Sequence[Any], shape: Sequence[int | str], what: str) -> tuple[Axis, ...]:
@@ -264,17 +264,17 @@ def _ids(population: HasShape, array: NDArray[Any]) -> Ids:
         raise ModelError(f"{name}[...]: found an array of {kind}: expected a list of whole numbers, or a mask")
     else:
         ids = array.astype(np.int64)
-    what = f"{name}[{_short_list(ids)}]"
+    label = f"{name}[{_short_list(ids)}]"
     if ids.size == 0:
-        raise ModelError(f"{what} chooses no neuron: expected at least one")
-    size = math.prod(_known_shape(population, what))
+        raise ModelError(f"{label} chooses no neuron: expected at least one")
+    size = math.prod(_known_shape(population, label))
     outside = np.flatnonzero((ids < -size) | (ids >= size))
     if outside.size:
-        raise ModelError(f"{what}: found {ids[outside[0]]}: expected {-size} to {size - 1}")
+        raise ModelError(f"{label}: found {ids[outside[0]]}: expected {-size} to {size - 1}")
     ids = ids % size
     numbers, times = np.unique(ids, return_counts=True)
     if numbers.size < ids.size:
-        raise ModelError(f"{what} chooses neuron {numbers[times > 1][0]} more than once: expected each once")
+        raise ModelError(f"{label} chooses neuron {numbers[times > 1][0]} more than once: expected each once")
     return ids
 
 
@@ -353,15 +353,15 @@ def view_of_text(text: str, populations: Mapping[str, HasShape]) -> HasShape | V
     Raises:
         ModelError: the population does not exist, or the index in brackets is not valid.
     """
-    name, bracket, rest = text.strip().partition("[")
+    name, bracket, index_text = text.strip().partition("[")
     name = name.strip()
     if name not in populations:
         raise unknown("population", name, populations)
     if not bracket:
         return populations[name]
-    if not rest.endswith("]"):
+    if not index_text.endswith("]"):
         raise ModelError(f"found '{text}': expected ']' at its end", hint=f"write '{name}[0:100]'")
-    index = rest[:-1].strip()
+    index = index_text[:-1].strip()
     if index.startswith("["):
         if not _LIST.fullmatch(index):
             raise ModelError(f"{name}: found '{index}': expected a list of ids such as [3, 7]")

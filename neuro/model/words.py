@@ -47,7 +47,7 @@ def _tables(part: Any) -> list[Table]:
     else:
         rows = ((field.name, in_words(value), _UNITS.get(field.name, "")) for field, value in _set_fields(part))
     values = [getattr(part, field.name) for field in fields(part)]
-    parameters = (_parameters(each) for each in values if isinstance(each, Choice))
+    parameters = (_parameters(choice) for choice in values if isinstance(choice, Choice))
     return [Table("", ("word", "value", "unit"), tuple(rows)), *parameters]
 
 
@@ -126,7 +126,7 @@ def in_words(value: Any) -> str:
     if isinstance(value, Choice):
         if len(fields(value)) == 1 and value.changed():  # e.g. of_distance, whose only field needs no name
             return f"{value.name}({in_words(next(iter(value.changed().values())))})"
-        words = ", ".join(f"{word_of(name)}={in_words(each)}" for name, each in value.changed().items())
+        words = ", ".join(f"{word_of(name)}={in_words(field_value)}" for name, field_value in value.changed().items())
         return f"{value.name}({words})" if words else value.name
     if isinstance(value, str):
         return value
@@ -205,10 +205,10 @@ def _projections(net: Any) -> Iterator[tuple[str, ...]]:
 
 def _probes(net: Any) -> Iterator[tuple[str, ...]]:
     for part in net.probes.values():
-        every = "" if part.record == "spikes" else in_words(part.every) if part.every else f"{net.resolution:g}"
-        every = every if part.at is None else f"at {part.at.replace('_', ' ')}"
+        interval = "" if part.record == "spikes" else in_words(part.every) if part.every else f"{net.resolution:g}"
+        interval = interval if part.at is None else f"at {part.at.replace('_', ' ')}"
         record = part.record if isinstance(part.record, str) else ", ".join(part.record)
         neurons_text = part.of if part.view is None else repr(part.view)
         ends = (("from", part.pre), ("to", part.post))
         neurons_text += "".join(f" {word} {view}" for word, view in ends if view is not None)
-        yield part.name, neurons_text, f"mean {record}" if part.mean else record, every
+        yield part.name, neurons_text, f"mean {record}" if part.mean else record, interval

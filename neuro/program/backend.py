@@ -231,7 +231,7 @@ class Engine(Protocol):
 class Backend(Protocol):
     """A way to run programs.
 
-    A backend that computes in integers says `arithmetic = "integer"`; the default is "float".
+    A backend that computes in integers has `arithmetic = "integer"`; the default is "float".
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`. A backend that cannot read some states of neurons names them in an attribute
     `unreadable: frozenset[str]`, which its engine has, too.
@@ -394,12 +394,12 @@ def floats_only(program: Program) -> list[Problem]:
     return [
         Problem(
             True,
-            f"{what}: {choice.name}",
+            f"{label}: {choice.name}",
             f"it is in the registers or programs of {choice.chip}",
             f"backend '{choice.chip}' runs it",
             origin,
         )
-        for what, choice, origin in parts
+        for label, choice, origin in parts
     ]
 
 
@@ -464,15 +464,15 @@ def installed() -> dict[str, Backend]:
 
 
 def find_backend(name: str | PathLike[str]) -> Backend:
-    """Return the backend of that name, or the one of a family (`Family`) for a target, by name or file.
+    """Return the backend of a name, or the backend of a family (`Family`) that runs a target, by name or file.
 
     Raises:
-        ModelError: there is none, or the file does not describe such a target.
+        ModelError: no backend or target has that name, or the file does not describe a target.
     """
     text = str(name)
     if text in BACKENDS:
         return BACKENDS[text]
-    families = [each for each in installed().values() if isinstance(each, Family)]
+    families = [backend for backend in installed().values() if isinstance(backend, Family)]
     for family in families:
         if (member := family.of(text)) is not None:
             return member

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from neuro.core.memory import discard
 from neuro.program.program import Ints, Projection, StoredSynapses
 
-_PIECE = 1 << 16
+_BATCH = 1 << 16
 """Weights checked in one batch. Weights that need 64 bits mostly fail in the first batch."""
 
 _ARRAYS = ("targets", "weight", "delay")
@@ -23,7 +23,7 @@ def is_single(weights: NDArray[np.floating[Any]]) -> bool:
     """Return whether all weights can be stored in 32 bits without loss."""
     if weights.dtype == np.float32:
         return True
-    pieces = (weights[k : k + _PIECE] for k in range(0, weights.size, _PIECE))
+    pieces = (weights[k : k + _BATCH] for k in range(0, weights.size, _BATCH))
     return all(np.array_equal(piece.astype(np.float32), piece) for piece in pieces)
 
 
@@ -77,7 +77,7 @@ class CompactProjection(Projection):
     _blocks: tuple[SynapseBlock, ...]
     _supply: Callable[[], StoredSynapses] | None
     kinds: dict[str, np.dtype[Any]]
-    """The types in which targets, weights and delays are stored; without "weight" where all share one."""
+    """The types in which targets, weights and delays are stored; without "weight" if all synapses share a weight."""
 
     @classmethod
     def of(cls, part: Projection) -> CompactProjection:

@@ -82,7 +82,7 @@ class Currents:
         return self._parameters[population][word][-1][1]
 
     def parameters(self, population: int) -> Mapping[str, History]:
-        """Return the histories that still matter, by word; of dc and step current generators the amplitude."""
+        """Return the histories that still matter, by parameter; of dc and step generators the amplitude."""
         return self._parameters[population]
 
     def weights(self, projection: int) -> History:
@@ -167,8 +167,8 @@ class Currents:
             amplitude = np.where(emitted > since, values[pre], amplitude)
         for since, values in self._weights[q]:
             weight = np.where(emitted > since, values, weight)
-        on = (emitted >= source.start) & (emitted < source.stop)
-        np.add.at(current, post, np.where(on, amplitude, 0.0) * weight)
+        is_on = (emitted >= source.start) & (emitted < source.stop)
+        np.add.at(current, post, np.where(is_on, amplitude, 0.0) * weight)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return the parameters and weights with the steps after which they hold."""
@@ -192,8 +192,8 @@ def _first(population: Population) -> dict[str, History]:
     """Return the initial histories: the value from step 1 on, and the value from each step of a schedule on."""
     if population.schedule is None:
         words = population.parameters if generator_of(population).varies else ("amplitude",)
-        whole = {w: np.broadcast_to(population.parameters[w], population.size).astype(np.float64) for w in words}
-        return {word: [(0, values.copy())] for word, values in whole.items()}
+        wide = {w: np.broadcast_to(population.parameters[w], population.size).astype(np.float64) for w in words}
+        return {word: [(0, values.copy())] for word, values in wide.items()}
     changes = zip((population.schedule.steps - 1).tolist(), population.schedule.values, strict=True)
     steps = [(since, np.broadcast_to(values, population.size)) for since, values in changes]
     return {"amplitude": [(0, np.zeros(population.size)), *steps]}
@@ -289,12 +289,12 @@ class Emission:
             generator is off.
         """
         rows, values = np.zeros(steps.size, dtype=np.int64), [np.zeros((1, self.columns))]
-        on = self.on(steps)
-        if on.size:
-            moments, back = np.unique(self.moments(on), return_inverse=True)
+        is_on = self.on(steps)
+        if is_on.size:
+            moments, back = np.unique(self.moments(is_on), return_inverse=True)
             values += [self.at(m, p) for m, p in _pieces(moments, histories)]
-            begin = int(on[0] - steps[0])
-            rows[begin : begin + on.size] = back + 1
+            begin = int(is_on[0] - steps[0])
+            rows[begin : begin + is_on.size] = back + 1
         return rows, np.concatenate(values)
 
     def during(self, steps: Ints, histories: Mapping[str, History]) -> Floats:

@@ -47,7 +47,7 @@ class ListedSpikes:
         new: tuple[Ints, ...] = (steps, ids) if payloads is None else (steps, ids, payloads)
         is_ahead = old[0] > now
         if is_ahead.any():
-            new = tuple(np.concatenate([one[is_ahead], other]) for one, other in zip(old, new, strict=True))
+            new = tuple(np.concatenate([a[is_ahead], b]) for a, b in zip(old, new, strict=True))
         self._spikes[population] = new
         return self._put(population, _rows(*new, begin=self._begins[population]), now)
 
@@ -70,7 +70,7 @@ class ListedSpikes:
         return self._first[population]
 
     def pending(self, population: int, now: int) -> bool:
-        """Return whether added spikes are still to come."""
+        """Return whether some added spikes have not been emitted yet."""
         steps = self._spikes[population][0]
         return steps.size > 0 and bool((steps > now).any())
 

@@ -47,9 +47,9 @@ class Share:
 
         Example: 3 shares of 10 neurons have the ranges (0, 4), (4, 7) and (7, 10).
         """
-        each, more = divmod(neurons, self.number)
-        first = self.index * each + min(self.index, more)
-        return first, first + each + (self.index < more)
+        per_share, more = divmod(neurons, self.number)
+        first = self.index * per_share + min(self.index, more)
+        return first, first + per_share + (self.index < more)
 
     def gather(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values of all shares, in the order of the shares."""
@@ -138,15 +138,15 @@ class Rows:
 
     def joined(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values of the synapses of all shares, in order, from the values of this share."""
-        return np.concatenate([self.share.gather(values[each.own])[each.order] for each in self.stretches()])
+        return np.concatenate([self.share.gather(values[stretch.own])[stretch.order] for stretch in self.stretches()])
 
     def places(self) -> Ints:
         """Return the index of each synapse of this share among those of all shares."""
         places = np.empty(int(self.row_ends[-1]), dtype=np.int64)
-        for each in self.stretches():
-            sorted_at = np.empty(each.order.size, dtype=np.int64)
-            sorted_at[each.order] = np.arange(each.order.size)
-            places[each.own] = each.begin + sorted_at[each.at : each.at + each.own.stop - each.own.start]
+        for part in self.stretches():
+            sorted_at = np.empty(part.order.size, dtype=np.int64)
+            sorted_at[part.order] = np.arange(part.order.size)
+            places[part.own] = part.begin + sorted_at[part.at : part.at + part.own.stop - part.own.start]
         return places
 
 
@@ -157,7 +157,7 @@ class Schedule:
     Example: steps [1, 11] with values [[5.0], [2.0]] hold 5.0 in steps 1 to 10, and 2.0 from step 11 on.
 
     Attributes:
-        steps: ascending, from 1.
+        steps: steps of the changes, ascending, from 1.
         values: the value from each of the steps on, shape (steps, 1) or (steps, size).
     """
 
@@ -305,10 +305,10 @@ class Projection:
             row_ends [0, 2, 2, 3] and targets [1, 4, 0] connect 0 -> 1, 0 -> 4 and 2 -> 0. In a network of about a
             million synapses or more, static synapses with drawn delays are sorted by delay, then by target.
         targets: csr: the target of each synapse, int32.
-        weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
-        delay: in steps, shape (1,) or one per synapse, int32, >= 1; uint8 in such a large network, where drawn delays
-            of static synapses are at most 255.
-        size: number of synapses of all shares together; of a grid: number of weights in the kernels.
+        weight: weights, shape (1,) if shared, else one per synapse; grid: (maps, channels, height, width) flat.
+        delay: delays in steps, shape (1,) or one per synapse, int32, >= 1; uint8 in such a large network, where drawn
+            delays of static synapses are at most 255.
+        size: number of synapses of all shares together; for a grid, number of weights in the kernels.
         grid: the sizes of a grid, else None.
         synapse: the model; a parameter is a number, or one for each synapse in the order of the weights.
         receptor: the receptor that all spikes go to; None where the sign of a weight chooses the receptor. A current
@@ -413,9 +413,9 @@ class Operation:
     Attributes:
         name: an operator or a function. "number", "count", "mean", "trace" and "after" have a constant or a memory.
         of: indices of the earlier operations whose results are the operands.
-        number: the constant of "number"; of "mean" the share of a new value, 0 for the mean of all values; of "trace"
-            the share that remains after a step; of "after" the number of steps within which one spike must follow
-            another.
+        number: for "number" the constant; for "mean" the share of a new value, 0 for the mean of all values; for
+            "trace" the share that remains after a step; for "after" the number of steps within which one spike must
+            follow another.
         reads: the populations whose spikes are read, each with some of its neurons, or None for all.
     """
 
@@ -431,9 +431,9 @@ class Computed:
 
     Attributes:
         name: key for the draws of delays.
-        operations: the last one gives the value.
-        every: steps between two values.
-        delay: from a value to its effect: steps, or a distribution in ms.
+        operations: operations of the expression. The last operation gives the value.
+        every: number of steps between two values.
+        delay: time from a value to its effect, in steps, or a distribution in ms.
         tau: time constant in ms with which the sum of doses decays; 0: the values are not doses.
         largest: bound of the absolute values; None if unknown.
     """
@@ -525,16 +525,16 @@ class Trials:
     Attributes:
         input, output: indices of the generator and of the population that decides.
         group: index of the winner-take-all group of the output.
-        duration: ticks.
+        duration: length of a trial in ticks.
         stop_at_decision: whether the first spike ends a trial.
         spikes: the spikes of an input that teach: "once" (a second spike is refused), "first" or "each".
         maps, maps_per_label: maps of the output, and maps for each label (0: no labels).
-        reward: by outcome (correct, wrong, silent).
+        reward: reward by outcome (correct, wrong, silent).
         dropout: share of maps dropped in epoch 0; `dropout_decay` per epoch; `dropout_per_trial`.
         reset: states of the output that are reset before each trial.
         anew: whether all neurons and all states that learn, except weights, are reset before each trial. Synapses that
             learn by dopamine need this.
-        after: ticks that follow a trial that teaches.
+        after: number of ticks that follow a trial that teaches.
     """
 
     input: int
@@ -615,8 +615,8 @@ class Program:
         """Return source and target of every synapse of a projection, in weight order (not for a grid)."""
         self.refuse_undrawn(index)
         part = self.projections[index]
-        own = connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
-        pre, post = (self.joined(index, ids) for ids in own)
+        ends = connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
+        pre, post = (self.joined(index, ids) for ids in ends)
         return pre, post
 
     def joined(self, index: int, values: NDArray[Any]) -> NDArray[Any]:

@@ -97,10 +97,10 @@ def one_by_one(name: str, multiplicity: Ints, *columns: NDArray[Any]) -> tuple[N
     if not multiplicity.size or multiplicity.max() == 1:
         return columns
     number, free = sum(multiplicity.tolist()), free_memory()
-    needed = 16 * len(columns) * number
-    if free is not None and needed > free:
+    n_bytes = 16 * len(columns) * number
+    if free is not None and n_bytes > free:
         raise ModelError(
-            f"spikes of '{name}': a list of {number:,} spikes needs {needed:,} bytes: expected at most {free:,}, the "
+            f"spikes of '{name}': a list of {number:,} spikes needs {n_bytes:,} bytes: expected at most {free:,}, the "
             "free memory",
             hint="sim.counts() has the number of spikes; in results, `multiplicity` counts them per neuron and step",
         )

@@ -36,7 +36,7 @@ def places_of_pairs(ends: Ends, of: Any) -> Ints:
     """Return the indices of the synapses between pairs (source, target), in the order of the pairs.
 
     Raises:
-        ModelError: the value is no list of pairs, or a pair names no neuron, has no synapse or is repeated.
+        ModelError: the value is not a list of pairs, or a pair names no neuron, has no synapse or is repeated.
     """
     pairs = _pairs(of)
     for k, word in enumerate(("source", "target")):

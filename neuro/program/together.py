@@ -89,18 +89,18 @@ class OneByOne:
 
     def set_rate(self, population: int, rates: Floats) -> None:
         """Set the rates of a poisson_generator."""
-        for engine, each in zip(self._engines, rates, strict=True):
-            engine.set(population, {"rate": each})
+        for engine, engine_rates in zip(self._engines, rates, strict=True):
+            engine.set(population, {"rate": engine_rates})
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set a signal."""
-        for engine, each in zip(self._engines, values, strict=True):
-            engine.signal(signal, each)
+        for engine, engine_values in zip(self._engines, values, strict=True):
+            engine.signal(signal, engine_values)
 
     def clear(self, projection: int, chosen: NDArray[np.bool_]) -> None:
         """Set the states of synapses to 0 in the chosen engines."""
         part = self._program.projections[projection]
-        for engine in (each for each, is_chosen in zip(self._engines, chosen, strict=True) if is_chosen):
+        for engine in (member for member, is_chosen in zip(self._engines, chosen, strict=True) if is_chosen):
             assert isinstance(engine, SettableSynapses)
             for state in part.synapse.states:
                 engine.set_synapses(projection, state.name, np.zeros(part.size))

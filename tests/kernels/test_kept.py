@@ -62,7 +62,7 @@ def test_kernels_run_where_nothing_can_be_kept(places, tmp_path, capsys):
     places(tmp_path / "file" / "cache")
     assert (double(3), double(1.5)) == (6, 3.0)
     assert capsys.readouterr().err == (
-        "neuro: compiling kernels for this machine, once; they cannot be kept, as no cache folder can be written: "
+        "neuro: compiling kernels for this machine, once; they cannot be cached, as no cache folder can be written: "
         "set XDG_CACHE_HOME to one\n"
     )
 

@@ -14,7 +14,7 @@ import neuro
 from neuro.testing import observe
 from neuro.testing.case import Found, differences
 from neuro.testing.verify import verify
-from neuro_nest.kernel import TOLD
+from neuro_nest.kernel import CRASH
 
 pytestmark = pytest.mark.usefixtures("nest")
 
@@ -164,7 +164,7 @@ def test_a_crash_is_told():
     assert told.returncode == -signal.SIGSEGV
     assert told.stdout == ""
     own = [line for line in told.stderr.splitlines() if not line.startswith("[")]  # Open MPI tells crashes, too
-    assert own == TOLD.splitlines()
+    assert own == CRASH.splitlines()
 
 
 def test_nothing_is_said_of_its_own():

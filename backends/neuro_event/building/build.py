@@ -42,7 +42,7 @@ from neuro_event.loop.operations import entry, generator_entry
 from neuro_event.loop.tables import STAGES, stage_entry
 
 LINE = 16
-"""Numbers between values that two threads write often, so that these share no cache line."""
+"""Distance, in numbers, of values that two threads write often, so that the values share no cache line."""
 
 
 def build(
@@ -64,8 +64,8 @@ def build(
     places = layout.places(program)
     if joined is None:
         joined = joined_rows.choose(program) if any(map(layout.is_timed, program.projections)) else frozenset()
-    every = range(len(program.projections))
-    arranged = list(mapped(lambda q: layout.arrange(program, q, places, joined), every, threads))
+    all_projections = range(len(program.projections))
+    arranged = list(mapped(lambda q: layout.arrange(program, q, places, joined), all_projections, threads))
     learning = [q for q, part in enumerate(program.projections) if layout.learns_from_pairs(part)]
     delays = [part.delay_range(program.resolution)[1] for part in program.projections]
     longest = max([1, *delays, *(part.dopamine_delay for part in program.projections if part.dopamine >= 0)])
@@ -97,7 +97,7 @@ def build(
 
 def _nothing_learns(threads: int) -> dict[str, Any]:
     """Return the arrays of learning for a network in which nothing learns."""
-    shared = ("shared", *(f"shared_{of}" for of in ("sources", "targets", "entries", "positions", "pairs", "marks")))
+    shared = ("shared", *(f"shared_{key}" for key in ("sources", "targets", "entries", "positions", "pairs", "marks")))
     moves = ("moves", "move_sources", "move_marks", "move_targets")
     none = dict.fromkeys(("sources", "targets", "room", *moves, *shared), 0)
     sizes = {**none, "threads": threads, "states": 1, "move_width": 1, "move_traces": t.MOVE_TRACES}
@@ -170,8 +170,8 @@ def _populations(arrays: EventArrays) -> None:
         row[t.START], row[t.STOP] = part.start, part.stop
         row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = 1, 0, 0
         if layout.has_states(part):
-            own: Any = type(part.model)
-            arrays.request(row, t.ENTRY, partial(entry if part.kind == "neuron" else generator_entry, own))
+            model_class: Any = type(part.model)
+            arrays.request(row, t.ENTRY, partial(entry if part.kind == "neuron" else generator_entry, model_class))
         if isinstance(part.model, Neuron):
             model = part.model
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)
@@ -197,17 +197,17 @@ def rebuild_constants(arrays: EventArrays, changed: Mapping[int, Floats]) -> Non
     ]
     width = layout.constants_width(arrays.program)
     arrays.net["parameters"] = np.concatenate(
-        [np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in rows] or [np.zeros((1, width))]
+        [np.pad(values, ((0, 0), (0, width - values.shape[1]))) for values in rows] or [np.zeros((1, width))]
     )
     arrays.net["constants"] = np.zeros_like(arrays.net["parameters"])
-    at = 0
+    row_at = 0
     computed = (k for k, p in enumerate(arrays.program.populations) if layout.has_states(p))
-    for k, each in zip(computed, rows, strict=True):
-        arrays.net["pops"][k, t.CONSTANT], arrays.net["pops"][k, t.CONSTANT_STRIDE] = at, int(len(each) > 1)
+    for k, values in zip(computed, rows, strict=True):
+        arrays.net["pops"][k, t.CONSTANT], arrays.net["pops"][k, t.CONSTANT_STRIDE] = row_at, int(len(values) > 1)
         compute: Any = type(arrays.program.populations[k].model).arithmetic.constants  # type: ignore[attr-defined]
-        for r in range(at, at + len(each)):
+        for r in range(row_at, row_at + len(values)):
             compute(arrays.net["parameters"][r], arrays.program.resolution, arrays.net["constants"][r])
-        at += len(each)
+        row_at += len(values)
 
 
 def parameters(arrays: EventArrays, k: int) -> Floats:
@@ -251,17 +251,17 @@ def _groups(arrays: EventArrays) -> None:
 def declared_in(arrays: EventArrays, *lives: str) -> Iterator[tuple[str, Declared, dict[str, Any]]]:
     """Yield declared arrays, all or with given lifetimes: name in a snapshot, declaration, dictionary of arrays."""
     for part, declarations, owner in (("net", t.NET_ARRAYS, arrays.net), ("plastic", t.PLASTIC_ARRAYS, arrays.plastic)):
-        for each in declarations:
-            if not lives or each.life in lives:
-                yield f"{part}.{each.name}", each, owner
+        for array in declarations:
+            if not lives or array.life in lives:
+                yield f"{part}.{array.name}", array, owner
 
 
 def snapshot(arrays: EventArrays) -> dict[str, NDArray[Any]]:
     """Return copies of all arrays that change while a network runs."""
     settle(arrays)
     return {
-        name: owner[each.name][:, t.CHANGING[each.name]] if each.life == "columns" else owner[each.name].copy()
-        for name, each, owner in declared_in(arrays, "run", "columns")
+        name: owner[array.name][:, t.CHANGING[array.name]] if array.life == "columns" else owner[array.name].copy()
+        for name, array, owner in declared_in(arrays, "run", "columns")
     }
 
 
@@ -269,13 +269,13 @@ def restore(arrays: EventArrays, saved: Mapping[str, NDArray[Any]]) -> None:
     """Replace the arrays of step 0 by those of a snapshot."""
     if not np.array_equal(saved["net.weights"], arrays.net["weights"]):
         copy_shared_weights(arrays)
-    for name, each, owner in declared_in(arrays, "run", "columns"):
-        if each.life == "columns":
-            owner[each.name][:, t.CHANGING[each.name]] = saved[name]
-        elif owner[each.name].shape == saved[name].shape:
-            owner[each.name][...] = saved[name]  # keeps the alignment, see `layout.aligned_zeros`
+    for name, array, owner in declared_in(arrays, "run", "columns"):
+        if array.life == "columns":
+            owner[array.name][:, t.CHANGING[array.name]] = saved[name]
+        elif owner[array.name].shape == saved[name].shape:
+            owner[array.name][...] = saved[name]  # keeps the alignment, see `layout.aligned_zeros`
         else:
-            owner[each.name] = saved[name].copy()
+            owner[array.name] = saved[name].copy()
     rings = [q for q in range(len(arrays.program.projections)) if arrays.net["projections"][q, t.LAG] == 0]
     arrays.net["at_emission"] = np.array([q for q in rings if q not in arrays.plastic_of], dtype=np.int64)
     for q in arrays.joined.intersection(rings):
@@ -301,9 +301,9 @@ def link(arrays: EventArrays) -> None:
         else:
             running = ("run",) if arrays.net["edges"].shape[1] == 2 else ("run", "share", "finish")
         runs = [partial(stage_entry, name) for name in running]
-        entries: list[Callable[[], Entry]] = [*runs, *(each for _, _, each in arrays.requests)]
-        if all(each().is_compiled for each in entries):
-            entry_addresses = [each().address() for each in entries]
+        entries: list[Callable[[], Entry]] = [*runs, *(entry for _, _, entry in arrays.requests)]
+        if all(entry().is_compiled for entry in entries):
+            entry_addresses = [entry().address() for entry in entries]
         else:
             from neuro.kernels.beside import addresses  # a second process is only needed to compile
 
@@ -354,9 +354,9 @@ def add_generators(arrays: EventArrays) -> None:
     for k, part in enumerate(arrays.program.populations):
         if part.kind == "poisson":
             if _keeps_counts(arrays, k):
-                own = [q for q, projection in enumerate(arrays.program.projections) if projection.source == k]
-                arrays.net["projections"][own, t.DENSE_COUNTS] = 1
-                steps = layout.power_of_two(int(arrays.net["projections"][own, t.LAG].max()) + arrays.longest_slice)
+                qs = [q for q, projection in enumerate(arrays.program.projections) if projection.source == k]
+                arrays.net["projections"][qs, t.DENSE_COUNTS] = 1
+                steps = layout.power_of_two(int(arrays.net["projections"][qs, t.LAG].max()) + arrays.longest_slice)
                 pops[k, t.COUNTS], pops[k, t.COUNTS_STEPS] = size, steps
                 size += steps * part.size
             set_rate(arrays, k, part.rate(1), 0)
@@ -398,8 +398,8 @@ def _keeps_counts(arrays: EventArrays, k: int) -> bool:
 def set_rate(arrays: EventArrays, k: int, rate: Floats, step: int) -> None:
     """Set the rate of a poisson_generator in Hz, for all neurons or for each, after a step."""
     place, row = arrays.places[k], arrays.net["pops"][k]
-    net, own = arrays.net, slice(place.begin, place.end)
-    mean, p_silent = net["mean"][own], net["nothing"][own]
+    net, neurons = arrays.net, slice(place.begin, place.end)
+    mean, p_silent = net["mean"][neurons], net["nothing"][neurons]
     np.multiply(rate, arrays.program.resolution * 1e-3, out=mean)
     np.exp(np.negative(mean, out=p_silent), out=p_silent)
     wake_emitting(net["mean"], net["awake"], net["busy"], row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)

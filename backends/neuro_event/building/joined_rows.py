@@ -23,16 +23,16 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import Listed, lay_joined, list_joined
 
 AT_ONCE = 1 << 17
-"""Synapses that are laid out at a time, so that they stay in the second-level cache."""
+"""Number of synapses that are laid out at a time, so that they stay in the second-level cache."""
 
-FREED = 1 << 21
-"""Synapses whose memory is returned to the system at a time."""
+FREED_AT_ONCE = 1 << 21
+"""Number of synapses whose memory is returned to the system at a time."""
 
 MOST = 2**32 - 1
-"""Most entries of a joined row (synapses and steps between them), because the ends of its runs have 32 bits."""
+"""Largest number of entries of a joined row (synapses and steps between them), because run ends have 32 bits."""
 
 _RECEPTORS = 2
-"""Most receptors of a target, so that the block of a neuron follows from the place of its input."""
+"""Largest number of receptors of a target, so that the block of a neuron follows from the place of its input."""
 
 MEAN_INTERVAL = 200.0
 """Interval between two spikes of a neuron that the comparison of rows and rings assumes, ms."""
@@ -51,8 +51,8 @@ Row = list[int]
 def choose(program: Program) -> frozenset[int]:
     """Choose the projections that share rows: those with several delays whose order of summation does not change.
 
-    Projections whose rows have mostly empty runs get rings, unless this takes longer in all. Without such projections
-    the rows of others are cut too, because a row holds projections that are neighbours in the order of a target's sum.
+    Projections whose rows have mostly empty runs get rings, unless this takes longer in total. Where such a projection
+    is missing, other rows are cut, because a row holds projections that are neighbours in the order of a target's sum.
     """
     candidates = set()
     for q, p in enumerate(program.projections):
@@ -326,18 +326,18 @@ def _lay_synapses(
             synapse_arrays = block.row_ends, block.targets, block.delay, edges, *span, block.weight
             parts.append(Listed(*synapse_arrays, int(block.weight.size > 1), begin))
     n = arrays.program.populations[int(columns[t.SOURCE])].size
-    each = sum(arrays.program.projections[q].size for q in row) / n
+    per_source = sum(arrays.program.projections[q].size for q in row) / n
     # A few sources at a time, so that the synapses of all projections stay in the cache.
-    some, more = max(1, int(AT_ONCE / each)), max(1, int(FREED / each))
+    n_laid, n_freed = max(1, int(AT_ONCE / per_source)), max(1, int(FREED_AT_ONCE / per_source))
 
     def lay(first: int) -> tuple[int, int]:
-        end = min(first + more, n)
-        for few in range(first, end, some):
+        end = min(first + n_freed, n)
+        for few in range(first, end, n_laid):
             for part in parts:
-                lay_joined(few, min(few + some, end), part, at, following, steps, laid)
+                lay_joined(few, min(few + n_laid, end), part, at, following, steps, laid)
         return first, end
 
-    for sources in mapped(lay, range(0, n, more), _threads(arrays)):
+    for sources in mapped(lay, range(0, n, n_freed), _threads(arrays)):
         for p in replaced:
             p.discard(*sources)
 

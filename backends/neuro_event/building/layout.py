@@ -17,7 +17,7 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import by_delay
 
 WORD = t.BLOCK * t.GROUPED
-"""Neurons in a group of blocks. Each population begins at a multiple of `WORD`."""
+"""Number of neurons in a group of blocks. Each population begins at a multiple of `WORD`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class ArrangedSynapses:
 
     Attributes:
         layout: ONE_TO_ONE, DENSE, CSR or GRID of `tables`.
-        row_ends, targets: of a CSR projection, else empty.
+        row_ends, targets: row ends and targets of a CSR projection, else empty.
         order: internal weight k is the program's weight order[k]; None if the orders are equal.
     """
 
@@ -188,11 +188,11 @@ def internal_weights(program: Program, index: int, order: Ints | None) -> NDArra
     target = program.populations[p.target].model
     if p.carries == "spikes" and isinstance(target, Neuron) and target.relay:
         return np.ones(1)
-    _, own, _ = p.stored()
-    own = p.arriving(own[order] if order is not None and own.size > 1 else own)
-    if own.size == 1 and (p.grid is not None or p.synapse.learns in ("moves", "trials")):
-        own = np.repeat(own, p.size)
-    return own
+    _, weights, _ = p.stored()
+    weights = p.arriving(weights[order] if order is not None and weights.size > 1 else weights)
+    if weights.size == 1 and (p.grid is not None or p.synapse.learns in ("moves", "trials")):
+        weights = np.repeat(weights, p.size)
+    return weights
 
 
 def split_rows(row_ends: Ints, targets: NDArray[np.integer[Any]], edges: Ints) -> Ints:
@@ -233,7 +233,7 @@ def sign(weights: NDArray[np.floating[Any]]) -> int:
 
 
 _PIECE = 1 << 16
-"""Weights that are tested at a time, so that they stay in the cache."""
+"""Number of weights that are tested at a time, so that they stay in the cache."""
 
 
 def map_of_weights(arrays: EventArrays, projection: int, maps: int) -> Ints:
@@ -314,14 +314,14 @@ def aligned_table(rows: int, columns: int) -> Ints:
 def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any]:
     """Make the declared arrays of which all sizes are known, filled with 0."""
     new_arrays: dict[str, Any] = {}
-    for each in arrays:
+    for array in arrays:
         shape: list[Any] = [
-            int(word) if word.isdigit() else sizes.get(word, getattr(t, word, None)) for word in each.shape
+            int(word) if word.isdigit() else sizes.get(word, getattr(t, word, None)) for word in array.shape
         ]
         if None not in shape:
             n = math.prod(shape)
-            flat = np.zeros(n, each.kind) if each.line is None else aligned_zeros(n, each.kind, each.line)
-            new_arrays[each.name] = flat.reshape(shape)
+            flat = np.zeros(n, array.kind) if array.line is None else aligned_zeros(n, array.kind, array.line)
+            new_arrays[array.name] = flat.reshape(shape)
     return new_arrays
 
 
@@ -330,7 +330,7 @@ def clear_joined_rows(arrays: EventArrays) -> None:
     arrays.rows_outdated = bool(arrays.joined)
     pops = arrays.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
-    empty = [each for each in t.NET_ARRAYS if each.name in (*JOINED_ARRAYS, *JOINED_TABLES)]
+    empty = [array for array in t.NET_ARRAYS if array.name in (*JOINED_ARRAYS, *JOINED_TABLES)]
     arrays.net |= zeros(
         empty, {"threads": arrays.net["edges"].shape[1] - 1, "populations": len(arrays.program.populations)}
     )

@@ -18,7 +18,7 @@ from neuro_event.building import layout
 from neuro_event.building.layout import EventArrays, aligned_table, zeros
 from neuro_event.loop import tables as t
 from neuro_event.loop.eager_rules import eager_entry
-from neuro_event.loop.lazy_rules import APPLIED, DECAYS, ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
+from neuro_event.loop.lazy_rules import APPLIED, DECAYS, ENTRY, NEWEST, OF_NEURON, RULE_TRACES, TAU, TIME, rule_entry
 from neuro_event.loop.lazy_stdp import lazy_entry
 from neuro_event.loop.operations import RULES
 
@@ -40,7 +40,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
     most = max([0, *(max(len(rule.pre), len(rule.post)) for rule in read)])
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
     tau, kinds = np.zeros((len(learning), 2)), np.zeros((len(learning), 2 * most, 3))
-    decay = np.zeros((len(learning), OWN + kinds.shape[1], DECAYS))
+    decay = np.zeros((len(learning), RULE_TRACES + kinds.shape[1], DECAYS))
     strides = [1 if type(part.synapse) in RULES else max(1, len(part.synapse.pre)) for part in parts]
     synapses, sources, targets = (
         np.array(sizes, dtype=np.int64)
@@ -75,7 +75,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
         tau_minus = target.parameters["tau_minus"]
         if np.all(tau_minus == tau_minus[0]):
             decay[k, 2] = _decay(tau_minus[0], program.resolution)
-            decay[k, OWN:][kinds[k, :, TAU] == OF_NEURON] = decay[k, 2]
+            decay[k, RULE_TRACES:][kinds[k, :, TAU] == OF_NEURON] = decay[k, 2]
         pre = np.repeat(np.arange(program.populations[part.source].size, dtype=np.int32), np.diff(csr.row_ends))
         order = np.argsort(csr.targets, kind="stable")
         ends = np.cumsum(np.bincount(csr.targets, minlength=target.size), dtype=np.int64)
@@ -175,8 +175,8 @@ def _columns(arrays: EventArrays, learning: list[int], table: Ints) -> Ints:
             table[k, t.COLUMN] = len(traces[part.target])
             traces[part.target] += [(k, j) for j in range(len(part.synapse.post))]
     columns = np.full((len(traces), max(map(len, traces), default=0), 2), -1, dtype=np.int64)
-    for row, each in zip(columns, traces, strict=True):
-        row[: len(each)] = np.reshape(each, (-1, 2))
+    for row, column_row in zip(columns, traces, strict=True):
+        row[: len(column_row)] = np.reshape(column_row, (-1, 2))
     return columns
 
 
@@ -230,7 +230,7 @@ def write_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
         row = arrays.plastic["table"][k]
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = k, 0
         set_constants(arrays, q, rules[q])
-        row[t.EPOCH] = epoch_length(arrays.plastic["decay"][k, OWN:])
+        row[t.EPOCH] = epoch_length(arrays.plastic["decay"][k, RULE_TRACES:])
 
 
 def set_constants(arrays: EventArrays, projection: int, vector: Floats) -> bool:
@@ -282,10 +282,10 @@ def set_traces(
     for k in range(2):
         decay[k] = _decay(tau[k], program.resolution)
     for first, traces in ((0, synapse.pre), (len(kinds) // 2, synapse.post)):
-        for j, each in enumerate(traces[: len(kinds) // 2]):
-            kinds[first + j] = words.get(each.tau, OF_NEURON) if each.tau else TIME, each.nearest, each.adds
-            if words.get(each.tau, 0.0) > 0.0:
-                decay[OWN + first + j] = _decay(words[each.tau], program.resolution)
+        for j, trace in enumerate(traces[: len(kinds) // 2]):
+            kinds[first + j] = words.get(trace.tau, OF_NEURON) if trace.tau else TIME, trace.nearest, trace.adds
+            if words.get(trace.tau, 0.0) > 0.0:
+                decay[RULE_TRACES + first + j] = _decay(words[trace.tau], program.resolution)
     row[t.GRID_STEPS] = int(words.get("deliver_interval", 1)) * program.min_delay
 
 
@@ -325,16 +325,16 @@ def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
 
 def make_record_buffers(arrays: EventArrays, room: int) -> None:
     """Allocate buffers for `room` records of pre spikes for each thread."""
-    buffers = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("note_") and each.shape[0] == "threads"]
+    buffers = [array for array in t.PLASTIC_ARRAYS if array.name.startswith("note_") and array.shape[0] == "threads"]
     sizes = {"threads": arrays.net["edges"].shape[1] - 1, "room": room, "states": len(arrays.plastic["y"])}
     arrays.plastic |= zeros(buffers, sizes)
 
 
-LONGEST = 1024
-"""Most steps of an epoch."""
+MAX_EPOCH = 1024
+"""Largest number of steps of an epoch."""
 
-LEAST = math.exp(-64.0)
-"""Least decay of a trace over an epoch. With a smaller one, stored traces would lose digits."""
+MIN_DECAY = math.exp(-64.0)
+"""Smallest decay of a trace over an epoch. With a smaller decay, stored traces would lose digits."""
 
 
 def learns_eagerly(arrays: EventArrays, p: Projection) -> bool:
@@ -345,14 +345,14 @@ def learns_eagerly(arrays: EventArrays, p: Projection) -> bool:
 
 
 def first_stored(trace: Trace, value: float) -> float:
-    """Return what is stored of a trace at step 0: its value, or for the time since a spike the step of that spike."""
+    """Return the stored value of a trace at step 0: its value, or -inf (the last spike) if it is a time."""
     return value if trace.tau else -math.inf
 
 
 def epoch_length(decays: Floats) -> int:
     """Return the number of steps of an epoch, from the decay of each trace after 0, 1, ... steps."""
-    used = decays[decays[:, 0] == 1.0, : LONGEST + 1]
-    return max(1, int(np.min((used > LEAST).sum(axis=1), initial=LONGEST + 1)) - 1)
+    used = decays[decays[:, 0] == 1.0, : MAX_EPOCH + 1]
+    return max(1, int(np.min((used > MIN_DECAY).sum(axis=1), initial=MAX_EPOCH + 1)) - 1)
 
 
 def initial_post_traces(arrays: EventArrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
@@ -370,7 +370,7 @@ def first_trace(arrays: EventArrays, k: int, step: int) -> Floats:
     """Return the values of the first pre trace of plastic projection k at a step."""
     row = arrays.plastic["table"][k]
     stored = source_traces(arrays, row, arrays.plastic["k_plus"])[0][0]
-    values: Floats = stored * arrays.plastic["decay"][k, OWN, step % row[t.EPOCH]]
+    values: Floats = stored * arrays.plastic["decay"][k, RULE_TRACES, step % row[t.EPOCH]]
     decays = arrays.program.projections[row[t.PROJECTION]].synapse.pre[0].tau
     return values if decays else (step - stored) * arrays.program.resolution
 
@@ -383,7 +383,7 @@ def to_values(arrays: EventArrays, k: int, step: int) -> None:
 
 def to_stored(arrays: EventArrays, k: int, step: int) -> None:
     """Replace the values at a step by stored traces, with the present time constants."""
-    arrays.plastic["table"][k, t.EPOCH] = epoch_length(arrays.plastic["decay"][k, OWN:])
+    arrays.plastic["table"][k, t.EPOCH] = epoch_length(arrays.plastic["decay"][k, RULE_TRACES:])
     for stored, decay in _traces(arrays, k, step):
         stored *= 1.0 / decay if decay > 0.0 else 0.0
 
@@ -396,7 +396,7 @@ def _traces(arrays: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, fl
     """
     row, half = arrays.plastic["table"][k], arrays.plastic["kinds"].shape[1] // 2
     p = arrays.program.projections[row[t.PROJECTION]]
-    decays = arrays.plastic["decay"][k, OWN:, step % row[t.EPOCH]]
+    decays = arrays.plastic["decay"][k, RULE_TRACES:, step % row[t.EPOCH]]
     for j, each in enumerate(source_traces(arrays, row, arrays.plastic["k_plus"])[: len(p.synapse.pre)]):
         if p.synapse.pre[j].tau:
             yield each, decays[j]
@@ -430,6 +430,6 @@ def write_delays(arrays: EventArrays, q: int, delays: Floats) -> None:
 
 def round_delays(arrays: EventArrays, q: int) -> None:
     """Write the delays of a rule for trials into the table of delays in steps."""
-    h, own = arrays.program.resolution, delay_slice(arrays, q)
+    h, span = arrays.program.resolution, delay_slice(arrays, q)
     fewest, most = arrays.program.projections[q].delay_range(h)
-    arrays.net["delays"][own] = [steps_of(delay, h, fewest, most) for delay in arrays.net["late"][own].tolist()]
+    arrays.net["delays"][span] = [steps_of(delay, h, fewest, most) for delay in arrays.net["late"][span].tolist()]

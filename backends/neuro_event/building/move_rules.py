@@ -30,17 +30,17 @@ def add_moves(arrays: EventArrays) -> None:
         assert isinstance(rule, MoveRule)
         row[t.MOVE_SEEN] = states.index(rule.sees) if rule.sees else t.NONE
         arrays.net["pops"][part.target, t.GATHERS] = 1
-        own: Any = type(rule)
-        arrays.request(row, t.MOVE_ENTRY, partial(move_entry, own))
+        rule_class: Any = type(rule)
+        arrays.request(row, t.MOVE_ENTRY, partial(move_entry, rule_class))
         n_synapses += part.size
         n_sources += program.populations[part.source].size
         n_targets += program.populations[part.target].size
     y = np.zeros((max([1, *(1 + len(rule.states) for rule in rules)]), n_synapses))
     for row, q, rule in zip(table, learning, rules, strict=True):
         part, order = program.projections[q], arrays.synapses[q].order
-        here = slice(row[t.MOVE_SYNAPSE], row[t.MOVE_SYNAPSE] + part.size)
-        y[0, here] = part.weight[order] if order is not None and part.weight.size > 1 else part.weight
-        y[1 : 1 + len(rule.states), here] = rule.first_states()
+        synapses = slice(row[t.MOVE_SYNAPSE], row[t.MOVE_SYNAPSE] + part.size)
+        y[0, synapses] = part.weight[order] if order is not None and part.weight.size > 1 else part.weight
+        y[1 : 1 + len(rule.states), synapses] = rule.first_states()
     sizes = {
         "moves": len(learning),
         "move_width": max([1, *(rule.width for rule in rules)]),

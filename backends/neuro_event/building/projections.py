@@ -51,10 +51,10 @@ def add_projections(arrays: EventArrays) -> None:
                 n_runs += program.populations[part.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
             else:
                 row[t.ROW] = put("rows", layout.split_rows(arranged.row_ends, arranged.targets, edges) + row[t.SYNAPSE])
-        own = layout.internal_weights(program, q, arranged.order) if part.weight.size else np.zeros(1)
-        row[t.WEIGHT] = put("weights", own)
+        part_w = layout.internal_weights(program, q, arranged.order) if part.weight.size else np.zeros(1)
+        row[t.WEIGHT] = put("weights", part_w)
         learns = part.synapse.learns == "moves" or learns_shared(part)
-        row[t.WEIGHT_STRIDE], row[t.SIGN] = int(own.size > 1 or learns), t.MIXED if learns else layout.sign(own)
+        row[t.WEIGHT_STRIDE], row[t.SIGN] = int(part_w.size > 1 or learns), t.MIXED if learns else layout.sign(part_w)
         delay = part.delay[arranged.order] if part.delay.size > 1 and arranged.order is not None else part.delay
         if delay.size == 0:
             delay = np.ones(1, dtype=np.int32)
@@ -87,7 +87,7 @@ def add_projections(arrays: EventArrays) -> None:
                 at_emission.append(q)
         elif not in_runs:
             row[t.LAG] = int(delay[0]) if delay.size else 1
-    kinds = {each.name: each.kind for each in t.NET_ARRAYS}
+    kinds = {array.name: array.kind for array in t.NET_ARRAYS}
     arrays.net |= {name: _concatenated(values, np.dtype(kinds[name])) for name, values in parts.items()}
     arrays.net |= {"projections": table, "runs": np.zeros(n_runs, dtype=np.uint32)}
     arrays.net["set_out"][:] = t.NONE
@@ -151,9 +151,9 @@ def leave_joined_rows(arrays: EventArrays, q: int) -> None:
     """Move a projection out of the joined rows, because a projection with a ring needs rows of its own."""
     row, net = arrays.net["projections"][q], arrays.net
     if row[t.WEIGHT] < 0:
-        own = joined_rows.weights(arrays, q)
-        row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = net["weights"].size, int(own.size > 1), layout.sign(own)
-        net["weights"] = np.concatenate([net["weights"], own])
+        w = joined_rows.weights(arrays, q)
+        row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = net["weights"].size, int(w.size > 1), layout.sign(w)
+        net["weights"] = np.concatenate([net["weights"], w])
     row_ends, targets, delay, local = joined_rows.synapses(arrays, q)
     rows = layout.split_rows(row_ends, targets, local) + net["targets"].size
     for name, column, values in (("rows", t.ROW, rows), ("targets", t.SYNAPSE, targets), ("delays", t.DELAY, delay)):
@@ -173,12 +173,12 @@ def set_buffer(arrays: EventArrays, buf: Floats) -> None:
 def _concatenated(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
     """Concatenate arrays, without a copy if all are neighbouring views of the same array."""
     non_empty = [p for p in parts if p.size]
-    whole = non_empty[0] if len(non_empty) == 1 else (non_empty[0].base if non_empty else None)
-    if whole is not None and whole.dtype == dtype and whole.size == sum(p.size for p in non_empty):
+    base = non_empty[0] if len(non_empty) == 1 else (non_empty[0].base if non_empty else None)
+    if base is not None and base.dtype == dtype and base.size == sum(p.size for p in non_empty):
         places = [p.ctypes.data for p in non_empty]
-        expected = whole.ctypes.data + np.cumsum([0, *(p.nbytes for p in non_empty[:-1])])
-        if whole.flags.c_contiguous and np.array_equal(places, expected):
-            return whole
+        expected = base.ctypes.data + np.cumsum([0, *(p.nbytes for p in non_empty[:-1])])
+        if base.flags.c_contiguous and np.array_equal(places, expected):
+            return base
     return np.concatenate([np.zeros(0, dtype=dtype), *parts]).astype(dtype, copy=False)
 
 
@@ -199,11 +199,11 @@ def list_incoming(arrays: EventArrays) -> None:
         # The loop adds the input to the first collecting state after a step, if the model allows it and all deliveries
         # mark the few blocks where input arrives.
         model = population.model
-        alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and arrays.joined.isdisjoint(arriving)
+        is_alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and arrays.joined.isdisjoint(arriving)
         is_listed = (rows[arriving, t.LAYOUT] == t.CSR) & (rows[arriving, t.LAG] > 0) & (rows[arriving, t.RUN] < 0)
         pops[k, t.COLLECTS] = t.NONE
-        every = alone and bool(np.all(is_listed & (rows[arriving, t.WAKE_ALL] > 1)))
-        if every and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
+        can_collect = is_alone and bool(np.all(is_listed & (rows[arriving, t.WAKE_ALL] > 1)))
+        if can_collect and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
             pops[k, t.COLLECTS] = [state.name for state in type(model).states].index(model.collects[0])
     arrays.net["incoming"] = np.array(incoming, dtype=np.int64)
     layout.clear_joined_rows(arrays)

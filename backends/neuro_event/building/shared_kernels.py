@@ -44,7 +44,7 @@ def add_shared(arrays: EventArrays) -> None:
         "shared_pairs": n_pairs,
         "shared_marks": n_marks,
     }
-    shared = [each for each in t.PLASTIC_ARRAYS if each.name.startswith("shared_")]
+    shared = [array for array in t.PLASTIC_ARRAYS if array.name.startswith("shared_")]
     width = max(program.projections[q].synapse.width for q in learning)
     rule = np.zeros((len(learning), width))
     arrays.plastic |= {**zeros(shared, sizes), "shared_table": table, "shared_rule": rule}

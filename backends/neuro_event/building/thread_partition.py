@@ -25,7 +25,7 @@ PATIENCE_S = 2.0
 """Time limit of the search for a division, s."""
 
 SYNAPSES = 200
-"""Synapses that take as much work as the steps of one neuron, at a few spikes per second each."""
+"""Number of synapses that take as much work as the steps of one neuron, at a few spikes per second each."""
 
 
 def thread_edges(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
@@ -42,12 +42,14 @@ def thread_edges(program: Program, where: list[PopulationPlace], threads: int) -
 def _equal_shares(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
     """Give each thread an equal share of every population, since activities are not known in advance.
 
-    The remainder of a population that cannot be divided evenly (small ones, or groups, which stay whole) is compensated
-    in the next populations.
+    Small populations and groups cannot be divided evenly. The shares of the next populations compensate for this.
     """
     grouped = {g.population for g in program.groups}
     edges = np.zeros((len(program.populations), threads + 1), dtype=np.int64)
-    below, total = np.zeros(threads + 1), 0.0  # the work of the threads before each, and of all
+    below, total = (
+        np.zeros(threads + 1),
+        0.0,
+    )  # work of the threads before each thread, and of all threads
     for index, place in enumerate(where):
         first, last, end = place.begin // WORD, -(-place.end // WORD), -(-place.end // t.BLOCK)
         pieces = 1 if index in grouped else last - first
@@ -65,8 +67,9 @@ def _equal_shares(program: Program, where: list[PopulationPlace], threads: int) 
 def whole_populations(program: Program, threads: int) -> Ints | None:
     """Return the thread of each population, or None if whole populations cannot be divided evenly.
 
-    The few synapses of one source, population and delay lie close together in memory, but anywhere. Two halves of them
-    would take half as many cache lines again. A generator belongs to the thread of the population that it drives.
+    The few synapses of a source onto one population with one delay are neighbours somewhere in memory. Divided between
+    two threads, they would take half as many cache lines again. A generator belongs to the thread of the population
+    that it drives.
     """
     members: dict[int, list[int]] = {}
     for index, population in enumerate(program.populations):

@@ -82,7 +82,7 @@ class VaryingCurrents:
         def add(name: str, values: NDArray[Any]) -> int:
             """Append values to an array of all lines; return the index of the first."""
             parts[name].append(values)
-            return sum(each.size for each in parts[name]) - values.size
+            return sum(part.size for part in parts[name]) - values.size
 
         targets_with_line, first, span = set[int](), 0, self._steps + self._currents.longest
         self._arrays.net["lines"] = np.zeros((len(self._lines), t.LINE_COLUMNS), dtype=np.int64)
@@ -159,10 +159,10 @@ def apply(currents: Currents, program: Program, arrays: EventArrays, view: int, 
     for target in currents.targets:
         place = arrays.places[target]
         current = place.by_place(currents.into(target, step + 1))
-        now = arrays.net["current"][place.begin : place.end]
-        if not np.array_equal(current, now):
+        present_current = arrays.net["current"][place.begin : place.end]
+        if not np.array_equal(current, present_current):
             steps.wake_population(view, target, step, program.resolution)
-            now[:] = current
+            present_current[:] = current
 
 
 class Changing:

@@ -61,8 +61,8 @@ class EventEngine(Settable):
         if peaks is not None and winner >= 0:
             peaks[0][winner], peaks[1][winner] = np.inf, tick
         won = net["won"][: net["standing"][spec.group, t.WINS]]
-        several = self._program.groups[spec.group].choice.several
-        wins = Wins(net["order"][won[:, 0]], won[:, 1] - start - 1) if several else None
+        has_several = self._program.groups[spec.group].choice.several
+        wins = Wins(net["order"][won[:, 0]], won[:, 1] - start - 1) if has_several else None
         return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
 
     def _run_trial(self, spec: Trials, peaks: tuple[Floats, Ints] | None) -> int:
@@ -172,7 +172,7 @@ class EventEngine(Settable):
         net = self._arrays.net
         build.settle(self._arrays)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._arrays.places)
-        # of a graded population the number of spikes counts, not the sum of their payloads
+        # in a graded population the number of spikes counts, not the sum of their payloads
         names = ["events" if part.model.graded else "spikes" for part in self._program.populations]
         spikes = tuple(p.by_id(net[n][p.begin : p.end].copy()) for n, p in zip(names, self._arrays.places, strict=True))
         return EngineCounts(
@@ -196,9 +196,9 @@ class EventEngine(Settable):
     def memory(self) -> dict[str, int]:
         """Return the bytes used by synapses, neurons and spikes."""
         counted = {"synapses": 0, "neurons": 0, "spikes": self._record.nbytes()}
-        for _, each, owner in build.declared_in(self._arrays):
-            if not each.life.startswith(("view", "=")):
-                counted[each.account] += owner[each.name].nbytes
+        for _, array, owner in build.declared_in(self._arrays):
+            if not array.life.startswith(("view", "=")):
+                counted[array.account] += owner[array.name].nbytes
         return counted
 
     def reset(self, weights: bool) -> None:
@@ -214,10 +214,10 @@ class EventEngine(Settable):
             delays_before = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
         parameters, rules = self._changed_parameters, self._rules
         self._start_over()
-        for q, each in weights_before.items():
-            self._write_weights(q, each)
-        for q, each in delays_before.items():
-            learning.write_delays(self._arrays, q, each)
+        for q, weights_of_q in weights_before.items():
+            self._write_weights(q, weights_of_q)
+        for q, weights_of_q in delays_before.items():
+            learning.write_delays(self._arrays, q, weights_of_q)
         for name, values in parameters.items():
             population, _, word = name.partition(".")
             self._set(int(population), word, values)
@@ -236,7 +236,7 @@ class EventEngine(Settable):
             "engine.trial_updates": self._trial_updates.copy(),
             "engine.edges": self._arrays.net["edges"].copy(),
             "engine.joined": np.array(sorted(self._arrays.joined), dtype=np.int64),
-            **{f"{part}.{key}": values.copy() for part, each in settings for key, values in each.items()},
+            **{f"{part}.{key}": values.copy() for part, arrays in settings for key, values in arrays.items()},
             **self._record.snapshot(),
             **({} if self._changing is None else self._changing.currents.snapshot()),
             **({} if self._lists is None else self._lists.snapshot()),

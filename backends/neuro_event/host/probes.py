@@ -82,14 +82,14 @@ class PreSpikeRecords:
 
     def make_room(self, view: int, step: int) -> bool:
         """Enlarge the buffers for the records of the spikes up to a step; return whether arrays were replaced."""
-        needed: int = notes_to_come(view, step)
-        room: int = self._arrays.plastic["note_steps"].shape[1]
-        if needed <= room:
+        n_records: int = notes_to_come(view, step)
+        capacity: int = self._arrays.plastic["note_steps"].shape[1]
+        if n_records <= capacity:
             return False
         self.drain()
-        if needed > room:
-            make_record_buffers(self._arrays, 2 * needed)
-        return needed > room
+        if n_records > capacity:
+            make_record_buffers(self._arrays, 2 * n_records)
+        return n_records > capacity
 
     def drain(self) -> None:
         """Move the records from the buffers of all threads to the probes."""

@@ -32,8 +32,8 @@ class NeuronReader:
             blocks = np.arange(pop[t.FIRST_BLOCK], pop[t.LAST_BLOCK])
             return place.by_id(self._awake(population, blocks, step)[row, place.begin : place.end].copy())
         neurons = place.begin + (ids if place.inside is None else place.inside[ids])
-        some: Floats = self._awake(population, neurons // t.BLOCK, step)[row, neurons]
-        return some
+        values: Floats = self._awake(population, neurons // t.BLOCK, step)[row, neurons]
+        return values
 
     def _awake(self, population: int, blocks: Ints, step: int) -> Floats:
         """Return the rows of all states, with the given blocks as of `step`."""
@@ -71,24 +71,24 @@ class SynapseReader:
         part, arranged = arrays.program.projections[projection], arrays.synapses[projection]
         k = arrays.plastic_of[projection]
         first = arrays.plastic["table"][k, t.FIRST_SYNAPSE]
-        own = slice(first, first + part.size)
+        columns = slice(first, first + part.size)
         if name == "n":
             return by_id(concentration(arrays, self._view, k, step)[arranged.targets], arranged.order)
         if name == "K_plus":
             return by_id(np.repeat(trace(arrays, k, step), np.diff(arranged.row_ends)), arranged.order)
         if not part.synapse.modulated and name == "weight":
-            return by_id(self._sent_weights(k, own, arranged.targets, arranged.row_ends), arranged.order)
+            return by_id(self._sent_weights(k, columns, arranged.targets, arranged.row_ends), arranged.order)
         row = 0 if name == "weight" else 1 + [s.name for s in type(part.synapse).states].index(name)
         if arrays.plastic["table"][k, t.EAGER]:
-            return by_id(arrays.plastic["y"][row, own], arranged.order)
+            return by_id(arrays.plastic["y"][row, columns], arranged.order)
         if self._updated != (k, step):
-            self._y[:, own] = arrays.plastic["y"][:, own]
-            self._reached[own] = arrays.plastic["reached"][own]
+            self._y[:, columns] = arrays.plastic["y"][:, columns]
+            self._reached[columns] = arrays.plastic["reached"][columns]
             histories.catch_up(
                 self._other_view, k, arrays.program.populations[part.target].size, step, arrays.program.resolution
             )
             self._updated = k, step
-        return by_id(self._y[row, own], arranged.order)
+        return by_id(self._y[row, columns], arranged.order)
 
     def write_back(self, k: int, step: int) -> None:
         """Copy states that a read in this step has updated back to the kernels, before a signal acts.
@@ -98,26 +98,26 @@ class SynapseReader:
         arrays, row = self._arrays, self._arrays.plastic["table"][k]
         if self._updated == (k, step) and row[t.MODULATED] >= 0:
             first = row[t.FIRST_SYNAPSE]
-            own = slice(first, first + arrays.program.projections[row[t.PROJECTION]].size)
-            arrays.plastic["y"][:, own] = self._y[:, own]
-            arrays.plastic["reached"][own] = self._reached[own]
+            columns = slice(first, first + arrays.program.projections[row[t.PROJECTION]].size)
+            arrays.plastic["y"][:, columns] = self._y[:, columns]
+            arrays.plastic["reached"][columns] = self._reached[columns]
         self.drop()
 
     def drop(self) -> None:
         """Discard the copy, because a state or a weight was set."""
         self._updated = None
 
-    def _sent_weights(self, k: int, own: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
+    def _sent_weights(self, k: int, columns: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
         """Return the weights at the last pre spike: stored ones if a post spike has acted since, else the present."""
         arrays = self._arrays
         if arrays.plastic["table"][k, t.EAGER]:
-            return arrays.plastic["sent"][own]
+            return arrays.plastic["sent"][columns]
         p = arrays.program.projections[arrays.plastic["table"][k, t.PROJECTION]]
         first_history = arrays.net["pops"][p.target, t.HISTORY]
         last = learning.source_traces(arrays, arrays.plastic["table"][k], arrays.plastic["spiked"])[0][0]
         applied = arrays.plastic["past"][first_history + targets, APPLIED]
         changed_since = applied > np.repeat(last, np.diff(row_ends))
-        return np.where(changed_since, arrays.plastic["sent"][own], arrays.plastic["y"][0, own])
+        return np.where(changed_since, arrays.plastic["sent"][columns], arrays.plastic["y"][0, columns])
 
 
 def concentration(arrays: EventArrays, view: int, k: int, step: int) -> Floats:

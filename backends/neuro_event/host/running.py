@@ -84,9 +84,9 @@ class Running:
     def _pack(self) -> None:
         """Pass the addresses of all arrays to the kernels. Must be called whenever an array is replaced by another."""
         net = self._arrays.net
-        for _, each, owner in build.declared_in(self._arrays):
-            if each.life.startswith("="):
-                owner[each.name] = owner[each.life[1:]].view(each.kind)
+        for _, array, owner in build.declared_in(self._arrays):
+            if array.life.startswith("="):
+                owner[array.name] = owner[array.life[1:]].view(array.kind)
         net["due_slots"] = net["due"].reshape(len(net["due"]), -1, net["awake"].size)
         build.link(self._arrays)
         self._table = t.table_of(net, self._arrays.plastic)

@@ -29,8 +29,8 @@ class Settable(Running):
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Set states and parameters. New values act from the next step on."""
-        for name, each in values.items():
-            self._set(population, name, each)
+        for name, value in values.items():
+            self._set(population, name, value)
 
     def _set(self, population: int, name: str, values: Floats) -> None:
         part, place = self._program.populations[population], self._arrays.places[population]
@@ -80,8 +80,8 @@ class Settable(Running):
             part = self._program.projections[q]
             if part.signal == signal:
                 first = self._arrays.plastic["shared_table"][k, t.SHARED_TARGET]
-                own = self._arrays.plastic["shared_n"][first : first + self._program.populations[part.target].size]
-                own[:] = self._arrays.places[part.target].by_place(values)
+                levels = self._arrays.plastic["shared_n"][first : first + self._program.populations[part.target].size]
+                levels[:] = self._arrays.places[part.target].by_place(values)
         for q, k in self._arrays.plastic_of.items():
             part = self._program.projections[q]
             if part.signal == signal:
@@ -95,8 +95,8 @@ class Settable(Running):
             return self._synapse_reader.synapses(projection, name, self._step)
         p = self._program.projections[projection]
         if projection in self._arrays.moves_of:
-            row, own = self._move_states(projection, name)
-            return reading.by_id(self._arrays.plastic["move_y"][row, own], self._arrays.synapses[projection].order)
+            row, span = self._move_states(projection, name)
+            return reading.by_id(self._arrays.plastic["move_y"][row, span], self._arrays.synapses[projection].order)
         if name == "delay":
             return reading.by_id(
                 self._arrays.net["late"][learning.delay_slice(self._arrays, projection)],
@@ -115,9 +115,9 @@ class Settable(Running):
 
     def set_synapses(self, projection: int, name: str, values: Floats) -> None:
         """Set a state of the synapses of a projection that learns by moves."""
-        row, own = self._move_states(projection, name)
+        row, span = self._move_states(projection, name)
         order = self._arrays.synapses[projection].order
-        self._arrays.plastic["move_y"][row, own] = values[order] if order is not None and values.size > 1 else values
+        self._arrays.plastic["move_y"][row, span] = values[order] if order is not None and values.size > 1 else values
         if values.any():
             moves.mark_all_live(self._view, self._arrays.moves_of[projection])
 

@@ -36,8 +36,8 @@ HELD = 0.8
 AGAIN = 1.0
 """Seconds on all threads after which a stretch runs on one thread, to measure a slice there again."""
 
-REST = 1e-6
-"""Least sleep of a thread that has waited for other threads in vain, s."""
+MIN_SLEEP_S = 1e-6
+"""Shortest sleep of a thread that has waited for other threads in vain, s."""
 
 LINE = 8
 """Numbers in a cache line. Each thread publishes its step in a line of its own."""
@@ -137,6 +137,6 @@ class Threads:
     def _work(self, thread: int, view: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> None:
         """Run the part of a thread. A thread that waits for long sleeps."""
         while not steps.share(view, self._progress, thread, last, longest, reach, h):
-            time.sleep(REST)
+            time.sleep(MIN_SLEEP_S)
             if thread == 0:  # handlers of signals have run during the sleep
                 end_if_stopped(stop)

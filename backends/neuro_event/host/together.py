@@ -86,8 +86,8 @@ class EventEngines:
             population, offsets, ticks, ids = each
             if any(engine._spike_lists.pending(population, step) for engine in self._engines):
                 for k, engine in enumerate(self._engines):
-                    own = slice(offsets[k], offsets[k + 1])
-                    engine.inject(population, step + ticks[own], ids[own])
+                    entries = slice(offsets[k], offsets[k + 1])
+                    engine.inject(population, step + ticks[entries], ids[entries])
                 continue
             at_once.append(each)
             # First reserve memory for all populations: an engine that gets more memory replaces its table of arrays.
@@ -112,13 +112,13 @@ class EventEngines:
     def set_rate(self, population: int, rates: Floats) -> None:
         """Set the rates of a poisson_generator in Hz, shape (engines, neurons)."""
         if self._at.net["pops"][population, t.COUNTS] >= 0:
-            for engine, each in zip(self._engines, rates, strict=True):
-                engine.set(population, {"rate": each})
+            for engine, engine_rates in zip(self._engines, rates, strict=True):
+                engine.set(population, {"rate": engine_rates})
             return
         mean = np.multiply(rates, self._program.resolution * 1e-3)
         together.rate_all(self._views, population, mean, np.exp(-mean), self._engines[0]._step)
-        for engine, each in zip(self._engines, rates, strict=True):
-            engine._changed_parameters[f"{population}.rate"] = each.copy()
+        for engine, engine_rates in zip(self._engines, rates, strict=True):
+            engine._changed_parameters[f"{population}.rate"] = engine_rates.copy()
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set a signal, shape (engines, targets)."""
@@ -131,8 +131,8 @@ class EventEngines:
         for k in self._taught_moves[signal]:
             together.teach_all(views, k, inner)
         if any(self._program.projections[q].signal == signal for q in self._at.shared_of):
-            for engine, each in zip(self._engines, values, strict=True):
-                engine.signal(signal, each)
+            for engine, engine_values in zip(self._engines, values, strict=True):
+                engine.signal(signal, engine_values)
             return
         for q, k in self._at.plastic_of.items():
             if self._program.projections[q].signal == signal:

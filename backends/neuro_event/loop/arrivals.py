@@ -34,7 +34,7 @@ from neuro_event.loop.deliver import (
 from neuro_event.loop.tables import Destination, add_counts, arrive as call_arrive, deliver_log, net_of, slot_mask
 
 PREFETCH_DISTANCE = 6
-"""Runs between a prefetch and its use."""
+"""Number of runs between a prefetch and its use."""
 
 _LINE_BYTES = 64
 
@@ -80,8 +80,8 @@ def add_run(view, row, thread, first, last, m, receptors, receptor_stride, out, 
         # If all weights have one sign, the receptor is chosen once instead of for each synapse.
         if receptors == 2 and row[t.SIGN] != t.MIXED:
             n_receptors, at = 1, out + (receptor_stride if row[t.SIGN] == t.NEGATIVE else 0)
-        to = Destination(at, n_receptors, receptor_stride, mark, -1)
-        csr_own(view, e + first, e + last, row[t.WEIGHT] + first, m, thread, to)
+        destination = Destination(at, n_receptors, receptor_stride, mark, -1)
+        csr_own(view, e + first, e + last, row[t.WEIGHT] + first, m, thread, destination)
 
 
 @subkernel
@@ -236,8 +236,8 @@ def deliver_counts(view, q, first, last):
             m = net.counts[place + i]
             if m > 0:
                 weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
-                to = receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))
-                net.buf[ring + to * row[t.RING_SIZE] + i] += weight * m
+                receptor_index = receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))
+                net.buf[ring + receptor_index * row[t.RING_SIZE] + i] += weight * m
                 # Each thread has its own row of arrival marks, so the row of the owner of the block is marked.
                 block = target[t.FIRST_BLOCK] + i // t.BLOCK
                 net.due[owner(net.edges[row[t.TARGET]], block), (at & slots) * blocks + block] = 1
@@ -319,10 +319,10 @@ QUEUE = 256
 def by_delay(row_ends, targets, delays):
     """Return whether the synapses of every source are sorted by delay, then target."""
     for source in range(row_ends.size - 1):
-        row, to = delays[row_ends[source] : row_ends[source + 1]], targets[row_ends[source] : row_ends[source + 1]]
+        row, ids = delays[row_ends[source] : row_ends[source + 1]], targets[row_ends[source] : row_ends[source + 1]]
         disorder = 0
         for e in range(1, row.size):  # without an early exit, so that the loop is vectorised
-            disorder += (row[e] < row[e - 1]) | ((row[e] == row[e - 1]) & (to[e] < to[e - 1]))
+            disorder += (row[e] < row[e - 1]) | ((row[e] == row[e - 1]) & (ids[e] < ids[e - 1]))
         if disorder > 0:
             return False
     return True
@@ -356,7 +356,7 @@ def count_runs(row_ends, targets, delays, edges, shortest, n_delays, runs):
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 
 JOINED_PREFETCH_DISTANCE = 16
-"""Runs of joined rows between a prefetch and its use."""
+"""Number of runs of joined rows between a prefetch and its use."""
 
 FAR = 2**16 - 1
 """A step without a synapse. A synapse at this distance or more is reached by several steps.

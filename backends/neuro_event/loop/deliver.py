@@ -14,7 +14,7 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.tables import Destination, net_of, slot_mask
 
 TARGETS_PER_LINE = 16
-"""Targets (4 bytes each) in a cache line."""
+"""Number of targets (4 bytes each) in a cache line."""
 
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 _SPOT_SHIFT = np.uint64(3)
@@ -96,12 +96,12 @@ def add_weight(targets, first, last, value, buf, out, prefetch_at):
     """Add a value to the targets first:last, and prefetch the next spike's targets at the address `prefetch_at`."""
     begin = np.uint64(out)  # unsigned indices: numba emits no check for negative ones
     # Whole cache lines of 16 targets, with one prefetch each.
-    whole = first + (last - first) // TARGETS_PER_LINE * TARGETS_PER_LINE
-    for line in range(np.uint64(first), np.uint64(whole), np.uint64(TARGETS_PER_LINE)):
+    line_end = first + (last - first) // TARGETS_PER_LINE * TARGETS_PER_LINE
+    for line in range(np.uint64(first), np.uint64(line_end), np.uint64(TARGETS_PER_LINE)):
         prefetch(prefetch_at + 4 * (np.int64(line) - first))
         for k in range(np.uint64(TARGETS_PER_LINE)):
             buf[begin + np.uint64(targets[line + k])] += value
-    for e in range(np.uint64(whole), np.uint64(last)):
+    for e in range(np.uint64(line_end), np.uint64(last)):
         buf[begin + np.uint64(targets[e])] += value
 
 
@@ -118,7 +118,7 @@ def mark_blocks(targets, first, last, due, mark):
 
 
 RANGE = 1 << 15
-"""Targets of a range. Their input, 256 kB, fills a quarter to a half of a core's second-level cache (0.5 to 1 MB)."""
+"""Number of targets in a range. Their input, 256 kB, fills at most half of a core's second-level cache."""
 
 
 @subkernel
@@ -209,23 +209,23 @@ def receptors_by_sign(row, receptors):
 
 
 @subkernel
-def csr_own(view, first, last, w, m, thread, to):
+def csr_own(view, first, last, w, m, thread, destination):
     """Add to the targets first:last their own weights times m. `w` is the index of the first weight."""
     net = net_of(view)
     targets, weights, buf, due = net.targets, net.weights, net.buf, net.due[thread]
-    if to.receptors == 2:
+    if destination.receptors == 2:
         for e in range(first, last):
             weight = weights[w + e - first] * m
-            buf[to.out + np.int64(targets[e]) + (to.receptor_stride if weight < 0.0 else 0)] += weight
+            buf[destination.out + np.int64(targets[e]) + (destination.receptor_stride if weight < 0.0 else 0)] += weight
     else:
         # Unsigned indices need no test for negative values.
-        begin, shift = np.uint64(to.out), np.uint64(w) - np.uint64(first)
+        begin, shift = np.uint64(destination.out), np.uint64(w) - np.uint64(first)
         for e in range(np.uint64(first), np.uint64(last)):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
     # A separate loop keeps the loop above free of other stores, and these few bytes stay in the cache.
-    if to.mark >= 0:
+    if destination.mark >= 0:
         for e in range(first, last):
-            due[to.mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
+            due[destination.mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
 
 
 @subkernel
@@ -251,18 +251,18 @@ def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
         if at <= after:
             continue
         weight = net.weights[row[t.WEIGHT] + s * row[t.WEIGHT_STRIDE]] * m
-        to = (at & row[t.RING_MASK]) * receptors + base + receptor(weight, n_receptors)
-        net.buf[row[t.RING] + to * receptor_stride + target] += weight
+        ring_at = (at & row[t.RING_MASK]) * receptors + base + receptor(weight, n_receptors)
+        net.buf[row[t.RING] + ring_at * receptor_stride + target] += weight
         net.due[thread, (at & slots) * blocks + mark + (target >> t.BLOCK_SHIFT)] = 1
 
 
 @subkernel
-def grid_add(view, row, source, m, thread, lo, hi, to):
+def grid_add(view, row, source, m, thread, lo, hi, destination):
     """Add the kernel of a grid, with maps innermost, to the targets lo:hi around one source, and mark the blocks.
 
     Negative weights are added `receptor_stride` places further, to the second receptor; 0 if all go to one receptor.
     """
-    net, (out, _, receptor_stride, mark, _) = net_of(view), to
+    net, (out, _, receptor_stride, mark, _) = net_of(view), destination
     weights, buf, due = net.weights, net.buf, net.due[thread]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
@@ -295,9 +295,9 @@ def grid_add(view, row, source, m, thread, lo, hi, to):
                     weight = weights[w + k] * m
                     buf[out + begin + k + (receptor_stride if weight < 0.0 else 0)] += weight
             else:
-                targets, some = buf[out + begin : out + end], weights[w : w + end - begin]
-                for k in range(some.size):
-                    targets[k] += some[k] * m
+                targets, row_weights = buf[out + begin : out + end], weights[w : w + end - begin]
+                for k in range(row_weights.size):
+                    targets[k] += row_weights[k] * m
 
 
 @subkernel
@@ -313,16 +313,16 @@ def add_by_sign(weights, m, first, second):
 
 
 @subkernel
-def scatter(view, q, source_id, m, thread, lo, hi, n, to):
+def scatter(view, q, source_id, m, thread, lo, hi, n, destination):
     """Deliver a spike of multiplicity m over a projection with a single delay, to the targets lo:hi of n."""
-    net, (out, receptors, receptor_stride, mark, spot) = net_of(view), to
+    net, (out, receptors, receptor_stride, mark, spot) = net_of(view), destination
     row, buf, weights = net.projections[q], net.buf, net.weights
     layout = row[t.LAYOUT]
     if layout == t.CSR:
         place = row[t.ROW] + source_id * (net.edges.shape[1] - 1) + thread
         first, last = net.rows[place], net.rows[place + 1]
         w = row[t.WEIGHT] + first - row[t.SYNAPSE]
-        csr_own(view, first, last, w, m, thread, to)
+        csr_own(view, first, last, w, m, thread, destination)
         if spot >= 0:
             mark_spots(net.targets, first, last, net.spots, spot)
     elif layout == t.DENSE:
@@ -336,9 +336,9 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
                 targets[k] += weight
         elif row[t.SIGN] != t.MIXED or receptors == 1:
             receptor_out = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
-            targets, some = buf[receptor_out + lo : receptor_out + hi], weights[w + lo : w + hi]
+            targets, row_weights = buf[receptor_out + lo : receptor_out + hi], weights[w + lo : w + hi]
             for k in range(targets.size):
-                targets[k] += some[k] * m
+                targets[k] += row_weights[k] * m
         else:
             receptor_out = out + receptor_stride
             add_by_sign(
@@ -352,7 +352,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, to):
             if mark >= 0:
                 net.due[thread, mark + (source_id >> t.BLOCK_SHIFT)] = 1
     elif row[t.SIGN] == t.MIXED and receptors == 2:
-        grid_add(view, row, source_id, m, thread, lo, hi, to)
+        grid_add(view, row, source_id, m, thread, lo, hi, destination)
     else:
         receptor_out = out + (receptor_stride if row[t.SIGN] == t.NEGATIVE and receptors == 2 else 0)
         grid_add(view, row, source_id, m, thread, lo, hi, Destination(receptor_out, 1, 0, mark, spot))
@@ -418,7 +418,7 @@ def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride
     lo = net.edges[target[t.NUMBER], thread] * t.BLOCK - target[t.BEGIN]
     hi = min(net.edges[target[t.NUMBER], thread + 1] * t.BLOCK - target[t.BEGIN], n)
     mask, receptors = net.log_ids.shape[1] - 1, receptors_by_sign(row, target[t.RECEPTORS])
-    to = Destination(out, receptors, receptor_stride, mark, spot)
+    destination = Destination(out, receptors, receptor_stride, mark, spot)
     if lo >= hi:
         return
     # Threads own ascending ids, so visiting them in order gives the sums of one thread.
@@ -433,4 +433,4 @@ def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride
             if row[t.LAYOUT] == t.CSR and row[t.DELAY_STRIDE] == 1:
                 csr_delayed(view, q, source_id, m, sent_step, now, thread, lo, hi)
             else:
-                scatter(view, q, source_id, m, thread, lo, hi, n, to)
+                scatter(view, q, source_id, m, thread, lo, hi, n, destination)

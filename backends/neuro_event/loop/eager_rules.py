@@ -22,8 +22,8 @@ from neuro_event.loop.lazy_rules import (
     ADDS,
     AHEAD,
     NEAREST,
-    OWN,
     PRE_SPIKE,
+    RULE_TRACES,
     TAU,
     TIME,
     compile_on_pre,
@@ -39,11 +39,11 @@ FORWARD = (1 << 62) - 1
 """A mask that keeps every index, by which the compiler knows that an index is not negative and needs no test."""
 
 PER_LINE = 16
-"""Entries of a list of synapses in a cache line."""
+"""Number of entries of a list of synapses in a cache line."""
 
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 
-NOTHING = 1e-290
+MIN_TRACE = 1e-290
 """Traces below this become 0, which avoids denormal numbers, with which computing is slow."""
 
 
@@ -51,19 +51,19 @@ NOTHING = 1e-290
 def pre_decay(plastic, q, j, kind, step):
     """Return the decay of a pre trace since the epoch of a step began."""
     # An epoch has at most 1024 steps, and at most 64 times the shortest time constant, so that no digits are lost.
-    return plastic.decay[q, OWN + j, step % plastic.table[q, t.EPOCH]]
+    return plastic.decay[q, RULE_TRACES + j, step % plastic.table[q, t.EPOCH]]
 
 
 @inlined
 def post_decay(plastic, q, j, kind, step):
     """Return the decay of a post trace since the epoch of a step began."""
-    return plastic.decay[q, OWN + plastic.kinds.shape[1] // 2 + j, step % plastic.table[q, t.EPOCH]]
+    return plastic.decay[q, RULE_TRACES + plastic.kinds.shape[1] // 2 + j, step % plastic.table[q, t.EPOCH]]
 
 
 @inlined
-def pre_value(plastic, j, kind, thread, own, decay, step, h):
+def pre_value(plastic, j, kind, thread, trace_at, decay, step, h):
     """Return a pre trace at a step. Of a time trace, the step of the last spike is stored."""
-    stored = plastic.k_plus[thread, own + j]
+    stored = plastic.k_plus[thread, trace_at + j]
     return (step - stored) * h if kind[TAU] == TIME else stored * decay[j]
 
 
@@ -92,10 +92,10 @@ def stored_after(kind, stored, decay, step, m):
 
 
 @inlined
-def grow_pre(plastic, j, kind, thread, own, decay, step):
+def grow_pre(plastic, j, kind, thread, trace_at, decay, step):
     """Increase a pre trace by a spike."""
-    stored = stored_after(kind, plastic.k_plus[thread, own + j], decay[j], step, 1)
-    plastic.k_plus[thread, own + j] = stored
+    stored = stored_after(kind, plastic.k_plus[thread, trace_at + j], decay[j], step, 1)
+    plastic.k_plus[thread, trace_at + j] = stored
     return stored
 
 
@@ -113,7 +113,7 @@ def rescale(traces, first, last, stride, decay):
     for place in range(first, last, stride):
         # This happens once per epoch; otherwise traces only change at spikes.
         value = traces[place] * decay
-        traces[place] = value if abs(value) > NOTHING else 0.0
+        traces[place] = value if abs(value) > MIN_TRACE else 0.0
 
 
 @subkernel
@@ -126,12 +126,12 @@ def enter_epoch(view, q, thread):
     first, last = table[t.FIRST_SOURCE], table[t.FIRST_SOURCE] + (source[t.END] - source[t.BEGIN]) * stride
     for j in range(stride):
         if plastic.kinds[q, j, TAU] != TIME:
-            rescale(plastic.k_plus[thread], first + j, last, stride, plastic.decay[q, OWN + j, table[t.EPOCH]])
+            rescale(plastic.k_plus[thread], first + j, last, stride, plastic.decay[q, RULE_TRACES + j, table[t.EPOCH]])
     lo = net.edges[target[t.NUMBER], thread] * t.BLOCK - target[t.BEGIN] + table[t.FIRST_TARGET]
     hi = min(net.edges[target[t.NUMBER], thread + 1] * t.BLOCK, target[t.END]) - target[t.BEGIN] + table[t.FIRST_TARGET]
     for j in range(plastic.heard.shape[1]):
         if plastic.kinds[q, half + j, TAU] != TIME:
-            rescale(plastic.heard[:, j], lo, hi, 1, plastic.decay[q, OWN + half + j, table[t.EPOCH]])
+            rescale(plastic.heard[:, j], lo, hi, 1, plastic.decay[q, RULE_TRACES + half + j, table[t.EPOCH]])
 
 
 @subkernel
@@ -166,10 +166,10 @@ def eager_entry(model, own_rows):
     learn_pre, on_post, sent_weight = compile_on_pre(model), compiled(arithmetic.on_post), compiled(model.sends())
     pre_decays = tuple_of(pre_decay, model.pre, "plastic, q, {j}, {kind}, step")
     post_decays = tuple_of(post_decay, model.post, "plastic, q, {j}, {kind}, step")
-    pre_values = tuple_of(pre_value, model.pre, "plastic, {j}, {kind}, thread, own, decay, step, h")
+    pre_values = tuple_of(pre_value, model.pre, "plastic, {j}, {kind}, thread, trace_at, decay, step, h")
     post_values = tuple_of(post_value, model.post, "plastic, {j}, {kind}, place, decay, step, h")
     values_after = tuple_of(value_after, model.post, "{j}, {kind}, values, m")
-    grow_pres = tuple_of(grow_pre, model.pre, "plastic, {j}, {kind}, thread, own, decay, step")
+    grow_pres = tuple_of(grow_pre, model.pre, "plastic, {j}, {kind}, thread, trace_at, decay, step")
     grow_posts = tuple_of(grow_post, model.post, "plastic, {j}, {kind}, place, decay, step, m")
 
     stride = max(1, len(model.pre))
@@ -185,7 +185,7 @@ def eager_entry(model, own_rows):
         sources = table[t.FIRST_SOURCE]
         begin, end = plastic.incoming[table[t.INCOMING] + target], plastic.incoming[table[t.INCOMING] + target + 1]
         # While the k-th synapse of this neuron learns, the k-th synapse of the next neuron is prefetched.
-        on, last = plastic.incoming[table[t.INCOMING] + next_target] - begin, plastic.in_synapse.shape[0] - 1
+        next_offset, last = plastic.incoming[table[t.INCOMING] + next_target] - begin, plastic.in_synapse.shape[0] - 1
         weights, stop = address(plastic.y) + 8 * first, net_of(view).stop
         for k in range(m):
             if stop[0] == t.AT_ONCE:
@@ -194,14 +194,14 @@ def eager_entry(model, own_rows):
             post = values_after(before, k)
             for i in range(np.uint64(begin), np.uint64(end)):
                 # Incoming weights are in rows by source, so each is on another cache line and must be prefetched.
-                prefetch(weights + 8 * np.int64(plastic.in_synapse[min(i + np.uint64(on), np.uint64(last))]))
+                prefetch(weights + 8 * np.int64(plastic.in_synapse[min(i + np.uint64(next_offset), np.uint64(last))]))
                 z = (first + np.int64(plastic.in_synapse[i])) & FORWARD
-                own = (sources + np.int64(plastic.in_source[i]) * stride) & FORWARD
+                trace_at = (sources + np.int64(plastic.in_source[i]) * stride) & FORWARD
                 on_post(
                     plastic.y,
                     z,
                     plastic.rule[row_of(q, table, z)],
-                    pre_values(plastic, thread, own, decay, step, h),
+                    pre_values(plastic, thread, trace_at, decay, step, h),
                     post,
                 )
 
@@ -236,8 +236,8 @@ def eager_entry(model, own_rows):
         row = net.projections[table[t.PROJECTION]]
         target_row = net.pops[row[t.TARGET]]
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
-        own, decay = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE], post_decays(plastic, q, step)
-        pre = pre_values(plastic, thread, own, pre_decays(plastic, q, step), step, h)
+        trace_at, decay = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE], post_decays(plastic, q, step)
+        pre = pre_values(plastic, thread, trace_at, pre_decays(plastic, q, step), step, h)
         line = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         first, end = net.rows[line], net.rows[line + 1]
         at = step + np.int64(net.delays[row[t.DELAY]])
@@ -276,7 +276,7 @@ def eager_entry(model, own_rows):
             for e in range(np.uint64(first), np.uint64(end)):
                 due[place + (np.uint64(net.targets[e]) >> _BLOCK_SHIFT)] = 1
         # Updated after all synapses, because a pre spike does not count in its own trace.
-        grow_pres(plastic, thread, own, pre_decays(plastic, q, step), step)
+        grow_pres(plastic, thread, trace_at, pre_decays(plastic, q, step), step)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

@@ -15,11 +15,11 @@ from neuro_event.loop.tables import call_entry, draw_counts as call_draw_counts,
 
 _ONE = np.uint64(1)
 _AHEAD = 16
-"""Listed spikes between the prefetch of a neuron's counts and their use. The counts of a camera exceed a cache."""
+"""Number of listed spikes between a prefetch of counts and their use. The counts of a camera exceed a cache."""
 
 
 @subkernel
-def draw_poisson(view, thread, pop, step, at, processed_step, h):
+def draw_poisson(view, thread, pop, step, log_at, processed_step, h):
     """Run one step of a poisson_generator, which writes counts or log entries; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
@@ -27,9 +27,9 @@ def draw_poisson(view, thread, pop, step, at, processed_step, h):
     # about 10 ns.
     if row[t.COUNTS] >= 0:
         call_draw_counts(view, thread, pop, step)
-        return at
+        return log_at
     if step <= row[t.START] or step > row[t.STOP]:
-        return at
+        return log_at
     # A draw is a hash of key, step and neuron. It has no state, so threads and sleeping blocks do not shift draws.
     base = step_word(net.keys[pop], step)
     for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
@@ -48,17 +48,17 @@ def draw_poisson(view, thread, pop, step, at, processed_step, h):
             # `reaching` only finds the neurons with at least one spike. Their counts are computed one by one from the
             # same word.
             m = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
-            at = emit(view, thread, pop, i, m, step, processed_step, h, at)
-    return at
+            log_at = emit(view, thread, pop, i, m, step, processed_step, h, log_at)
+    return log_at
 
 
 @subkernel
-def step_generator(view, thread, pop, step, at, processed_step, h):
+def step_generator(view, thread, pop, step, log_at, processed_step, h):
     """Run one step of a third-party generator; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     if step <= row[t.START] or step > row[t.STOP]:
-        return at
+        return log_at
     for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
         if net.stop[0] == t.AT_ONCE:
             break
@@ -68,12 +68,12 @@ def step_generator(view, thread, pop, step, at, processed_step, h):
         while fired:
             i = lo + lowest(fired)
             fired &= fired - _ONE
-            at = emit(view, thread, pop, i, np.int64(net.x[0, i]), step, processed_step, h, at)
-    return at
+            log_at = emit(view, thread, pop, i, np.int64(net.x[0, i]), step, processed_step, h, log_at)
+    return log_at
 
 
 @subkernel
-def list_spikes(view, thread, pop, step, at, processed_step, h):
+def list_spikes(view, thread, pop, step, log_at, processed_step, h):
     """Emit the listed spikes of a spike_generator in this step; return the next place in the log."""
     net = net_of(view)
     lo, hi = net.edges[pop, thread] * t.BLOCK, net.edges[pop, thread + 1] * t.BLOCK
@@ -87,10 +87,10 @@ def list_spikes(view, thread, pop, step, at, processed_step, h):
             prefetch(address(net.spikes) + coming)
         i = np.int64(net.list_ids[place])
         if net.list_steps[place] == step and lo <= i < hi:
-            at = emit(view, thread, pop, i, np.int64(net.list_counts[place]), step, processed_step, h, at)
+            log_at = emit(view, thread, pop, i, np.int64(net.list_counts[place]), step, processed_step, h, log_at)
         place += 1
     net.cursor[thread, pop] = place
-    return at
+    return log_at
 
 
 @kernel
@@ -102,10 +102,10 @@ def wake_emitting(mean, awake, busy, first, last, step):
     for block in range(first, last):
         if awake[block] == 1:
             busy[block] = step
-        some = False
+        has_rate = False
         for i in range(block * t.BLOCK, (block + 1) * t.BLOCK):
-            some |= mean[i] != 0.0
-        awake[block] = some
+            has_rate |= mean[i] != 0.0
+        awake[block] = has_rate
 
 
 _FULL = np.uint32(1 << 31 | 1 << (t.TALLY_BITS - 1))
@@ -197,14 +197,14 @@ def add_counts(view, thread, q, step, n_all, slots, blocks):
         lo = (block - target[t.FIRST_BLOCK]) * t.BLOCK
         hi = min(lo + t.BLOCK, n)
         counts = net.counts[place + lo : place + hi]
-        into = net.buf[out + lo : out + hi]
-        some = np.uint16(0)
+        inputs = net.buf[out + lo : out + hi]
+        has_spikes = np.uint16(0)
         for i in range(counts.shape[0]):
             # Without a branch on counts the loop is vectorised. Blocks without a spike are not marked.
-            some |= counts[i]
-            old = into[i]
-            into[i] = old + weight * counts[i] if counts[i] > 0 else old
-        if some:
+            has_spikes |= counts[i]
+            old = inputs[i]
+            inputs[i] = old + weight * counts[i] if counts[i] > 0 else old
+        if has_spikes:
             net.due[thread, (step & slots) * blocks + block] = 1
 
 

@@ -11,15 +11,15 @@ from neuro_event.loop.tables import net_of
 
 
 @kernel
-def settle(view, thread, pop, n, step, at, processed_step, h):
+def settle(view, thread, pop, n, step, log_at, processed_step, h):
     """Let the winners among the candidates of a group fire; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     group = row[t.GROUP]
     if net.local[group, t.RADIUS] >= 0:
-        return settle_locally(view, thread, pop, row, n, step, at, processed_step, h)
+        return settle_locally(view, thread, pop, row, n, step, log_at, processed_step, h)
     if net.groups[group, t.RIVALS] > 0:
-        return settle_rivals(view, thread, pop, row, n, step, at, processed_step, h)
+        return settle_rivals(view, thread, pop, row, n, step, log_at, processed_step, h)
     # A group belongs to a single thread, so all candidates are in this thread's list.
     winner = choose(view, group, row, net.candidates[thread], n, step)
     if net.groups[group, t.IN_TRIAL] == 1 and net.groups[group, t.WINNER] < 0:
@@ -31,22 +31,22 @@ def settle(view, thread, pop, n, step, at, processed_step, h):
         i = net.candidates[thread, k]
         if i == winner:
             spike(view, pop, i)
-            at = emit_candidate(view, thread, pop, k, step, at, processed_step, h)
+            log_at = emit_candidate(view, thread, pop, k, step, log_at, processed_step, h)
         # Losers of "best of each step" are reset without a spike. Losers of "first to fire" keep their potential,
         # because they cannot fire any more.
         elif net.groups[group, t.FIRST_TO_FIRE] == 0:
             spike(view, pop, i)
     if net.groups[group, t.FIRST_TO_FIRE] == 1:
         net.closed[group] = 1
-    return at
+    return log_at
 
 
 @subkernel
-def emit_candidate(view, thread, pop, k, step, at, processed_step, h):
+def emit_candidate(view, thread, pop, k, step, log_at, processed_step, h):
     """Enter the spike of candidate k; return the next place in the log."""
     net = net_of(view)
     net.active[thread, pop] += 1 - net.candidate_arrived[thread, k]
-    return emit(view, thread, pop, net.candidates[thread, k], 1, step, processed_step, h, at)
+    return emit(view, thread, pop, net.candidates[thread, k], 1, step, processed_step, h, log_at)
 
 
 @subkernel
@@ -136,7 +136,7 @@ def reset_rivals(view, thread, row, i, step, h):
 
 
 @subkernel
-def settle_rivals(view, thread, pop, row, n, step, at, processed_step, h):
+def settle_rivals(view, thread, pop, row, n, step, log_at, processed_step, h):
     """Let the winners among the candidates fire and reset their rivals; return the next place in the log."""
     net = net_of(view)
     winners = 0
@@ -150,8 +150,8 @@ def settle_rivals(view, thread, pop, row, n, step, at, processed_step, h):
         i = net.candidates[thread, k]
         # The winner is reset with its rivals, and then the spike is logged once.
         reset_rivals(view, thread, row, i, step, h)
-        at = emit_candidate(view, thread, pop, k, step, at, processed_step, h)
-    return at
+        log_at = emit_candidate(view, thread, pop, k, step, log_at, processed_step, h)
+    return log_at
 
 
 @subkernel
@@ -193,7 +193,7 @@ def enter_winner(view, row, i, step):
 
 
 @subkernel
-def settle_locally(view, thread, pop, row, n, step, at, processed_step, h):
+def settle_locally(view, thread, pop, row, n, step, log_at, processed_step, h):
     """Let the winners among the candidates fire, the best first; return the next place in the log."""
     net = net_of(view)
     group = row[t.GROUP]
@@ -208,9 +208,9 @@ def settle_locally(view, thread, pop, row, n, step, at, processed_step, h):
         i = net.candidates[thread, k]
         if net.muted[i] & t.WON:
             spike(view, pop, i)
-            at = emit_candidate(view, thread, pop, k, step, at, processed_step, h)
+            log_at = emit_candidate(view, thread, pop, k, step, log_at, processed_step, h)
     net.closed[group] = net.standing[group, t.OPEN] == 0
-    return at
+    return log_at
 
 
 @subkernel

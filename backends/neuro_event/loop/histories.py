@@ -194,16 +194,16 @@ def update_traces(view, q, n_sources, n_targets, step, h):
         plastic.n_time[place] = step
     for thread in range(plastic.k_plus.shape[0]):
         for source in range(n_sources):
-            own = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
+            k_at = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
             if table[t.RULE] >= 0:
-                plastic.k_plus[thread, own] *= math.exp(-(step - plastic.k_time[thread, own]) * h / plastic.tau[q, 0])
+                plastic.k_plus[thread, k_at] *= math.exp(-(step - plastic.k_time[thread, k_at]) * h / plastic.tau[q, 0])
             else:
                 for j in range(table[t.SOURCE_STRIDE]):
                     if plastic.kinds[q, j, TAU] != TIME and plastic.kinds[q, j, TAU] != OF_NEURON:
-                        plastic.k_plus[thread, own + j] = pre_value(
-                            plastic, q, j, plastic.kinds[q, j], thread, own, step, h
+                        plastic.k_plus[thread, k_at + j] = pre_value(
+                            plastic, q, j, plastic.kinds[q, j], thread, k_at, step, h
                         )
-            plastic.k_time[thread, own] = step
+            plastic.k_time[thread, k_at] = step
 
 
 @kernel

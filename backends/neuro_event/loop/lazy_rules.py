@@ -36,9 +36,9 @@ PRE_SPIKE + k is the (k + 1)-th spike of a neuron in a step.
 """
 
 AHEAD = 16
-"""Synapses between the prefetch of a history (and of the target's place in the ring) and its use."""
+"""Number of synapses between the prefetch of a history (and of the target's place in the ring) and its use."""
 
-OWN = 3
+RULE_TRACES = 3
 """Row of `decay` at which a rule's traces begin, as in `kinds`: pre traces first, post traces in the second half."""
 
 TAU, NEAREST, ADDS = range(3)
@@ -46,10 +46,10 @@ TAU, NEAREST, ADDS = range(3)
 TIME, OF_NEURON = -1.0, -2.0
 """Special time constants: the trace is the time since a spike; the trace decays with the neuron's tau_minus."""
 
-Synapse = namedtuple("Synapse", "q z own target history delay")
+Synapse = namedtuple("Synapse", "q z trace_at target history delay")
 """A synapse in the tables of learning.
 
-`q` is the number of the plastic projection, `z` the column of the states, `own` the place of the source's traces,
+`q` is the number of the plastic projection, `z` the column of the states, `trace_at` the place of the source's traces,
 `target` the target in its population, `history` the row of the target's history, and `delay` is in steps.
 """
 
@@ -95,16 +95,16 @@ def trace_after(kind, value, m):
 
 
 @inlined
-def pre_value(plastic, q, j, kind, thread, own, step, h):
+def pre_value(plastic, q, j, kind, thread, trace_at, step, h):
     """Return a pre trace at a step. Of a time trace, the step of the last spike plus 1 is stored; 0 means no spike."""
-    value = plastic.k_plus[thread, own + j]
+    value = plastic.k_plus[thread, trace_at + j]
     if kind[TAU] == TIME:
         return math.inf if value == 0.0 else (step - (value - 1.0)) * h
     # A source that has not fired needs no exponential.
     if value == 0.0:
         return 0.0
     return value * decay_over(
-        plastic.decay[q, OWN + j], step - plastic.k_time[thread, own], h, plastic.kinds[q, j, TAU]
+        plastic.decay[q, RULE_TRACES + j], step - plastic.k_time[thread, trace_at], h, plastic.kinds[q, j, TAU]
     )
 
 
@@ -131,7 +131,7 @@ def post_value(view, q, j, kind, column, history, i, neuron, before, h):
         return n_steps * h
     tau = net_of(view).tau_minus[neuron] if kind[TAU] == OF_NEURON else plastic.kinds[q, row, TAU]
     m = past[NEWEST + ENTRY * i + 2]
-    return trace_after(kind, value, m) * decay_over(plastic.decay[q, OWN + row], n_steps, h, tau)
+    return trace_after(kind, value, m) * decay_over(plastic.decay[q, RULE_TRACES + row], n_steps, h, tau)
 
 
 @inlined
@@ -143,7 +143,7 @@ def stored_value(plastic, j, kind, column, history, k, m):
 
 
 def tuple_of(function, traces, arguments):
-    """Return a compiled function for the tuple of the values of all traces, with what is known of each as literals.
+    """Compile a function that returns the values of all traces as a tuple. The kinds of the traces are literals in it.
 
     Example: for two traces the result is `def values(p): return (pre_value(p, 0, (0.0, 0.0, 1.0)), pre_value(p, 1,
     ...),)`.
@@ -151,14 +151,14 @@ def tuple_of(function, traces, arguments):
     name = function.py_func.__name__
     # The source is text because kernels make no lists. With the kinds of traces as literals the compiler removes the
     # branches on them.
-    calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(each))}), " for j, each in enumerate(traces))
+    calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(trace))}), " for j, trace in enumerate(traces))
     space = {name: function}
     exec(f"def values({arguments.replace('{j}, {kind}, ', '')}):\n    return ({calls})", space)
     return inlined(space["values"])
 
 
 def _kind(trace):
-    """Return what is known of a trace without parameters, as in `kinds`; 0 for a time constant that is a parameter."""
+    """Return the row of `kinds` for a trace, as far as the rule alone decides it; 0 for a time constant that is set."""
     tau = TIME if not trace.tau else OF_NEURON if trace.tau == "tau_minus" else 0.0
     return tau, float(trace.nearest), float(trace.adds)
 
@@ -198,14 +198,14 @@ def rule_entry(model, own_rows):
     nearest = compiled(steps_of)
     advance, sent_weight = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     n_pre = len(model.pre)
-    pre_values = tuple_of(pre_value, model.pre, "plastic, q, {j}, {kind}, thread, own, step, h")
+    pre_values = tuple_of(pre_value, model.pre, "plastic, q, {j}, {kind}, thread, trace_at, step, h")
     post_values = tuple_of(post_value, model.post, "view, q, {j}, {kind}, column, history, i, neuron, before, h")
     stored_values = tuple_of(stored_value, model.post, "plastic, {j}, {kind}, column, history, k, m")
 
     if modulated:
 
         @subkernel
-        def applied_until(plastic, z, thread, own, past):
+        def applied_until(plastic, z, thread, trace_at, past):
             return plastic.reached[z]
 
         @subkernel
@@ -225,8 +225,8 @@ def rule_entry(model, own_rows):
     else:
 
         @subkernel
-        def applied_until(plastic, z, thread, own, past):
-            return max(plastic.k_time[thread, own], past[APPLIED])
+        def applied_until(plastic, z, thread, trace_at, past):
+            return max(plastic.k_time[thread, trace_at], past[APPLIED])
 
         @subkernel
         def pass_time(view, q, z, target, since, upto, h):
@@ -257,11 +257,11 @@ def rule_entry(model, own_rows):
     def apply_post_spikes(view, synapse, thread, upto, whole, h):
         """Apply the post spikes up to step `upto` to a synapse; with `whole` also advance its states to `upto`."""
         net, plastic = net_of(view), plastic_of(view)
-        q, z, own, target, history, delay = synapse
+        q, z, trace_at, target, history, delay = synapse
         # A synapse reads the history of the target at the next pre spike, so 10,000 synapses onto a neuron cost nothing
         # while their sources are silent.
         past, column = plastic.past[history], plastic.table[q, t.COLUMN]
-        since = applied_until(plastic, z, thread, own, past)
+        since = applied_until(plastic, z, thread, trace_at, past)
         i = 0
         # The newest entries come first, so the search ends at the first entry that was applied before.
         while i < past[ENTRIES] and past[NEWEST + ENTRY * i] + delay > since:
@@ -273,7 +273,7 @@ def rule_entry(model, own_rows):
                 break
             pass_time(view, q, z, target, since, time + delay, h)
             since = time + delay
-            pre = pre_values(plastic, q, thread, own, since, h)
+            pre = pre_values(plastic, q, thread, trace_at, since, h)
             for m in range(past[NEWEST + ENTRY * k + 2]):
                 if net.stop[0] == t.AT_ONCE:
                     return
@@ -296,8 +296,8 @@ def rule_entry(model, own_rows):
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
         blocks = net.awake.shape[0]
         slots, due = slot_mask(net), net.due[thread]
-        own = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
-        pre = pre_values(plastic, q, thread, own, step, h)
+        trace_at = table[t.FIRST_SOURCE] + source * table[t.SOURCE_STRIDE]
+        pre = pre_values(plastic, q, thread, trace_at, step, h)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         end = net.rows[place + 1]
         # A row that reaches nearly all blocks marks all blocks at once, unless delays differ.
@@ -317,7 +317,7 @@ def rule_entry(model, own_rows):
             history = target_row[t.HISTORY] + target
             # Post acts before pre within a step: a post spike that arrives now acts first, and is not in the traces
             # that are read below.
-            apply_post_spikes(view, Synapse(q, z, own, target, history, delay), thread, step, True, h)
+            apply_post_spikes(view, Synapse(q, z, trace_at, target, history, delay), thread, step, True, h)
             neuron = target_row[t.BEGIN] + target
             newest = newest_before(plastic.past[history], step - delay)
             post = post_values(view, q, column, history, newest, neuron, step - delay, h)
@@ -337,13 +337,13 @@ def rule_entry(model, own_rows):
         for j in range(n_pre):
             kind = plastic.kinds[q, j]
             if kind[TAU] == TIME:
-                plastic.k_plus[thread, own + j] = step + 1.0
+                plastic.k_plus[thread, trace_at + j] = step + 1.0
             else:
-                plastic.k_plus[thread, own + j] = trace_after(
-                    kind, pre_value(plastic, q, j, kind, thread, own, step, h), 1
+                plastic.k_plus[thread, trace_at + j] = trace_after(
+                    kind, pre_value(plastic, q, j, kind, thread, trace_at, step, h), 1
                 )
-        plastic.k_time[thread, own] = step
-        plastic.spiked[thread, own] = step
+        plastic.k_time[thread, trace_at] = step
+        plastic.spiked[thread, trace_at] = step
 
     @subkernel
     def catch_up(view, q, target, step, thread, whole, h):
@@ -354,13 +354,13 @@ def rule_entry(model, own_rows):
         begin = table[t.INCOMING] + target
         for i in range(plastic.incoming[begin], plastic.incoming[begin + 1]):
             z = table[t.FIRST_SYNAPSE] + np.int64(plastic.in_synapse[i])
-            own = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i]) * table[t.SOURCE_STRIDE]
-            if not modulated and plastic.past[history, APPLIED] <= plastic.spiked[thread, own]:
+            trace_at = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i]) * table[t.SOURCE_STRIDE]
+            if not modulated and plastic.past[history, APPLIED] <= plastic.spiked[thread, trace_at]:
                 # A read shows the weight of the last pre spike, as in NEST, so it is stored before post spikes change
                 # it (see `lazy_stdp`).
                 plastic.sent[z] = plastic.y[0, z]
             delay = post_delay(net, row, z - table[t.FIRST_SYNAPSE])
-            apply_post_spikes(view, Synapse(q, z, own, target, history, delay), thread, step, whole, h)
+            apply_post_spikes(view, Synapse(q, z, trace_at, target, history, delay), thread, step, whole, h)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

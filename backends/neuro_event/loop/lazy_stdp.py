@@ -81,14 +81,14 @@ def _modulated(model, on_post):
     repeat = compile_repeat(model, on_post)
 
     @subkernel
-    def apply_post_spikes(view, q, z, own, thread, target, past, upto, delay, h):
+    def apply_post_spikes(view, q, z, trace_at, thread, target, past, upto, delay, h):
         """Apply the post spikes that synapse z has not processed, up to `upto`; return the arrival of the last one."""
         plastic = plastic_of(view)
         c, grid = (
             plastic.rule[q],
             plastic.table[q, t.GRID_STEPS],
         )  # constants of the projection, since dopamine acts equally on all synapses
-        k_plus, last, since = plastic.k_plus[thread, own], plastic.k_time[thread, own], plastic.reached[z]
+        k_plus, last, since = plastic.k_plus[thread, trace_at], plastic.k_time[thread, trace_at], plastic.reached[z]
         for i in range(count_arrived_since(past, since, delay) - 1, -1, -1):
             arrival = past[NEWEST + ENTRY * i] + delay
             # Entries are sorted by time, so the first one that has not arrived ends the loop.
@@ -109,11 +109,11 @@ def _modulated(model, on_post):
         With `whole` dopamine is also integrated from the last spike to `upto`. An integration clips the weight at its
         end, so `whole` is for events and reads only, not for making room in a history.
         """
-        plastic, (q, z, own, target, _, delay) = plastic_of(view), synapse
+        plastic, (q, z, trace_at, target, _, delay) = plastic_of(view), synapse
         since = plastic.reached[z]
         # Without a new post spike there is no call.
         if past[ENTRIES] > 0 and past[NEWEST] + delay > since:
-            since = apply_post_spikes(view, q, z, own, thread, target, past, upto, delay, h)
+            since = apply_post_spikes(view, q, z, trace_at, thread, target, past, upto, delay, h)
         if whole and since < upto:
             n = dopamine_at(view, q, target, since, h)
             advance(plastic.y, z, plastic.rule[q], since, upto, n, plastic.table[q, t.GRID_STEPS])
@@ -131,7 +131,7 @@ def _modulated(model, on_post):
 
 
 def _plain(model, on_post):
-    """Compile the lazy learning of a synapse without dopamine: the function for pre spikes, and that for other events.
+    """Compile the lazy learning of a synapse without dopamine: a function for pre spikes, and one for other events.
 
     A read shows the weight at the last pre spike, so this weight is stored before the first later change.
     """
@@ -154,10 +154,10 @@ def _plain(model, on_post):
     @inlined
     def catch_up_one(view, synapse, c, past, thread, upto, whole, h):
         """Catch up a synapse."""
-        plastic, q, z, own = plastic_of(view), synapse.q, synapse.z, synapse.own
-        if past[APPLIED] <= plastic.spiked[thread, own]:
+        plastic, q, z, src = plastic_of(view), synapse.q, synapse.z, synapse.trace_at
+        if past[APPLIED] <= plastic.spiked[thread, src]:
             plastic.sent[z] = plastic.y[0, z]
-        trace = Trace(plastic.decay[q, PLUS], plastic.tau[q], plastic.k_plus[thread, own], plastic.k_time[thread, own])
+        trace = Trace(plastic.decay[q, PLUS], plastic.tau[q], plastic.k_plus[thread, src], plastic.k_time[thread, src])
         learn(view, synapse, c, past, trace, thread, upto, whole, h)
 
     return learn, catch_up_one
@@ -183,8 +183,8 @@ def lazy_entry(model, own_rows):
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
         blocks = net.awake.shape[0]
         slots, due = slot_mask(net), net.due[thread]
-        own = table[t.FIRST_SOURCE] + source
-        k_plus, last = plastic.k_plus[thread, own], plastic.k_time[thread, own]
+        k_at = table[t.FIRST_SOURCE] + source
+        k_plus, last = plastic.k_plus[thread, k_at], plastic.k_time[thread, k_at]
         pre_trace = Trace(plastic.decay[q, PLUS], plastic.tau[q], k_plus, last)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         marks_all = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
@@ -207,7 +207,7 @@ def lazy_entry(model, own_rows):
             z = to_synapse + e
             target = np.int64(net.targets[e])
             delay = np.int64(net.delays[delay_at + (e - first) * delay_stride])
-            synapse = Synapse(q, z, own, target, history + target, delay)
+            synapse = Synapse(q, z, k_at, target, history + target, delay)
             past, traces = plastic.past[synapse.history], plastic.traces[synapse.history]
             rule = plastic.rule[row_of(q, table, z)]
             learn(view, synapse, rule, past, pre_trace, thread, step, True, h)
@@ -227,9 +227,9 @@ def lazy_entry(model, own_rows):
         trace = 1.0
         if k_plus != 0.0:
             trace += k_plus * math.exp(-(step - last) * h / plastic.tau[q, 0])
-        plastic.k_plus[thread, own] = trace
-        plastic.k_time[thread, own] = step
-        plastic.spiked[thread, own] = step
+        plastic.k_plus[thread, k_at] = trace
+        plastic.k_time[thread, k_at] = step
+        plastic.spiked[thread, k_at] = step
 
     @subkernel
     def catch_up(view, q, target, step, thread, whole, h):
@@ -242,10 +242,10 @@ def lazy_entry(model, own_rows):
         begin = table[t.INCOMING] + target
         for i in range(plastic.incoming[begin], plastic.incoming[begin + 1]):
             z = table[t.FIRST_SYNAPSE] + np.int64(plastic.in_synapse[i])
-            own = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i])
+            k_at = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i])
             delay = np.int64(net.delays[row[t.DELAY] + (z - table[t.FIRST_SYNAPSE]) * row[t.DELAY_STRIDE]])
             c = plastic.rule[own_row(q, table, z)]
-            catch_up_one(view, Synapse(q, z, own, target, history, delay), c, past, thread, step, whole, h)
+            catch_up_one(view, Synapse(q, z, k_at, target, history, delay), c, past, thread, step, whole, h)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

@@ -28,9 +28,9 @@ LIT, LIVE = range(2)
 
 
 @inlined
-def trace_of(plastic, j, kind, thread, own):
+def trace_of(plastic, j, kind, thread, x_at):
     """Return a pre trace of a source in the present step."""
-    return plastic.move_x[thread, own + j]
+    return plastic.move_x[thread, x_at + j]
 
 
 @inlined
@@ -98,7 +98,7 @@ def activate(plastic, k, thread, source):
 def move_entry(model):
     """Compile the passes of one rule."""
     gather, teach = compiled(model.arithmetic.gather), compiled(model.arithmetic.teach)
-    traces = tuple_of(trace_of, model.pre, "plastic, {j}, {kind}, thread, own")
+    traces = tuple_of(trace_of, model.pre, "plastic, {j}, {kind}, thread, x_at")
     n_pre, n_states = len(model.pre), len(model.states)
 
     @subkernel
@@ -110,16 +110,16 @@ def move_entry(model):
         n, at = plastic.move_count[thread, k, LIT], 0
         while at < n:
             source = lit[first + at]
-            own, is_active = (first + source) * t.MOVE_TRACES, False
+            x_at, is_active = (first + source) * t.MOVE_TRACES, False
             for j in range(n_pre):
-                x = plastic.move_x[thread, own + j] * plastic.move_left[k, j]
-                plastic.move_x[thread, own + j] = x
+                x = plastic.move_x[thread, x_at + j] * plastic.move_left[k, j]
+                plastic.move_x[thread, x_at + j] = x
                 is_active |= abs(x) >= plastic.move_x_min[k]
             if is_active:
                 at += 1
                 continue
             for j in range(n_pre):
-                plastic.move_x[thread, own + j] = 0.0
+                plastic.move_x[thread, x_at + j] = 0.0
             plastic.move_is_lit[thread, first + source] = 0
             n -= 1
             # The order of the list has no effect, because synapses of different sources are independent.
@@ -136,9 +136,9 @@ def move_entry(model):
             ):
                 source = net.log_ids[sender, place & mask] - begin
                 activate(plastic, k, thread, source)
-                own = (first + source) * t.MOVE_TRACES
+                x_at = (first + source) * t.MOVE_TRACES
                 for j in range(n_pre):
-                    plastic.move_x[thread, own + j] += plastic.move_adds[k, j] * net.log_counts[sender, place & mask]
+                    plastic.move_x[thread, x_at + j] += plastic.move_adds[k, j] * net.log_counts[sender, place & mask]
 
     @subkernel
     def gather_from(view, k, source, thread, n):
@@ -217,7 +217,7 @@ def move_entry(model):
         net, plastic = net_of(view), plastic_of(view)
         row, c = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_rule[k]
         first, end = synapse_range(net, row, source, thread)
-        n, y, sign, some = np.uint64(end - first), plastic.move_y, plastic.move_sign[k], False
+        n, y, sign, is_live = np.uint64(end - first), plastic.move_y, plastic.move_sign[k], False
         z, w = np.uint64(plastic.move_table[k, t.MOVE_SYNAPSE] + first), np.uint64(row[t.WEIGHT] + first)
         signals = np.uint64(plastic.move_table[k, t.MOVE_TARGET])
         if n == 0:
@@ -235,8 +235,8 @@ def move_entry(model):
             net.weights[w + e] = sign * y[0, z + e] + 0.0  # -0.0 would be no input
         for state in range(1, 1 + n_states):
             for e in range(n):
-                some |= y[state, z + e] != 0.0
-        return some
+                is_live |= y[state, z + e] != 0.0
+        return is_live
 
     @subkernel
     def teach_all(view, k):
@@ -289,14 +289,14 @@ def clear_moves(view, k):
     """Set all states of a projection to 0. Only live rows have others."""
     net, plastic = net_of(view), plastic_of(view)
     row, first = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_table[k, t.MOVE_SOURCE]
-    to = plastic.move_table[k, t.MOVE_SYNAPSE]
+    to_synapse = plastic.move_table[k, t.MOVE_SYNAPSE]
     for thread in range(net.edges.shape[1] - 1):
         n, at = plastic.move_count[thread, k, LIVE], 0
         while at < n:
             source = plastic.move_lists[thread, LIVE, first + at]
             begin, end = synapse_range(net, row, source, thread)
             for state in range(1, plastic.move_y.shape[0]):
-                plastic.move_y[state, to + begin : to + end] = 0.0
+                plastic.move_y[state, to_synapse + begin : to_synapse + end] = 0.0
             if plastic.move_is_lit[thread, first + source] == 1:
                 at += 1
                 continue

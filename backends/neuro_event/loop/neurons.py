@@ -10,7 +10,7 @@ from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
 from neuro_event.loop.tables import call_entry, net_of, post_spike
 
 IDLE = 16
-"""Steps without input after which a block may sleep, and interval of the test, in steps."""
+"""Number of steps without input after which a block may sleep, and interval of the test in steps."""
 
 _SIGN = np.int64(-(2**63))
 _ONE = np.uint64(1)
@@ -18,11 +18,11 @@ _MOST = 2.0**63
 
 
 @subkernel
-def emit(view, thread, pop, i, m, step, processed_step, h, at):
+def emit(view, thread, pop, i, m, step, processed_step, h, log_at):
     """Enter a spike of neuron i into log, counts, record and history; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
-    place = at & (net.log_ids.shape[1] - 1)
+    place = log_at & (net.log_ids.shape[1] - 1)
     net.log_ids[thread, place] = i
     net.log_counts[thread, place] = m
     # The log is not tested for being full here: `room` has bounded the spikes of the step before it began.
@@ -36,7 +36,7 @@ def emit(view, thread, pop, i, m, step, processed_step, h, at):
         net.rec_at[thread, 0] = r + 1
     if row[t.HISTORY] >= 0:
         post_spike(view, pop, thread, i - row[t.BEGIN], m, step, processed_step, h)
-    return at + 1
+    return log_at + 1
 
 
 @subkernel
@@ -165,7 +165,7 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
 
 
 @subkernel
-def step_neurons(view, thread, pop, step, at, processed_step, h, n_all, slots, blocks):
+def step_neurons(view, thread, pop, step, log_at, processed_step, h, n_all, slots, blocks):
     """Run one step of a population; return the number of candidates of its group and the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
@@ -175,7 +175,7 @@ def step_neurons(view, thread, pop, step, at, processed_step, h, n_all, slots, b
     receptors = row[t.RECEPTORS]
     n_candidates = 0
     if first == last:  # this thread has none of the neurons
-        return n_candidates, at
+        return n_candidates, log_at
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
         # A 64-bit word covers eight blocks, so 512 silent neurons are skipped at a time.
         if net.awake_groups[word] == 0 and net.due_groups[thread, slot // t.GROUPED + word] == 0:
@@ -204,7 +204,7 @@ def step_neurons(view, thread, pop, step, at, processed_step, h, n_all, slots, b
                         if row[t.PAYLOAD] >= 0:
                             m = np.int64(net.state[row[t.PAYLOAD], i])
                         spike(view, pop, i)
-                        at = emit(view, thread, pop, i, m, step, processed_step, h, at)
+                        log_at = emit(view, thread, pop, i, m, step, processed_step, h, log_at)
                         active += not received
                     elif net.muted[i] == 0 and net.closed[row[t.GROUP]] == 0:
                         # Neurons of a group do not fire yet: `settle` compares all candidates after this loop.
@@ -225,11 +225,11 @@ def step_neurons(view, thread, pop, step, at, processed_step, h, n_all, slots, b
             elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_block_quiet(view, pop, block):
                 net.awake[block] = 0
                 net.slept[block] = step
-    return n_candidates, at
+    return n_candidates, log_at
 
 
 SPOTS = t.BLOCK // LANES
-"""Groups of eight neurons in a block."""
+"""Number of groups of eight neurons in a block."""
 
 
 @subkernel
@@ -252,14 +252,14 @@ def collect(view, first_state, word):
 
 
 @kernel
-def step_collecting(view, thread, pop, step, at, processed_step, h, slots, blocks):
+def step_collecting(view, thread, pop, step, log_at, processed_step, h, slots, blocks):
     """Run one step of a population whose input is added after the step; return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     first, last = net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]
     slot = (step & slots) * blocks
     if first == last:
-        return at
+        return log_at
     total = 0
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
         # `due` means that deliveries have marked spots of these blocks.
@@ -294,7 +294,7 @@ def step_collecting(view, thread, pop, step, at, processed_step, h, slots, block
                 fired &= fired - _ONE
                 m = np.int64(net.fired[i])
                 spike(view, pop, i)
-                at = emit(view, thread, pop, i, m, step, processed_step, h, at)
+                log_at = emit(view, thread, pop, i, m, step, processed_step, h, log_at)
             total += active
             if active:
                 net.busy[block] = step
@@ -302,4 +302,4 @@ def step_collecting(view, thread, pop, step, at, processed_step, h, slots, block
                 net.awake[block] = 0
                 net.slept[block] = step
     net.active[thread, pop] += total
-    return at
+    return log_at

@@ -82,11 +82,11 @@ def with_arguments(model, function, arguments):
 
     Example: for "s, c, x, i_0, lo, hi, fired, u" a model without draws may define step(s, c, x, i_0, lo, hi, fired).
     """
-    own = getattr(model.arithmetic, function)
+    model_function = getattr(model.arithmetic, function)
     # A model without draws has no argument `u`, but all models are called in the same way.
-    used = ", ".join(arguments.split(", ")[: own.__code__.co_argcount])
-    scope = {"own": compiled(own)}
-    exec(f"def {function}({arguments}):\n    return own({used})", scope)
+    used = ", ".join(arguments.split(", ")[: model_function.__code__.co_argcount])
+    scope = {"model_function": compiled(model_function)}
+    exec(f"def {function}({arguments}):\n    return model_function({used})", scope)
     return inlined(scope[function])
 
 

@@ -83,18 +83,18 @@ def integrate(view, table, c, step):
     row = net.projections[table[t.SHARED_PROJECTION]]
     maps, size = row[t.MAPS], row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]
     for position in range(row[t.ROWS] * row[t.COLUMNS]):
-        to = table[t.SHARED_TARGET] + position * maps
+        target_at = table[t.SHARED_TARGET] + position * maps
         if plastic.shared_live[table[t.SHARED_POSITION] + position] == 1:
             first = table[t.SHARED_PAIR] + position * size
             eligibility = plastic.shared_c[first : first + size]
             for entry in range(size):
                 if eligibility[entry] != 0.0:
-                    n = plastic.shared_n[to + entry % maps]
+                    n = plastic.shared_n[target_at + entry % maps]
                     gain = n * c[modulated.TAU] * c[LOST_BOTH] - c[modulated.B] * c[modulated.TAU_C] * c[LOST_C]
                     add_change(plastic, table, entry, position * size + entry, eligibility[entry] * gain, step)
                     eligibility[entry] *= c[LEFT_C]
         for m in range(maps):
-            plastic.shared_n[to + m] *= c[LEFT_N]
+            plastic.shared_n[target_at + m] *= c[LEFT_N]
 
 
 @subkernel
@@ -192,11 +192,11 @@ def learn_kernels(view, step, done_arrivals, arrivals_only, h):
             for i in range(source[t.END] - source[t.BEGIN]):
                 plastic.shared_k_plus[table[t.SHARED_SOURCE] + i] *= plastic.shared_left_plus[q]
             for i in range(target[t.END] - target[t.BEGIN]):
-                to = table[t.SHARED_TARGET] + i
-                plastic.shared_k_minus[to] = (
-                    plastic.shared_k_minus[to] + plastic.shared_heard[to]
-                ) * plastic.shared_left_minus[to]
-                plastic.shared_heard[to] = 0.0
+                target_at = table[t.SHARED_TARGET] + i
+                plastic.shared_k_minus[target_at] = (
+                    plastic.shared_k_minus[target_at] + plastic.shared_heard[target_at]
+                ) * plastic.shared_left_minus[target_at]
+                plastic.shared_heard[target_at] = 0.0
             if table[t.SHARED_RULE] == STDP_DOPA:
                 integrate(view, table, c, step)
                 if table[t.SHARED_DOPAMINE] >= 0:

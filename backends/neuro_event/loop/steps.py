@@ -74,30 +74,30 @@ def step_population(view, thread, pop, step, processed_step, h):
     """Run one step of a population on a thread. All input of the step must have been added."""
     net = net_of(view)
     row = net.pops[pop]
-    at, kind = net.log_at[thread, 0], row[t.KIND]
+    log_at, kind = net.log_at[thread, 0], row[t.KIND]
     # Ends are stored for every step, even without spikes, so that a population's spikes are found without a search. The
     # number of steps is a power of two, so a mask replaces a division.
-    net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = at
+    net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = log_at
     if kind == t.NEURON:
         slots, blocks = slot_mask(net), net.awake.shape[0]
         # A model that only adds input to states is stepped without input: `step_collecting` adds the input afterwards.
         if row[t.COLLECTS] >= 0:
-            at = step_collecting(view, thread, pop, step, at, processed_step, h, slots, blocks)
+            log_at = step_collecting(view, thread, pop, step, log_at, processed_step, h, slots, blocks)
         else:
-            n_candidates, at = step_neurons(
-                view, thread, pop, step, at, processed_step, h, net.x.shape[1], slots, blocks
+            n_candidates, log_at = step_neurons(
+                view, thread, pop, step, log_at, processed_step, h, net.x.shape[1], slots, blocks
             )
             # `settle` is called by address, so that only networks with groups compile this function.
             if n_candidates > 0:
-                at = settle(view, thread, pop, n_candidates, step, at, processed_step, h)
+                log_at = settle(view, thread, pop, n_candidates, step, log_at, processed_step, h)
     elif kind == t.POISSON:
-        at = draw_poisson(view, thread, pop, step, at, processed_step, h)
+        log_at = draw_poisson(view, thread, pop, step, log_at, processed_step, h)
     elif kind == t.LISTED:
-        at = list_spikes(view, thread, pop, step, at, processed_step, h)
+        log_at = list_spikes(view, thread, pop, step, log_at, processed_step, h)
     elif kind == t.GENERATOR:
-        at = step_generator(view, thread, pop, step, at, processed_step, h)
+        log_at = step_generator(view, thread, pop, step, log_at, processed_step, h)
     # Each thread's place has its own cache line. A line that two threads write moves between cores, 250 ns each time.
-    net.log_at[thread, 0] = at
+    net.log_at[thread, 0] = log_at
     if row[t.GATHERS] == 1:
         gather_moves(view, thread, pop, step, h)
 
@@ -207,10 +207,10 @@ def allow(view, progress, step, last, most, reach):
     """
     threads = progress.shape[0] - 1
     end = load_acquire(progress, threads)
-    to = step + room(view, step, min(most, last - step), reach)
+    new_end = step + room(view, step, min(most, last - step), reach)
     # A single thread decides, so that all threads see the same end.
-    if to > end:
-        store_release(progress, threads, to)
+    if new_end > end:
+        store_release(progress, threads, new_end)
     elif step == end:
         store_release(progress, threads, HALT)
 

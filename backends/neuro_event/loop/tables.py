@@ -406,7 +406,7 @@ CHANGING = {
 """Columns of tables that a run may change. Other columns follow from the program, or are addresses of this process."""
 
 NET_ARRAYS, PLASTIC_ARRAYS = declared(NET), declared(PLASTIC)
-_NET, _PLASTIC = ([each.field for each in arrays] for arrays in (NET_ARRAYS, PLASTIC_ARRAYS))
+_NET, _PLASTIC = ([array.field for array in arrays] for arrays in (NET_ARRAYS, PLASTIC_ARRAYS))
 NET_FIELDS, PLASTIC_FIELDS = ([name for name, _, _ in fields] for fields in (_NET, _PLASTIC))
 
 
@@ -471,8 +471,8 @@ STAGES = {
     "draw_counts": ("generators", "view, thread, pop, step", types.void),
     "drive": ("generators", "view, thread, step", types.void),
     "charge": ("generators", "view, thread, step", types.void),
-    "step_collecting": ("neurons", "view, thread, pop, step, at, processed_step, h, slots, blocks", types.int64),
-    "settle": ("groups", "view, thread, pop, n, step, at, processed_step, h", types.int64),
+    "step_collecting": ("neurons", "view, thread, pop, step, log_at, processed_step, h, slots, blocks", types.int64),
+    "settle": ("groups", "view, thread, pop, n, step, log_at, processed_step, h", types.int64),
     "post_spike": ("histories", "view, pop, thread, local, m, step, processed_step, h", types.void),
     "dopamine_arrivals": ("histories", "view, q, step, thread, h", types.void),
     "note": ("together", "view, q, source, step, thread", types.void),

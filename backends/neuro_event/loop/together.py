@@ -120,11 +120,11 @@ def merge_all(views, q, weights, gained):
     for k in range(views.shape[0]):
         net, plastic = net_of(views[k]), plastic_of(views[k])
         first = np.uint64(plastic.move_table[q, t.MOVE_SYNAPSE])
-        to = np.uint64(net.projections[plastic.move_table[q, t.MOVE_PROJECTION], t.WEIGHT])
+        weights_at = np.uint64(net.projections[plastic.move_table[q, t.MOVE_PROJECTION], t.WEIGHT])
         for s in range(np.uint64(weights.shape[0])):
             if plastic.move_y[0, first + s] != weights[s]:
                 plastic.move_y[0, first + s] = weights[s]
-                net.weights[to + s] = plastic.move_sign[q] * weights[s] + 0.0
+                net.weights[weights_at + s] = plastic.move_sign[q] * weights[s] + 0.0
 
 
 @kernel

@@ -117,8 +117,8 @@ def teacher(teach):
             for s in range(net.rows[begin], net.rows[begin + threads]):
                 if net.targets[s] == local:
                     k = s - row[t.SYNAPSE]
-                    own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
-                    values[k] = teach_input(values[k], spikes, source, own, moment, lesson, c, h)
+                    own_delay = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
+                    values[k] = teach_input(values[k], spikes, source, own_delay, moment, lesson, c, h)
                     changed += 1
         return changed
 

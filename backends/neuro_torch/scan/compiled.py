@@ -97,7 +97,7 @@ def _push(part: Synapses, spikes: Packed, first: int, width: int, weight: Array,
 def _pull(
     part: Synapses, first: int, width: int, weight: Tensor, grad: Tensor, damping: float, to_spikes: Tensor
 ) -> None:
-    """Add to the gradient of the spikes of a stretch the share that comes from the input they delivered."""
+    """Add the share that comes from the delivered input to the gradient of the spikes of a stretch."""
     longest = part.least if part.dense else int(part.delay.max(initial=0))
     begin, end = first + part.least, min(first + width + longest, grad.shape[1])
     if end <= begin:
@@ -247,8 +247,8 @@ class _Scan(torch.autograd.Function):
                 _pull(
                     synapses, first, last - first, weight, adjoints[synapses.target].grad, task.damping, spike_gradient
                 )
-            for each in adjoints.values():
-                each.go(first, last, task.surrogate)
+            for adjoint in adjoints.values():
+                adjoint.go(first, last, task.surrogate)
         places = {k: i for i, k in enumerate(part.cells)}
         weight_gradients = [
             weight_gradient_of(s, packed(spikes[places[s.source]]), w, adjoints[s.target].grad)
@@ -256,7 +256,7 @@ class _Scan(torch.autograd.Function):
             else None
             for i, (s, w) in enumerate(zip(part.inside, weights, strict=True))
         ]
-        return (None, None, None, *(each.grad for each in adjoints.values()), *weight_gradients)
+        return (None, None, None, *(adjoint.grad for adjoint in adjoints.values()), *weight_gradients)
 
 
 def stretches(length: int, steps: int) -> list[tuple[int, int]]:

@@ -64,7 +64,7 @@ class _Joined(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, tensor: Tensor, *learns: Tensor) -> Tensor:
         # Only shapes are saved, so an in-place change of the parameters is no error here.
-        ctx.like = [(each.shape, each.dtype, each.device) for each in learns]
+        ctx.like = [(leaf.shape, leaf.dtype, leaf.device) for leaf in learns]
         return tensor.view_as(tensor)
 
     @staticmethod

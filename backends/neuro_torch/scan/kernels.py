@@ -69,7 +69,7 @@ def delta(drive, push, first, last, c, v, refractory, keep, potential, spikes, f
 
 @kernel
 def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
-    """The adjoint of `delta`: from the gradient of V before the reset to the gradient of the input.
+    """Apply the adjoint of `delta`: from the gradient of V before the reset to the gradient of the input.
 
     On entry `grad` holds the gradient through the spikes, from `through_spikes`; `grad_potential` is added to it.
     `carry` is the gradient of V after the last step of the stretch, and on return that of V before its first step.
@@ -81,11 +81,11 @@ def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
             at = min(t, grad_potential.shape[1] - 1)
             for i in range(spikes.shape[2]):
                 # A spike resets V, so what follows does not depend on V before it.
-                here = carry[b, i] if spikes[b, t, i] == 0 else zero
-                here += grad_potential[b, at, i] + grad[b, t, i]
-                moved = here if fate[b, t, i] == FREE else zero
+                upstream = carry[b, i] if spikes[b, t, i] == 0 else zero
+                upstream += grad_potential[b, at, i] + grad[b, t, i]
+                moved = upstream if fate[b, t, i] == FREE else zero
                 grad[b, t, i] = moved
-                carry[b, i] = c[P33, i] * moved if fate[b, t, i] != HELD else here
+                carry[b, i] = c[P33, i] * moved if fate[b, t, i] != HELD else upstream
 
 
 @kernel
@@ -109,20 +109,20 @@ def exp(drive, push, first, last, c, v, current, refractory, keep, potential, sp
 
 @kernel
 def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_current, grad):
-    """The adjoint of `exp`; `carry_current` is the gradient of the current, as `carry` is that of V."""
+    """Apply the adjoint of `exp`; `carry_current` is the gradient of the current, as `carry` is that of V."""
     zero = c.dtype.type(0)
     for b in range(spikes.shape[0]):
         for t in range(last - 1, first - 1, -1):
             at = min(t, grad_potential.shape[1] - 1)
             for i in range(spikes.shape[2]):
-                here = carry[b, i] if spikes[b, t, i] == 0 else zero
-                here += grad_potential[b, at, i] + grad[b, t, i]
-                moved = here if fate[b, t, i] == FREE else zero
+                upstream = carry[b, i] if spikes[b, t, i] == 0 else zero
+                upstream += grad_potential[b, at, i] + grad[b, t, i]
+                moved = upstream if fate[b, t, i] == FREE else zero
                 # Input adds to the current after V is integrated, so the gradient of the input is the gradient of the
                 # current at the end of the step.
                 grad[b, t, i] = carry_current[b, i]
                 carry_current[b, i] = c[P11, i] * carry_current[b, i] + c[P32, i] * moved
-                carry[b, i] = c[P33, i] * moved if fate[b, t, i] == FREE else here
+                carry[b, i] = c[P33, i] * moved if fate[b, t, i] == FREE else upstream
 
 
 @kernel
@@ -159,28 +159,28 @@ def push_dense(ends, ids, values, first, width, weight, delay, drive):
     for b in range(drive.shape[0]):
         for t in range(width):
             # Spikes that arrive after the end of the recording have no effect.
-            to = first + t + delay
-            if to >= drive.shape[1]:
+            arrival = first + t + delay
+            if arrival >= drive.shape[1]:
                 continue
             for place in range(ends[b * width + t], ends[b * width + t + 1]):
                 source, value = ids[place], values[place]
                 for i in range(drive.shape[2]):
-                    drive[b, to, i] += value * weight[source, i]
+                    drive[b, arrival, i] += value * weight[source, i]
 
 
 @kernel
 def teach_dense(ends, ids, values, first, width, grad, delay, grad_weight):
-    """The adjoint of `push_dense` for the weights."""
+    """Apply the adjoint of `push_dense` for the weights."""
     for b in range(grad.shape[0]):
         for t in range(width):
-            to = first + t + delay
-            if to >= grad.shape[1]:
+            arrival = first + t + delay
+            if arrival >= grad.shape[1]:
                 continue
             for place in range(ends[b * width + t], ends[b * width + t + 1]):
                 source, value = ids[place], values[place]
                 for i in range(grad.shape[2]):
                     # Only spikes contribute to the gradient of a weight, so the cost equals the forward pass.
-                    grad_weight[source, i] += value * grad[b, to, i]
+                    grad_weight[source, i] += value * grad[b, arrival, i]
 
 
 @kernel
@@ -190,26 +190,26 @@ def push_listed(ends, ids, values, first, width, row_ends, target, slot, delay, 
         for t in range(width):
             for place in range(ends[b * width + t], ends[b * width + t + 1]):
                 for e in range(row_ends[ids[place]], row_ends[ids[place] + 1]):
-                    to = first + t + delay[e]
-                    if to < drive.shape[1]:
-                        drive[b, to, target[e]] += values[place] * weight[slot[e]]
+                    arrival = first + t + delay[e]
+                    if arrival < drive.shape[1]:
+                        drive[b, arrival, target[e]] += values[place] * weight[slot[e]]
 
 
 @kernel
 def teach_listed(ends, ids, values, first, width, row_ends, target, slot, delay, grad, grad_weight):
-    """The adjoint of `push_listed` for the weights."""
+    """Apply the adjoint of `push_listed` for the weights."""
     for b in range(grad.shape[0]):
         for t in range(width):
             for place in range(ends[b * width + t], ends[b * width + t + 1]):
                 for e in range(row_ends[ids[place]], row_ends[ids[place] + 1]):
-                    to = first + t + delay[e]
-                    if to < grad.shape[1]:
-                        grad_weight[slot[e]] += values[place] * grad[b, to, target[e]]
+                    arrival = first + t + delay[e]
+                    if arrival < grad.shape[1]:
+                        grad_weight[slot[e]] += values[place] * grad[b, arrival, target[e]]
 
 
 @kernel
 def pull_listed(recordings, least, row_ends, target, slot, delay, weight, grad, grad_spikes):
-    """The adjoint of `push_listed` for the spikes, also at steps without a spike, where one would change the loss.
+    """Apply the adjoint of `push_listed` for the spikes, also at steps without a spike, where it would change the loss.
 
     Arrays have a row per neuron, of steps x recordings, so a delay is a shift along the row and the loop vectorises.
     `grad` begins at the first step that a spike with the delay `least` reaches.

@@ -109,8 +109,8 @@ def reasons_to_step(program: Program) -> list[str]:
 
 def _reasons_of_population(part: Population) -> list[str]:
     if part.model.graded:
-        several = isinstance(part.model, Neuron) and part.model.receptors > 1
-        return ["it has several receptors"] if several else []
+        has_receptors = isinstance(part.model, Neuron) and part.model.receptors > 1
+        return ["it has several receptors"] if has_receptors else []
     if part.model.name not in CELLS:
         return [f"scans support only {' and '.join(CELLS)}, not {part.model.name}"]
     p = part.parameters
@@ -129,9 +129,9 @@ def components(program: Program) -> list[Component]:
     neurons = [k for k, part in enumerate(program.populations) if part.kind == "neuron"]
     label = _cycle_labels(len(program.populations), projections)
     order = TopologicalSorter({int(label[k]): set[int]() for k in neurons})
-    for each in projections:
-        if label[each.source] != label[each.target] and each.source in neurons:
-            order.add(int(label[each.target]), int(label[each.source]))
+    for projection in projections:
+        if label[projection.source] != label[projection.target] and projection.source in neurons:
+            order.add(int(label[projection.target]), int(label[projection.source]))
     return [
         _component(program, [k for k in neurons if label[k] == component_label], projections)
         for component_label in order.static_order()
@@ -150,9 +150,9 @@ def _cycle_labels(n: int, wired: list[Synapses]) -> NDArray[np.int32]:
 
 
 def _component(program: Program, members: list[int], wired: list[Synapses]) -> Component:
-    onto = [each for each in wired if each.target in members]
-    inside = tuple(each for each in onto if each.source in members)
-    outside = tuple(each for each in onto if each.source not in members)
+    incoming = [projection for projection in wired if projection.target in members]
+    inside = tuple(projection for projection in incoming if projection.source in members)
+    outside = tuple(projection for projection in incoming if projection.source not in members)
     return Component(
         {k: cells(program, k) for k in members}, outside, inside, min((e.least for e in inside), default=0)
     )
@@ -166,26 +166,24 @@ def cells(program: Program, index: int) -> Cells:
         none = np.zeros(part.size)
         return Cells(index, part.size, model.name, np.zeros((rows.CONSTANTS, part.size)), none, none, none, none)
     parameters = [np.broadcast_to(values, part.size) for values in part.parameters.values()]
-    each = np.zeros((part.size, model.width))
+    c = np.zeros((part.size, model.width))
     is_uniform = all(values.size == 1 for values in part.parameters.values())
     for i in range(1 if is_uniform else part.size):
-        model.arithmetic.constants([float(values[i]) for values in parameters], program.resolution, each[i])
+        model.arithmetic.constants([float(values[i]) for values in parameters], program.resolution, c[i])
     if is_uniform:
-        each[:] = each[0]
+        c[:] = c[0]
     row_of = model.arithmetic.constants.__globals__  # row of each constant by name
     table = np.zeros((rows.CONSTANTS, part.size))
     for row, name in ((rows.E_L, "E_L"), (rows.P33, "P33"), (rows.V_TH, "V_TH"), (rows.V_RESET, "V_RESET")):
-        table[row] = each[:, row_of[name]]
-    table[rows.REFRACTORY] = each[:, row_of["R"]]
+        table[row] = c[:, row_of[name]]
+    table[rows.REFRACTORY] = c[:, row_of["R"]]
     if model.name == "iaf_psc_delta":
-        table[rows.V_MIN] = each[:, row_of["V_MIN"]]
+        table[rows.V_MIN] = c[:, row_of["V_MIN"]]
     else:
-        table[rows.P32], table[rows.P11] = each[:, row_of["P32_EX"]], each[:, row_of["P11_EX"]]
+        table[rows.P32], table[rows.P11] = c[:, row_of["P32_EX"]], c[:, row_of["P11_EX"]]
     start = {name: np.broadcast_to(values, part.size).astype(np.float64) for name, values in part.initial.items()}
     current = start.get("I_syn_ex", 0.0) + start.get("I_syn_in", 0.0) + np.zeros(part.size)
-    return Cells(
-        index, part.size, model.name, table, each[:, row_of["P30"]], each[:, row_of["I_E"]], start["V_m"], current
-    )
+    return Cells(index, part.size, model.name, table, c[:, row_of["P30"]], c[:, row_of["I_E"]], start["V_m"], current)
 
 
 def push(program: Program, part: Cells, steps: int) -> Floats:
@@ -221,8 +219,8 @@ def synapses(program: Program, index: int, by_synapse: bool = False) -> Synapses
 
 def delayed(part: Synapses, delay: NDArray[np.int64]) -> Synapses:
     """Return listed synapses with other delays in steps, one for all or one each."""
-    each = np.broadcast_to(delay, len(part.targets)).astype(np.int64)
-    return replace(part, delay=each, least=int(each.min(initial=NEVER)))
+    delays = np.broadcast_to(delay, len(part.targets)).astype(np.int64)
+    return replace(part, delay=delays, least=int(delays.min(initial=NEVER)))
 
 
 def shape_of(part: Projection, sizes: tuple[int, int]) -> tuple[int, ...]:
@@ -251,13 +249,13 @@ def paths(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Pa
     """
     if not exact:
         return [(delayed(part, rounded(steps)), weight)]
-    whole = steps.detach().floor()
-    share_later = steps - whole
+    lower = steps.detach().floor()
+    share_later = steps - lower
     # A shared weight is expanded to one per synapse, because shares differ.
-    each = replace(part, slot=torch.arange(len(part.targets)).numpy())
+    single = replace(part, slot=torch.arange(len(part.targets)).numpy())
     flat = weight.reshape(-1).expand(len(part.targets))
-    earlier = whole.long().cpu().numpy()
-    return [(delayed(each, earlier), flat * (1.0 - share_later)), (delayed(each, earlier + 1), flat * share_later)]
+    earlier = lower.long().cpu().numpy()
+    return [(delayed(single, earlier), flat * (1.0 - share_later)), (delayed(single, earlier + 1), flat * share_later)]
 
 
 def rounded(steps: Tensor):  # type: ignore[no-untyped-def]
@@ -337,7 +335,7 @@ def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
     if by == "steps":
         why.append("by = 'steps'")
     parts = () if why else tuple(components(program))
-    graded_in_cycles = [k for each in parts if each.inside for k in each.cells if program.populations[k].model.graded]
+    graded_in_cycles = [k for part in parts if part.inside for k in part.cells if program.populations[k].model.graded]
     why += [f"population '{program.populations[k].name}': graded neurons in a cycle" for k in graded_in_cycles]
     if why:
         return Plan(program, (), "steps", tuple(why))

@@ -151,8 +151,8 @@ def scan(
     populations = {k: _Population(cell, joined(drives[k], weights), task, fire) for k, cell in part.cells.items()}
     inside = [(s, matrices(s, w)) for s, w in zip(part.inside, weights, strict=True)]
     for t in range(task.steps):
-        for each in populations.values():
-            each.go(t)
+        for pop in populations.values():
+            pop.go(t)
         for synapses, by_delay in inside:
             spikes_sent = _Damped.apply(populations[synapses.source].spikes[t], task.damping)  # type: ignore[no-untyped-call]
             target_drive = populations[synapses.target].drive
@@ -160,6 +160,6 @@ def scan(
                 if t + delay < task.steps:
                     target_drive[t + delay] = target_drive[t + delay] + spikes_sent @ matrix
     spikes, potentials = (
-        {k: torch.stack(getattr(each, word), 1) for k, each in populations.items()} for word in ("spikes", "potential")
+        {k: torch.stack(getattr(pop, word), 1) for k, pop in populations.items()} for word in ("spikes", "potential")
     )
     return spikes, potentials

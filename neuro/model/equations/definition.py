@@ -174,7 +174,7 @@ def mapping(value: Any, words: tuple[str, ...], what: str) -> Mapping[str, Any]:
     """Return the words of a mapping.
 
     Raises:
-        ModelError: it is not a mapping, or has an unknown word.
+        ModelError: the value is not a mapping, or has an unknown word.
     """
     if not isinstance(value, Mapping):
         raise ModelError(f"found {shown(value)}: expected the words of {what}: {', '.join(words)}")
@@ -283,8 +283,8 @@ def _refuse_name(
     check_name(word)
     if word in (CURRENT_NAME, REFRACTORY_STEPS) or word in ARGUMENTS:
         reserved = {CURRENT_NAME: "the current of generators", REFRACTORY_STEPS: "the remaining refractory steps"}
-        what = reserved.get(word, "a function")
-        raise ModelError(f"'{word}' is {what}: expected another name")
+        meaning = reserved.get(word, "a function")
+        raise ModelError(f"'{word}' is {meaning}: expected another name")
     if word in parameters:
         raise ModelError(f"'{word}' is also a parameter: expected another name", found=word)
     if kind == "let" and word in states:

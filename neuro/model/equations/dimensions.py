@@ -25,7 +25,7 @@ from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.parameters import FUNCTION_HINTS, NAME_HINTS
 
 _MAX_POWER = 100
-_SAME = {"min", "max", "abs", "where"}
+_KEEP_DIMENSION = {"min", "max", "abs", "where"}
 """Functions whose result has the dimension of their arguments. Other functions map numbers to numbers."""
 
 
@@ -48,14 +48,14 @@ class Sum:
     """A sum or a comparison whose terms have different dimensions.
 
     Attributes:
-        whole: the expression.
+        expression: the expression.
         terms: for each term the sign before it (None for the first), the term and its dimension.
-        of: the dimension of the sum, which follows from its context.
+        dimension: the dimension of the sum, which follows from its context.
     """
 
-    whole: Expression
+    expression: Expression
     terms: tuple[tuple[Binary | None, Tree, Powers], ...]
-    of: Powers
+    dimension: Powers
 
 
 class Dimensions:
@@ -106,14 +106,14 @@ class Dimensions:
         if isinstance(mistake, ModelError):
             yield mistake
             return
-        candidates = map(self.reduced, (mistake.of, *(powers for _, _, powers in mistake.terms)))
+        candidates = map(self.reduced, (mistake.dimension, *(powers for _, _, powers in mistake.terms)))
         expected = next(
             (
                 expected
                 for expected in candidates
                 if not expected.unknown and all(p.denominator == 1 for p in expected.known)
             ),
-            mistake.of,
+            mistake.dimension,
         )
         is_first = True
         for sign, tree, powers in mistake.terms:
@@ -130,7 +130,7 @@ class Dimensions:
                 )
                 place, message = sign.at, f"{left}, {right}: expected the same unit"
             is_first = False
-            yield mistake.whole.mistake(place, message, self.factor(mistake.whole, tree, powers, expected))
+            yield mistake.expression.mistake(place, message, self.factor(mistake.expression, tree, powers, expected))
 
     def unknown(self, what: str) -> Powers:
         """Return a new unknown dimension, to be derived from the context."""
@@ -141,14 +141,14 @@ class Dimensions:
         self.mistakes.append((self.path, error))
         return self.unknown("mistake")
 
-    def factor(self, whole: Expression, tree: Tree, dimension: Powers, expected: Powers) -> str:
-        """Return a hint that multiplies or divides a part by units so that it has the expected dimension."""
+    def factor(self, expression: Expression, tree: Tree, dimension: Powers, expected: Powers) -> str:
+        """Return a hint to multiply or divide a part by units, so that its dimension is the expected one."""
         missing = self.reduced(expected.times(dimension, -1))
         if missing.unknown:
             return ""
         unit = unit_of(missing.known)
         if _number(tree) is None or any(power.denominator > 1 for power in missing.known):
-            part = "the expression" if tree is whole.tree else f"'{text_of(tree)}'"
+            part = "the expression" if tree is expression.tree else f"'{text_of(tree)}'"
             return f"multiply {part} by a number in {unit}"
         over, _, under = unit.replace(" ", "*").partition("/")
         return f"write {text_of(tree)}{f' {over}' * (over != '1')}{f'/{under}' * bool(under)}"
@@ -158,13 +158,13 @@ class Dimensions:
         powers = self.reduced(self.names[name])
         return None if powers.unknown else powers.known
 
-    def check(self, whole: Expression, expected: Powers) -> None:
+    def check(self, expression: Expression, expected: Powers) -> None:
         """Check that an expression has a dimension. A mistake is recorded with both dimensions and the column."""
-        dimension = self.powers(whole, whole.tree, expected)
+        dimension = self.powers(expression, expression.tree, expected)
         if not self.same(dimension, expected):
             message = f"the expression is {self.text(dimension)}: expected it {self.text(expected)}"
-            hint = self.factor(whole, whole.tree, dimension, expected)
-            self.mistake(whole.mistake(_begin(whole.tree), message, hint))
+            hint = self.factor(expression, expression.tree, dimension, expected)
+            self.mistake(expression.mistake(_begin(expression.tree), message, hint))
 
     def name(self, name: str, power_of_time: int = 0) -> Powers:
         """Return the dimension of a name times a power of time."""
@@ -175,17 +175,17 @@ class Dimensions:
         """Return a dimension in which solved unknowns are replaced by their solutions."""
         while name := next((n for n in powers.unknown if n in self.solved), ""):
             power = powers.unknown[name]
-            rest = {n: p for n, p in powers.unknown.items() if n != name}
-            powers = Powers(powers.known, rest).times(self.solved[name], power)
+            others = {n: p for n, p in powers.unknown.items() if n != name}
+            powers = Powers(powers.known, others).times(self.solved[name], power)
         return powers
 
     def same(self, a: Powers, b: Powers) -> bool:
         """Return whether two dimensions can be equal, and solve for an unknown dimension."""
-        rest = self.reduced(a.times(b, -1))
-        if not rest.unknown:
-            return rest.known == NONE
-        name, power = list(rest.unknown.items())[-1]
-        others = Powers(rest.known, {n: p for n, p in rest.unknown.items() if n != name})
+        quotient = self.reduced(a.times(b, -1))
+        if not quotient.unknown:
+            return quotient.known == NONE
+        name, power = list(quotient.unknown.items())[-1]
+        others = Powers(quotient.known, {n: p for n, p in quotient.unknown.items() if n != name})
         self.solved[name] = Powers(NONE, {}).times(others, -1 / power)
         return True
 
@@ -194,7 +194,7 @@ class Dimensions:
         powers = self.reduced(powers)
         return phrase_of(powers.known) if not powers.unknown else "in a unit that nothing determines"
 
-    def powers(self, whole: Expression, tree: Tree, expected: Powers | None = None) -> Powers:
+    def powers(self, expression: Expression, tree: Tree, expected: Powers | None = None) -> Powers:
         """Return the dimension of a part of an expression, and record mistakes in it.
 
         `expected` is the dimension of the context.
@@ -208,25 +208,25 @@ class Dimensions:
                 if unit not in UNITS:
                     hint = f"write *{unit}" if unit in self.names else nearest(unit, UNITS)
                     message = f"found '{unit}' after a number: expected a unit or an operator"
-                    return self.mistake(whole.mistake(tree.at, message, hint))
+                    return self.mistake(expression.mistake(tree.at, message, hint))
                 return Powers(UNITS[unit][1], {})
             case Name(name):
-                return self._name_powers(whole, name, tree.at)
+                return self._name_powers(expression, name, tree.at)
             case Negative(of):
-                return self.powers(whole, of)
+                return self.powers(expression, of)
             case Call():
-                return self._call_powers(whole, tree)
+                return self._call_powers(expression, tree)
             case Binary("^"):
-                return self._power_powers(whole, tree)
+                return self._power_powers(expression, tree)
             case Binary("*" | "/" as sign, left, right):
-                return self.powers(whole, left).times(self.powers(whole, right), 1 if sign == "*" else -1)
+                return self.powers(expression, left).times(self.powers(expression, right), 1 if sign == "*" else -1)
             case Binary(sign) if sign in COMPARISONS:
-                self._common_dimension(whole, [(None, tree.left), (tree, tree.right)])
+                self._common_dimension(expression, [(None, tree.left), (tree, tree.right)])
                 return Powers(NONE, {})
             case Binary():
-                return self._common_dimension(whole, list(_terms(tree)), expected)
+                return self._common_dimension(expression, list(_terms(tree)), expected)
 
-    def _name_powers(self, whole: Expression, name: str, at: int) -> Powers:
+    def _name_powers(self, expression: Expression, name: str, at: int) -> Powers:
         if name in self.names:
             return self.names[name]
         if name in UNITS:
@@ -235,68 +235,68 @@ class Dimensions:
             message, hint = f"found '{name}' alone: expected its arguments", f"write {name}(...)"
         else:
             message, hint = f"unknown name '{name}'", NAME_HINTS.get(name) or nearest(name, self.names)
-        return self.mistake(whole.mistake(at, message, hint))
+        return self.mistake(expression.mistake(at, message, hint))
 
     def _common_dimension(
-        self, whole: Expression, terms: list[tuple[Binary | None, Tree]], expected: Powers | None = None
+        self, expression: Expression, terms: list[tuple[Binary | None, Tree]], expected: Powers | None = None
     ) -> Powers:
         """Return the dimension that all terms share. Terms of unknown dimension get the dimension of the others."""
-        terms_with_powers = [(sign, tree, self.powers(whole, tree)) for sign, tree in terms]
+        terms_with_powers = [(sign, tree, self.powers(expression, tree)) for sign, tree in terms]
         dimensions = [self.reduced(powers) for _, _, powers in terms_with_powers]
         common = next((powers for powers in dimensions if not powers.unknown), dimensions[0])
         if expected is not None and not self.reduced(expected).unknown and any(powers.unknown for powers in dimensions):
             common = self.reduced(expected)
         if any(not powers.unknown and powers != common for powers in dimensions):
             common = self.unknown("sum") if expected is None else expected
-            self.mistakes.append((self.path, Sum(whole, tuple(terms_with_powers), common)))
+            self.mistakes.append((self.path, Sum(expression, tuple(terms_with_powers), common)))
             dimensions = [powers for powers in dimensions if powers.unknown]
         for powers in dimensions:
             self.same(powers, common)
         return common
 
-    def _without_unit(self, whole: Expression, tree: Tree, dimension: Powers, at: int, what: str) -> None:
+    def _without_unit(self, expression: Expression, tree: Tree, dimension: Powers, at: int, what: str) -> None:
         """Record a mistake unless a part of an expression is a number without unit."""
         if not self.same(dimension, Powers(NONE, {})):
-            hint = self.factor(whole, tree, dimension, Powers(NONE, {}))
+            hint = self.factor(expression, tree, dimension, Powers(NONE, {}))
             message = what.format(text_of(tree), self.text(dimension))
-            self.mistake(whole.mistake(at, f"{message}: expected a number without unit", hint))
+            self.mistake(expression.mistake(at, f"{message}: expected a number without unit", hint))
 
-    def _call_powers(self, whole: Expression, tree: Call) -> Powers:
+    def _call_powers(self, expression: Expression, tree: Call) -> Powers:
         if tree.name not in ARGUMENTS:
             if tree.name in self.names:
                 message, hint = f"'{tree.name}' is not a function", f"write {tree.name}*(...)"
             else:
                 message = f"unknown function '{tree.name}'"
                 hint = FUNCTION_HINTS.get(tree.name) or nearest(tree.name, ARGUMENTS)
-            return self.mistake(whole.mistake(tree.at, message, hint))
+            return self.mistake(expression.mistake(tree.at, message, hint))
         count = ARGUMENTS[tree.name]
         if len(tree.arguments) != count:
-            return self.mistake(whole.mistake(tree.at, f"{tree.name} takes {count}: found {len(tree.arguments)}"))
+            return self.mistake(expression.mistake(tree.at, f"{tree.name} takes {count}: found {len(tree.arguments)}"))
         arguments = tree.arguments
         if tree.name == "where":
             if not is_comparison(arguments[0]):
-                self.mistake(whole.mistake(_begin(arguments[0]), "expected a comparison, e.g. V_m > 0 mV"))
-            self.powers(whole, arguments[0])
+                self.mistake(expression.mistake(_begin(arguments[0]), "expected a comparison, e.g. V_m > 0 mV"))
+            self.powers(expression, arguments[0])
             arguments = arguments[1:]
-        if tree.name not in _SAME:
-            dimension = self.powers(whole, arguments[0])
-            self._without_unit(whole, arguments[0], dimension, tree.at, f"{tree.name} of '{{}}', which is {{}}")
+        if tree.name not in _KEEP_DIMENSION:
+            dimension = self.powers(expression, arguments[0])
+            self._without_unit(expression, arguments[0], dimension, tree.at, f"{tree.name} of '{{}}', which is {{}}")
             return Powers(NONE, {})
         if len(arguments) == 1:
-            return self.powers(whole, arguments[0])
+            return self.powers(expression, arguments[0])
         left, right = arguments
-        return self._common_dimension(whole, [(None, left), (Binary(",", left, right, tree.at), right)])
+        return self._common_dimension(expression, [(None, left), (Binary(",", left, right, tree.at), right)])
 
-    def _power_powers(self, whole: Expression, tree: Binary) -> Powers:
-        base, exponent = self.powers(whole, tree.left), self.powers(whole, tree.right)
-        self._without_unit(whole, tree.right, exponent, tree.at, "an exponent {1}")
+    def _power_powers(self, expression: Expression, tree: Binary) -> Powers:
+        base, exponent = self.powers(expression, tree.left), self.powers(expression, tree.right)
+        self._without_unit(expression, tree.right, exponent, tree.at, "an exponent {1}")
         number = _number(tree.right)
         if number is None:
-            self._without_unit(whole, tree.left, base, tree.at, "'{}' is {} and its exponent is not a number")
+            self._without_unit(expression, tree.left, base, tree.at, "'{}' is {} and its exponent is not a number")
             return Powers(NONE, {})
         if abs(number) > _MAX_POWER:
             message = f"an exponent of {number:g}: expected at most {_MAX_POWER}"
-            return self.mistake(whole.mistake(tree.at, message))
+            return self.mistake(expression.mistake(tree.at, message))
         return Powers(NONE, {}).times(base, Fraction(number).limit_denominator(1000))
 
 
@@ -381,8 +381,8 @@ _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3, "^"
 
 
 def _bracketed(tree: Tree, binding: int) -> str:
-    own = _BINDING[tree.sign] if isinstance(tree, Binary) else (4 if isinstance(tree, Negative) else 6)
-    return f"({text_of(tree)})" if own < binding else text_of(tree)
+    own_binding = _BINDING[tree.sign] if isinstance(tree, Binary) else (4 if isinstance(tree, Negative) else 6)
+    return f"({text_of(tree)})" if own_binding < binding else text_of(tree)
 
 
 def unit_unknown(name: str) -> ModelError:

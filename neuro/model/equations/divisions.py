@@ -50,7 +50,7 @@ class Divisions:
         taus: Iterable[Words] = (),
     ) -> None:
         self.parameters, self.let = parameters, let
-        self.units = {name: of[0] for name, of in UNITS.items() if name not in {*parameters, *variables, *let}}
+        self.units = {name: pair[0] for name, pair in UNITS.items() if name not in {*parameters, *variables, *let}}
         self.all: dict[Words, Expression] = {("let", name): expression for name, expression in let.items()}
         self.all |= expressions
         self.taus = frozenset(taus)
@@ -121,13 +121,13 @@ class _Evaluator:
         first: the first neuron with the mistake.
     """
 
-    def __init__(self, whole: Expression, values: Mapping[str, Any]) -> None:
-        self.whole, self.known = whole, values
-        self.wrong_tree, self.first = whole.tree, 0
+    def __init__(self, expression: Expression, values: Mapping[str, Any]) -> None:
+        self.expression, self.known = expression, values
+        self.wrong_tree, self.first = expression.tree, 0
 
     def mistake(self, tree: Tree, message: str, good: Any, at: int = 0) -> ModelError:
         self.wrong_tree, self.first = tree, int(np.argmin(good))
-        return self.whole.mistake(at, f"'{text_of(tree)}' {message}")
+        return self.expression.mistake(at, f"'{text_of(tree)}' {message}")
 
     def evaluate(self, tree: Tree) -> Any:
         """Return the value of a subtree, or None if it is unknown. A mistake in the subtree is raised."""

@@ -11,7 +11,7 @@ from neuro.model.equations import algebra
 from neuro.model.equations.definition import CURRENT_NAME, Definition, Receptor
 from neuro.model.equations.writing import Constants, local
 
-REST = ""
+CONSTANT = ""
 """Key of the constant part of a row."""
 
 
@@ -72,7 +72,7 @@ def system(definition: Definition) -> System | None:
 def matrix_lines(linear: System, constants: Constants, place: str, fixed: tuple[str, ...] = ()) -> Iterator[str]:
     """Yield the lines of `constants` that solve the system with the states in `fixed` constant."""
     size = linear.size
-    columns = {name: k for k, name in enumerate((*linear.states, REST, CURRENT_NAME))}
+    columns = {name: k for k, name in enumerate((*linear.states, CONSTANT, CURRENT_NAME))}
     yield f"for k in range({size * size}):"
     yield f"    c[{place} + k] = 0.0"
     for i, (name, row) in enumerate(linear.rows.items()):
@@ -99,11 +99,11 @@ def solution(linear: System, name: str, place: str, fixed: tuple[str, ...] = ())
     states = linear.states
     i, names = states.index(name), linear.dependencies(fixed)[name]
     lines, terms = [], []
-    for j, word in enumerate((*states, REST, CURRENT_NAME)):
+    for j, word in enumerate((*states, CONSTANT, CURRENT_NAME)):
         if word in names:
             factor = f"{'held' if fixed else 'free'}_{i}_{j}"
             lines.append(f"{factor} = {'1.0 + ' if names == {name} else ''}c[{place} + {i * linear.size + j}]")
-            value = {REST: "", CURRENT_NAME: " * i_0[i]"}.get(word, f" * {local(word)}")
+            value = {CONSTANT: "", CURRENT_NAME: " * i_0[i]"}.get(word, f" * {local(word)}")
             terms.append(f"{factor}{value}")
     change = " + ".join(terms)
     return lines, change if names == {name} else f"{local(name)} + ({change})"
@@ -128,7 +128,7 @@ def quiet_lines(definition: Definition, linear: System, constants: Constants, he
         return None
     leak = algebra.negate(row.get(name, algebra.ZERO))
     gain = constants.place_of(f"lasting({constants.of_parameters(leak)})")
-    drive = [constants.place(row[REST])] if REST in row else []
+    drive = [constants.place(row[CONSTANT])] if CONSTANT in row else []
     drive += [f"{constants.place(row[CURRENT_NAME])} * i_0[i]"] if CURRENT_NAME in row else []
     at = linear.states.index(name)
     charges = [f"max({charge} * s[{linear.states.index(word)}, i], 0.0)" for word, charge in drivers]
@@ -148,7 +148,7 @@ def _charges(definition: Definition, linear: System, name: str, constants: Const
     kernels = {r.name: r for r in definition.receptors if r.kernel != "delta"}
     charges = []
     for word, factor in linear.rows[name].items():
-        if word in (name, REST, CURRENT_NAME):
+        if word in (name, CONSTANT, CURRENT_NAME):
             continue
         if word not in kernels:
             return None

@@ -172,7 +172,7 @@ def _tau(words: Mapping[str, Any], parameters: Mapping[str, Parameter], extra_na
 
 
 def _check_dimensions(pairs: Pairs) -> Pairs:
-    """Return the rule with the dimensions of its states. A trace is a number, and one without time constant a time.
+    """Return the rule with the dimensions of its states. A trace is a number, or a time if it has no time constant.
 
     Raises:
         ModelError: a name is unknown, or units do not match.

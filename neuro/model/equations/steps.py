@@ -195,8 +195,8 @@ def _exponential_euler(neuron: NeuronSteps, name: str, tree: Tree, variables: di
     step, h = local("h"), neuron.constants.place_of("h")  # the definition may have a parameter h, but no `h_`
     exponent = algebra.multiply(row.get(name, algebra.ZERO), Name(step, 0))
     leaf = neuron.constants.leaf({**variables, step: h})
-    rate, rest = to_python(exponent, leaf), to_python(row[""], leaf)
-    return f"{local(name)} * of_exp({rate}) + ({rest}) * {h} * of_exprel({rate})"
+    rate, constant = to_python(exponent, leaf), to_python(row[""], leaf)
+    return f"{local(name)} * of_exp({rate}) + ({constant}) * {h} * of_exprel({rate})"
 
 
 def _kernel_updates(neuron: NeuronSteps, receptor: Receptor) -> dict[str, str]:

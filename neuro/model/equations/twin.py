@@ -1,4 +1,4 @@
-"""Built-in models with the same equations as a neuron in equations, which chips run instead, or the reason for none."""
+"""Built-in models with the same equations as a neuron in equations. Chips run the built-in model instead."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuro.model.equations import algebra
 from neuro.model.equations.algebra import ONE, ZERO, add, divide, multiply
 from neuro.model.equations.definition import CURRENT_NAME, Definition, Receptor
 from neuro.model.equations.dimensions import text_of
-from neuro.model.equations.exact import REST, System, system
+from neuro.model.equations.exact import CONSTANT, System, system
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.writing import Constants, function, module
 from neuro.model.neurons.base import Neuron
@@ -36,8 +36,8 @@ class Twin:
 
     Attributes:
         model: iaf_psc_exp or iaf_psc_delta.
-        states: for each state of the equations the built-in state, or two whose sum it is.
-        words: the parameters of the model that are computed from those of the equations.
+        states: the built-in state of each state of the equations, or two built-in states that add up to it.
+        words: the parameters of the model that are computed from the parameters of the equations.
         arithmetic: module with `twin(p, q)`, which computes these parameters.
     """
 
@@ -47,7 +47,7 @@ class Twin:
     arithmetic: ModuleType
 
     def parameters(self, equation_parameters: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Return the parameters of the model from all those of the equations, in order, `tau_minus` first.
+        """Return the parameters of the model in order, `tau_minus` first, from all parameters of the equations.
 
         Arrays have the shape (1,) or one value per neuron.
         """
@@ -137,7 +137,7 @@ def _membrane(
     leak = products(algebra.negate(row.get(potential, algebra.ZERO)), definition.parameters)
     if not leak:
         raise ModelError(f"{potential} has no leak", hint=f"add one, e.g. (E_L - {potential})/tau_m")
-    rest = products(row.get(REST, algebra.ZERO), definition.parameters)
+    constants = products(row.get(CONSTANT, algebra.ZERO), definition.parameters)
     currents = [CURRENT_NAME, *(receptor.name for receptor in receptors if receptor.kernel == "exp")]
     gains = {name: products(row[name], definition.parameters) for name in currents if name in row}
     constant: list[Product] = []
@@ -147,9 +147,9 @@ def _membrane(
         for name, other in others:
             if not same(gain, other):
                 raise ModelError(f"{first} and {name} act on {potential} with different factors")
-        constant = [term for term in rest if _is_current(term, leak, gain)]
+        constant = [term for term in constants if _is_current(term, leak, gain)]
         trees |= {"C_m": ratio([UNITY], gain), "I_e": ratio(constant, gain)}
-    return {**trees, "E_L": ratio([term for term in rest if term not in constant], leak)}
+    return {**trees, "E_L": ratio([term for term in constants if term not in constant], leak)}
 
 
 def _is_current(term: Product, leak: list[Product], gain: list[Product]) -> bool:
@@ -182,7 +182,7 @@ def _spike(definition: Definition, potential: str) -> dict[str, Tree]:
     return {"V_th": limit, "V_reset": reset[potential], "t_ref": period}
 
 
-MOST = 64
+MAX_PRODUCTS = 64
 """Largest number of products in an expanded sum. A longer sum is not expanded and counts as a factor."""
 
 
@@ -205,15 +205,15 @@ class Product:
 
     def tree(self) -> Tree:
         """Return the product as a tree."""
-        over: Tree = ONE if self.number == 1.0 else Number(self.number, "", 0)
-        under: Tree = ONE
+        numerator: Tree = ONE if self.number == 1.0 else Number(self.number, "", 0)
+        denominator: Tree = ONE
         for text, power in self.powers.items():
             for _ in range(abs(power)):
                 if power > 0:
-                    over = multiply(over, self.factors[text])
+                    numerator = multiply(numerator, self.factors[text])
                 else:
-                    under = multiply(under, self.factors[text])
-        return over if under == ONE else divide(over, under)
+                    denominator = multiply(denominator, self.factors[text])
+        return numerator if denominator == ONE else divide(numerator, denominator)
 
 
 UNITY = Product(1.0, {}, {})
@@ -259,7 +259,7 @@ def _products(tree: Tree, parameters: set[str]) -> list[Product]:
             terms = [*_products(left, parameters), *(others if sign == "+" else _negative(others))]
         case Binary("*", left, right):
             a, b = _products(left, parameters), _products(right, parameters)
-            terms = [x.times(y) for x in a for y in b] if len(a) * len(b) <= MOST else [_factor(tree)]
+            terms = [x.times(y) for x in a for y in b] if len(a) * len(b) <= MAX_PRODUCTS else [_factor(tree)]
         case Binary("/", left, right):
             divisors = _products(right, parameters)
             terms = [

@@ -15,7 +15,7 @@ from neuro.model.equations import algebra
 from neuro.model.equations.parameters import Parameter
 
 Leaf = Callable[[Tree], str | None]
-"""Function that returns the text of a subtree, or None if the text is composed of those of its operands."""
+"""Function that returns the text of a subtree, or None if the text is composed of the texts of its operands."""
 
 _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3}
 _NEGATIVE, _ATOM = 4, 6
@@ -70,8 +70,8 @@ def _to_python(tree: Tree, leaf: Leaf, binding: int) -> str:
             return _bracketed(text, own_binding, binding)
 
 
-def _bracketed(text: str, own: int, binding: int) -> str:
-    return f"({text})" if own < binding else text
+def _bracketed(text: str, own_binding: int, binding: int) -> str:
+    return f"({text})" if own_binding < binding else text
 
 
 def _is_constant(tree: Tree, leaf: Leaf) -> bool:

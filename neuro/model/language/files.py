@@ -156,7 +156,7 @@ def hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     """Read a data set of an HDF5 file. Links and data stored in other files are errors."""
     import h5py
 
-    what = f"'{key.value}' in '{file.value}'"
+    label = f"'{key.value}' in '{file.value}'"
     check(path, file)
     try:
         with h5py.File(path, "r") as hdf5_root:
@@ -164,15 +164,15 @@ def hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
             for part in [p for p in key.value.split("/") if p]:
                 link = node.get(part, getlink=True) if isinstance(node, h5py.Group) else None
                 if link is None:
-                    raise mistake(key, f"no data set {what}", nearest(key.value, _names(hdf5_root)))
+                    raise mistake(key, f"no data set {label}", nearest(key.value, _names(hdf5_root)))
                 if not isinstance(link, h5py.HardLink):
-                    raise mistake(key, f"{what} is a link: expected a data set of the file itself")
+                    raise mistake(key, f"{label} is a link: expected a data set of the file itself")
                 node = node[part]
             if not isinstance(node, h5py.Dataset):
-                raise mistake(key, f"{what} is a group: expected a data set", nearest("", _names(node)))
+                raise mistake(key, f"{label} is a group: expected a data set", nearest("", _names(node)))
             if node.is_virtual or node.external:
-                raise mistake(key, f"{what} is stored in other files: expected a data set of the file itself")
-            check_numbers(node, key, what)
+                raise mistake(key, f"{label} is stored in other files: expected a data set of the file itself")
+            check_numbers(node, key, label)
             return np.asarray(node[()], dtype=np.float64)
     except ModelError:
         raise
@@ -252,9 +252,9 @@ def _rows(path: Path, file: Node, key: Node | None) -> NDArray[np.float64]:
 def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     """Read spikes from a group with a data set per column, as in results, or from a data set of two columns."""
     check(path, file)
-    what, group = f"'{key.value}' in '{file.value}'", _group(path, key.value)
+    label, group = f"'{key.value}' in '{file.value}'", _group(path, key.value)
     if group is None:
-        return _two_columns(hdf5(path, file, key), key, what)
+        return _two_columns(hdf5(path, file, key), key, label)
     names, clock = group
     times, ids, *multiplicity = (
         Node(f"{key.value}/{name}", key.where, key.label, key.source) for name in (COLUMNS if clock is None else _STEPS)
@@ -262,7 +262,7 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     columns = [hdf5(path, file, times), hdf5(path, file, ids)]
     if clock is not None:
         columns[0] = clock.array_ms(columns[0].astype(np.int64))
-    rows = _stack_columns(columns, key, what)
+    rows = _stack_columns(columns, key, label)
     if multiplicity and "multiplicity" in names:
         rows = np.repeat(rows, hdf5(path, file, multiplicity[0]).astype(np.int64), axis=0)
     return rows
@@ -288,36 +288,36 @@ def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
 
 def _npy(path: Path, file: Node) -> NDArray[np.float64]:
     """Read spikes from an array with two columns or with the fields `times` and `ids`."""
-    what = f"file '{file.value}'"
+    label = f"file '{file.value}'"
     try:
         fields = np.load(path, mmap_mode="r", allow_pickle=False).dtype.names
     except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
         fields = None  # reading the values below reports the error
     if fields is None:
-        return _two_columns(npy(path, file), file, what)
-    _check_columns(list(fields), file, what)
+        return _two_columns(npy(path, file), file, label)
+    _check_columns(list(fields), file, label)
     values = np.load(path, allow_pickle=False)
-    return _stack_columns([values[name].astype(np.float64) for name in COLUMNS], file, what)
+    return _stack_columns([values[name].astype(np.float64) for name in COLUMNS], file, label)
 
 
 def _csv(path: Path, file: Node) -> NDArray[np.float64]:
     """Read spikes from a table whose first line names the columns. Columns other than times and ids are ignored."""
-    what = f"file '{file.value}'"
+    label = f"file '{file.value}'"
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError):
-        raise mistake(file, f"{what}: expected a CSV file that can be read") from None
+        raise mistake(file, f"{label}: expected a CSV file that can be read") from None
     names = [name.strip() for name in lines[0].split(",")] if lines else []
-    _check_columns(names, file, what)
+    _check_columns(names, file, label)
     if 2 * len(lines) > MAX_ELEMENTS:
-        raise mistake(file, f"{what} holds {len(lines) - 1} spikes: expected at most {MAX_ELEMENTS // 2}")
+        raise mistake(file, f"{label} holds {len(lines) - 1} spikes: expected at most {MAX_ELEMENTS // 2}")
     column_indices, rows = [names.index(name) for name in COLUMNS], np.empty((len(lines) - 1, 2))
     for k, line in enumerate(lines[1:]):
         cells = line.split(",")
         try:
             rows[k] = [float(cells[column]) for column in column_indices]
         except (ValueError, IndexError):
-            raise mistake(file, f"{what}, line {k + 2}: found {line!r}: expected a time and a neuron") from None
+            raise mistake(file, f"{label}, line {k + 2}: found {line!r}: expected a time and a neuron") from None
     return rows
 
 

@@ -131,8 +131,8 @@ def _part(cls: type[Part], own: bool = False) -> Schema:
 
 def _by_name() -> Schema:
     """Return the schema of a mapping from names to values or lists of values."""
-    one: Schema = {"type": ["string", "number"]}
-    values: Schema = {"anyOf": [one, {"type": "array", "items": one}]}
+    value: Schema = {"type": ["string", "number"]}
+    values: Schema = {"anyOf": [value, {"type": "array", "items": value}]}
     return {"type": "object", "minProperties": 1, "additionalProperties": values}
 
 
@@ -172,12 +172,12 @@ def _words(cls: type[Choice]) -> Schema:
 def _with_file(mapping: Schema, word: str) -> Schema:
     """Return the schema of a mapping in which `file` and `key` may replace a word."""
     properties = {**mapping["properties"], "file": {"type": "string"}, "key": {"type": "string"}}
-    either = [{"required": [word]}, {"required": ["file"]}]
+    alternatives = [{"required": [word]}, {"required": ["file"]}]
     return {
         **mapping,
         "properties": properties,
         "required": [w for w in mapping["required"] if w != word],
-        "oneOf": either,
+        "oneOf": alternatives,
     }
 
 

@@ -193,7 +193,8 @@ class Arrays:
         """
         if self._folder is not None:
             raise ModelError(
-                f"{key} = events of a program: expected a file", hint="neuro.events.save(events, 'walk.h5') makes one"
+                f"{key} = events of a program: expected a file",
+                hint="save them: neuro.events.save(events, 'walk.h5')",
             )
 
 

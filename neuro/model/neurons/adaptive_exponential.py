@@ -25,7 +25,7 @@ from neuro.model.neurons.integrators import (
     step_whole,
 )
 
-SHOWN = (State("V_m", "mV", "membrane potential"), State("w", "pA", "adaptation current"))
+VISIBLE_STATES = (State("V_m", "mV", "membrane potential"), State("w", "pA", "adaptation current"))
 HIDDEN = (
     State("refractory", "steps", "remaining refractory steps", hidden=True),
     State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
@@ -37,7 +37,7 @@ RATE_EX, RATE_IN, I_E, E_EX, E_IN = range(15, 20)
 
 rkf45, rkf45_by_slope = fehlberg(4, 2), fehlberg(4, 2, by_slope=True)
 rk4, (take, put) = runge_kutta(4, 2), rows(4)
-MOST = 255
+MAX_SPIKES = 255
 """Largest number of spikes of a neuron in a step of the grid."""
 
 
@@ -94,7 +94,7 @@ def step_adaptively(rates, system, s, c, i_0, lo, hi, fired):
             put(s, i, y)
             spikes += reset(s, c, i)
         s[SIZE, i] = size
-        fired[i] = min(spikes, MOST)
+        fired[i] = min(spikes, MAX_SPIKES)
 
 
 def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
@@ -106,7 +106,7 @@ def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
         for i in range(lo, hi):
             put(s, i, rk4(rates, take(s, i), system(s, c, i_0, i), h))
         for i in range(lo, hi):
-            fired[i] = min(fired[i] + reset(s, c, i), MOST)
+            fired[i] = min(fired[i] + reset(s, c, i), MAX_SPIKES)
 
 
 def reset(s, c, i):
@@ -211,7 +211,7 @@ class aeif_cond_exp(AdaptiveExponential):
     source: ClassVar[str] = "NEST 3.10 aeif_cond_exp; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005"
     weight_unit: ClassVar[str] = "nS"
     states: ClassVar[tuple[State, ...]] = (
-        *SHOWN,
+        *VISIBLE_STATES,
         State("g_ex", "nS", "excitatory conductance", at_least=0.0),
         State("g_in", "nS", "inhibitory conductance", at_least=0.0),
         *HIDDEN,
@@ -277,7 +277,7 @@ class aeif_psc_exp(AdaptiveExponential):
     source: ClassVar[str] = "NEST 3.10 aeif_psc_exp; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005"
     weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
-        *SHOWN,
+        *VISIBLE_STATES,
         State("I_syn_ex", "pA", "excitatory synaptic current"),
         State("I_syn_in", "pA", "inhibitory synaptic current"),
         *HIDDEN,

@@ -153,10 +153,10 @@ class Neuron(Model):
         receptors: number of separate inputs; `x[k]` is the input of receptor k. With 1, all input is summed. With 2,
             weights >= 0 go to the first receptor and negative weights to the second. With 3 or more, a synapse must
             name its receptor.
-        receptor_names: names of the receptors, for synapses that name one. Two receptors are called "ex" and "in" by
-            default.
-        conductances: names of the receptors that are conductances. Weights of synapses that name one must be >= 0. The
-            second of two receptors receives -w, as if the weight had been routed by sign.
+        receptor_names: names of the receptors, for synapses that name a receptor. Two receptors are called "ex" and
+            "in" by default.
+        conductances: names of the receptors that are conductances. Weights of synapses that name a conductance must
+            be >= 0. The second of two receptors receives -w, as if the weight had been routed by sign.
         filters: receptors that accept a current, by name: the state that filters the current, and the parameter with
             the time constant of the filter.
         collects: two adjacent states, one for each of two receptors, to which `step` adds its input, unscaled and as
@@ -169,8 +169,8 @@ class Neuron(Model):
             group, which chooses between step and reset, cannot have such neurons.
         takes_current: whether the neurons accept currents of generators.
         draws: whether `step` gets a random number per neuron, see above.
-        signed: whether weights are routed to two receptors by sign if a synapse names none. If not, a synapse must name
-            a receptor.
+        signed: whether weights are routed to two receptors by sign if a synapse names no receptor. If not, a synapse
+            must name a receptor.
         most: the largest size of a population whose neurons `step` treats together. 0: neurons are independent.
         arithmetic: the class or module with `constants`, `step`, `fire` and `quiet`, see above and `OfModule`. The
             first constant is the threshold and the first state is V_m, if the model has them.

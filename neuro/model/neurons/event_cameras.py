@@ -21,7 +21,7 @@ _READER = "the reader of recordings"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class crop(Choice):
-    """A rectangle of a sensor. An axis without a range is whole."""
+    """A rectangle of a sensor. An axis without a range is used whole."""
 
     kind: ClassVar[str] = "crop"
     x: Any = quantity(None, "px", "first column and last column + 1", kind="shape", at_least=0)
@@ -115,8 +115,8 @@ class event_camera(Generator):
         super().__post_init__()
         sources = [word for word in ("file", "events", "stream") if getattr(self, word) is not None]
         if len(sources) > 1:
-            both = f"both '{sources[0]}' and '{sources[1]}'"
-            raise ModelError(f"event_camera: found {both}: expected one of them", where=here())
+            found_words = f"both '{sources[0]}' and '{sources[1]}'"
+            raise ModelError(f"event_camera: found {found_words}: expected one of them", where=here())
         if self.stream is None and self.sensor is not None:
             message = "event_camera: found 'sensor' without 'stream': expected it for streams only"
             raise ModelError(message, where=here(), path=("sensor",), missing="stream")

@@ -222,7 +222,7 @@ class encode(Generator):
         for k, code in enumerate(self.code):
             place = ("code", *((str(k),) if len(self.code) > 1 else ()), code.name)
             if k + 1 < len(self.code) and not code.rates:
-                raise ModelError(f"{self.name}.code: {code.name} gives spike times: expected it last", path=place)
+                raise ModelError(f"{self.name}.code: {code.name} gives spike times: expected it at the end", path=place)
             try:
                 encoded = code(encoded, seed)
             except ModelError as error:
@@ -306,8 +306,8 @@ class gamma_sup_generator(Timed):
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the processes spread evenly over the stages, as in NEST. The first stages get the remainder."""
         stages, processes = int(parameters["gamma_shape"][0]), int(parameters["n_proc"][0])
-        each, over = divmod(processes, stages)
-        return {f"in_stage_{k}": np.array([float(each + (k < over))]) for k in range(stages)}
+        per_stage, remainder = divmod(processes, stages)
+        return {f"in_stage_{k}": np.array([float(per_stage + (k < remainder))]) for k in range(stages)}
 
     def constants(p, h, c):
         """Fill `c` with the probability to leave a stage in a step. `p` is rate, gamma_shape and n_proc."""
@@ -317,9 +317,9 @@ class gamma_sup_generator(Timed):
         """Move binomial numbers of processes to the next stage. All stages use the same uniform number."""
         stages = int(c[STAGES])
         for i in range(lo, hi):
-            rest, came = u[i], 0
+            u_left, came = u[i], 0
             for stage in range(stages):
-                leave, rest = binomial(rest, int(s[stage, i]), c[CHANCE])
+                leave, u_left = binomial(u_left, int(s[stage, i]), c[CHANCE])
                 s[stage, i] += came - leave
                 came = leave
             s[0, i] += came

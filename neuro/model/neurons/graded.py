@@ -79,8 +79,8 @@ def send_change(s, i, y, vth, grain, cumulative):
 
 def stays_silent(s, i, y, vth, cumulative):
     """Return whether nothing is sent and no state changes while the value remains `y`."""
-    rest = s[RESIDUE, i]
-    return y == s[ACT, i] and abs(rest) < vth and (cumulative == 0.0 or rest == 0.0) and s[SENT, i] == 0.0
+    residue = s[RESIDUE, i]
+    return y == s[ACT, i] and abs(residue) < vth and (cumulative == 0.0 or residue == 0.0) and s[SENT, i] == 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

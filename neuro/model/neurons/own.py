@@ -60,7 +60,7 @@ def complete(model: type[Model]) -> type[Model]:
             f"{message}: receptors = {model.receptors} with {len(receptors)} receptor_names: expected as many"
         )
     if unknown := [name for name in model.conductances if name not in receptors]:
-        raise TypeError(f"{message}: conductance '{unknown[0]}' is none of its receptor_names")
+        raise TypeError(f"{message}: conductance '{unknown[0]}' is not in its receptor_names")
     c = _complete_numbers(message, model)
     if c is None:
         return model

@@ -291,7 +291,7 @@ class soft_wta(Neuron):
 
     def quiet(s, c, i_0, lo, hi):
         """Return whether all probabilities are 0, because a step without input only clears them."""
-        some = False
+        has_probability = False
         for i in range(lo, hi):
-            some |= s[P, i] != 0.0
-        return not some
+            has_probability |= s[P, i] != 0.0
+        return not has_probability

@@ -61,11 +61,11 @@ FALL = "whether a spike reduces V_m by V_th - V_reset instead of setting it to V
 def check_fall(model, parameters):
     """Raise an error for parameters that need a reset by subtraction."""
     falls = np.any(parameters.get("reset_by_subtraction", 0.0) != 0.0)
-    several = np.any(parameters.get("max_spikes", 1.0) != 1.0)
-    if several and not falls:
+    has_several = np.any(parameters.get("max_spikes", 1.0) != 1.0)
+    if has_several and not falls:
         raise ModelError("max_spikes above 1: expected reset_by_subtraction: true", path=(model, "max_spikes"))
 
-    if np.any(parameters.get("threshold_rises", 0.0) != 0.0) and (several or not falls):
+    if np.any(parameters.get("threshold_rises", 0.0) != 0.0) and (has_several or not falls):
         message = "threshold_rises: expected reset_by_subtraction: true, and max_spikes: 1"
         raise ModelError(message, path=(model, "threshold_rises"))
 

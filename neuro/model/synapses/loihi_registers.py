@@ -47,13 +47,11 @@ class loihi_static(Synapse):
     The weight of the projection is the mantissa m.
 
     Mixed: m from -256 to 254 in steps of 2; excitatory: 0 to 255; inhibitory: -255 to 0. With fewer weight bits the
-        lowest
-    bits are dropped (towards 0), one more in mixed mode. The sum is clipped to +-(2^21 - 64). The weight read back is
-    the amount added / (64 2^weight_exp), without the dropped bits. The mantissa register keeps all bits.
+    lowest bits are dropped (towards 0), one more in mixed mode. The sum is clipped to +-(2^21 - 64). The weight read
+    back is the amount added / (64 2^weight_exp), without the dropped bits. The mantissa register keeps all bits.
 
     Source: Michaelis et al., Front. Neuroinform. 16:1015624, 2022, which shifts each weight and reports a match with
-        the
-    chip.
+    the chip.
     """
 
     equation: ClassVar[str] = "sends 64 floor(m 2^weight_exp)"
@@ -356,7 +354,7 @@ class _Reader:
 
     def product(self, sign: int) -> Term:
         begin = self.at
-        scale, exponent, gate, every = sign, 0, "", -1
+        scale, exponent, gate, period = sign, 0, "", -1
         factors: list[Factor] = []
         while True:
             kind, token = self.take()
@@ -367,8 +365,8 @@ class _Reader:
             elif kind == _NAME and re.fullmatch(r"u\d+", token):
                 if self.as_lava and gate:
                     raise self.wrong(f"'{token}' after '{gate}' in one product", f"write {token} first")
-                every = self.period(token, every)
-            elif kind == _NAME and token in ("x0", "y0") and not gate and not (self.as_lava and every >= 0):
+                period = self.period(token, period)
+            elif kind == _NAME and token in ("x0", "y0") and not gate and not (self.as_lava and period >= 0):
                 gate = token
             elif kind == _NAME:
                 factors.append(Factor(self.name(token)))
@@ -388,17 +386,17 @@ class _Reader:
         while scale % 2 == 0 and not (self.as_lava and (abs(scale) <= LARGEST_MANTISSA or exponent == 8)):
             scale, exponent = scale // 2, exponent + 1
         try:
-            return Term(scale, exponent, gate or "u", max(0, every), tuple(factors))
+            return Term(scale, exponent, gate or "u", max(0, period), tuple(factors))
         except ModelError as error:
             raise self.wrong(error.message, error.hint) from None
 
     def period(self, token: str, before: int) -> int:
-        every = int(token[1:])
+        period = int(token[1:])
         if before >= 0:
             raise self.wrong(f"'{token}' and 'u{before}' in one product: expected one of them")
-        if every > LARGEST_U:
+        if period > LARGEST_U:
             raise self.wrong(f"'{token}': expected u0 to u{LARGEST_U}")
-        return every
+        return period
 
     def name(self, token: str) -> str:
         if token in FACTORS:

@@ -34,7 +34,7 @@ LARGEST_CONSTANT = 255
 LONGEST_EPOCH = 63
 LARGEST_U = 9
 MOST_FACTORS = 4
-"""Most factors of a product without its dependency, so that products fit 64 bits. A limit of neuro, not of the chip."""
+"""Largest number of factors beside the dependency, so that products fit 64 bits. A limit of neuro, not of the chip."""
 KEEP = 1 << 20
 """Denominator of an exponential decay, chosen so that the error after 10,000 steps is below 1 %."""
 
@@ -146,7 +146,7 @@ class Outgoing:
     The difference in units of n is divided by 2^shift, rounded stochastically to at most 15, and multiplied by `LEVEL`.
 
     Attributes:
-        baseline: in units of 2^-7 of the unit of n.
+        baseline: baseline of n, in units of 2^-7 of the unit of n.
         shift: number of bits that are rounded away.
     """
 

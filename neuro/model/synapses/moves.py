@@ -250,10 +250,10 @@ class td_moves(Modulated):
         """Integrate move by move from step `begin` to `end`. The last step of a move belongs to the move."""
         step = begin
         while step < end and (y[E, e] != 0.0 or y[E_LAST, e] != 0.0 or y[E_BEFORE, e] != 0.0):
-            into = step % c[MOVE]
-            if into == 0.0:
+            move_step = step % c[MOVE]
+            if move_step == 0.0:
                 y[E_BEFORE, e], y[E_LAST, e], y[E, e] = y[E_LAST, e], y[E, e], 0.0
-            steps = min(c[MOVE] - into, end - step)
+            steps = min(c[MOVE] - move_step, end - step)
             w = y[WEIGHT, e] + c[RATE] * n * y[E_BEFORE, e] * steps
             y[WEIGHT, e] = min(max(w, c[W_MIN]), c[W_MAX])
             step += steps

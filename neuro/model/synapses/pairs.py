@@ -93,7 +93,7 @@ class stdp(WeightDependent):
     """STDP of all pairs of spikes, between additive (mu = 0) and multiplicative (mu = 1).
 
     Additive: mu_plus = mu_minus = 0. Soft bounds: both 1. Van Rossum: mu_plus = 0, mu_minus = 1. Guetig: both in
-        between.
+    between.
     The weight changes at pre spikes. A negative Wmax makes the synapse inhibitory.
     Source: NEST 3.10, `stdp_synapse`; Guetig et al., J. Neurosci. 23:3697, 2003; van Rossum, Bi & Turrigiano,
     J. Neurosci. 20:8812, 2000; Morrison, Diesmann & Gerstner, Biol. Cybern. 98:459, 2008.
@@ -413,8 +413,7 @@ class stddp(DelayRule):
     post spike pairs with the last pre spike emitted before it, a pre spike with the last post spike. The window is A dt
     exp(-|dt|/tau) or, with `by_step`, one step of the network up to |dt| = tau.
     Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32, which gives the direction; the windows are choices
-        of
-    this project.
+    of this project.
     """
 
     equation: ClassVar[str] = "d += A dt exp(-|dt|/tau), or a step, dt = t_post - (t_pre + d)"

@@ -65,9 +65,8 @@ class r_stdp(TrialRule):
     Weights are relative to [Wmin, Wmax].
 
     Source: Mosca, MSc thesis, 2020, eqs 126-128, with t^f(j) as the time of the input and t_i as the time of the
-        decision,
-    as the text around the equations requires. `rescue` is an extension of this project. The rule extends Mozafari et
-    al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018, where ties count as before.
+    decision, as the text around the equations requires. `rescue` is an extension of this project. The rule extends
+    Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018, where ties count as before.
     """
 
     equation: ClassVar[str] = "dw = A w (1 - w), A by outcome and by whether the input came before the decision"
@@ -126,8 +125,7 @@ class mozafari(TrialRule):
     from punishments. Weights are relative to [Wmin, Wmax].
 
     Source: Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018; Mosca, MSc thesis, 2020, eqs 120 and
-        121,
-    read as eqs 126 and 127 of `r_stdp`. Eq. 120 has Ar_minus for inputs that arrive at the decision.
+    121, read as eqs 126 and 127 of `r_stdp`. Eq. 120 has Ar_minus for inputs that arrive at the decision.
     """
 
     equation: ClassVar[str] = "dw = s A w (1 - w), s = N_miss/N on reward, N_hit/N on punishment"
@@ -182,8 +180,7 @@ class normalised_stdp(first_spike_stdp):
     and clipped. The rule needs no labels: `neuro.assign_labels` assigns a label to each neuron after learning.
 
     Source: Rubin et al., Phys. Rev. Lett. 86:364, 2001, for the bounds, which slow down changes towards them; Diehl &
-        Cook,
-    Front. Comput. Neurosci. 9:99, 2015, for the sum, which is theirs for 784 inputs. The rates are those of this
+    Cook, Front. Comput. Neurosci. 9:99, 2015, for the sum, which is theirs for 784 inputs. The rates are those of this
     project.
     """
 
@@ -227,8 +224,7 @@ class tempotron(TrialRule):
     have. t_max is the tick of a neuron's largest V_m. Trials with a decision are treated as without `alone`.
 
     Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. Without `alone`, at most one neuron of a group fires, so
-        no
-    other neuron can err by firing.
+    no other neuron can err by firing.
     """
 
     equation: ClassVar[str] = "dw = +-lambda K(t_max - t_i) after a mistake, K(t) = V0 (exp(-t/tau_m) - exp(-t/tau_s))"
@@ -290,8 +286,7 @@ class r_stddp(DelayRule):
     other way round. With the signs of the rates for weights, the rule unlearns. Weights do not change.
 
     Source: Mosca, MSc thesis, 2020, eq. 131, which has Ar_minus for inputs that arrive at the decision. The signs, and
-        the
-    use of arrivals instead of emissions, were chosen by measuring which of them learn.
+    the use of arrivals instead of emissions, were chosen by measuring which of them learn.
     """
 
     equation: ClassVar[str] = "dd = A d, A by outcome and by whether the input came before the decision"

@@ -134,7 +134,7 @@ class _Sparse:
 _BLOCK = 1 << 24
 """Number of bytes of a CSV that are read at once."""
 
-_WRONG = re.compile(r"column #(?P<column>\d+): Row #(?P<row>\d+): .* invalid value '(?P<value>.*)'", re.DOTALL)
+_BAD_CELL = re.compile(r"column #(?P<column>\d+): Row #(?P<row>\d+): .* invalid value '(?P<value>.*)'", re.DOTALL)
 _EXPECTED = {
     NUMBER: "a number",
     "int64": "a whole number of 64 bits",
@@ -188,7 +188,7 @@ class CsvTable:
                 pass
         except (_arrow(self.path, "").ArrowException, KeyError, OSError) as located:
             error = located
-        if match := _WRONG.search(str(error)):
+        if match := _BAD_CELL.search(str(error)):
             name = self.names[int(match["column"])] if int(match["column"]) < len(self.names) else match["column"]
             return cell(self, int(match["row"]), name, match["value"], _EXPECTED.get(kinds.get(name, ""), "text"))
         return ModelError(f"{self.path}: not a readable CSV file: {str(error).splitlines()[0]:.200}")

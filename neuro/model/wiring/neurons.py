@@ -21,7 +21,7 @@ from neuro.model.wiring.tables import ANY, INT64, TEXT, UINT64, Column, Table, T
 OUTSIDE_POPULATION, NOT_IN_TABLE = -1, -2
 """Values instead of the index of a neuron, for an id of the table outside the population, and for an unknown id."""
 
-_WHOLE = re.compile(r"[-+]?\d+")
+_WHOLE_NUMBER = re.compile(r"[-+]?\d+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class Neurons:
 
         Args:
             ids: ids from the rows of a file.
-            places: whether they are indices of neurons of the population instead of ids.
+            places: whether `ids` are indices of neurons of the population.
         """
         if places:
             return _find_consecutive(ids, self.size)
@@ -195,7 +195,7 @@ class Neurons:
             empty = np.flatnonzero(column.each(np.array([not word for word in column.words])))
             if empty.size:
                 raise cell(self._table, first + int(empty[0]), name, "", "an id")
-            if all(_WHOLE.fullmatch(column.words[code]) for code in np.unique(column.codes).tolist()):
+            if all(_WHOLE_NUMBER.fullmatch(column.words[code]) for code in np.unique(column.codes).tolist()):
                 numbers = [int(word) if word else 0 for word in column.words]
                 low, high = min(numbers), max(numbers)
                 if low < -(2**63) or high >= 2**64 or (low < 0 and high >= 2**63):

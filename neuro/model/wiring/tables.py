@@ -149,7 +149,7 @@ def _check_column(table: Table, piece: Piece, name: str, kind: str) -> Column:
 
 
 _SIGNS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
-_ORDERS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
+_COMPARISONS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
 _FUNCTIONS = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "round": np.rint, "min": np.minimum, "max": np.maximum}
 _HINTS = Hints({"$": "write columns without $", "=": "compare with < <= > or >="})
 
@@ -199,7 +199,7 @@ class Condition:
         tree = self._expression.tree
         assert isinstance(tree, Binary)
         with np.errstate(all="ignore"):
-            holds: NDArray[np.bool_] = _ORDERS[tree.sign](
+            holds: NDArray[np.bool_] = _COMPARISONS[tree.sign](
                 self._value(tree.left, columns), self._value(tree.right, columns)
             )
         if not np.ndim(holds):
@@ -217,4 +217,4 @@ class Condition:
             case Call(name, arguments):
                 return _FUNCTIONS[name](*(self._value(argument, columns) for argument in arguments))
             case Binary(sign, left, right):
-                return (_SIGNS | _ORDERS)[sign](self._value(left, columns), self._value(right, columns))
+                return (_SIGNS | _COMPARISONS)[sign](self._value(left, columns), self._value(right, columns))
