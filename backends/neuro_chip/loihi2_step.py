@@ -172,7 +172,7 @@ def sigma_decoder(net, pop, row, step):
 
 @subkernel
 def graded_vector(net, pop, row, step):
-    """Send the input where it exceeds the threshold."""
+    """Send the input if it exceeds the threshold."""
     begin, lo = arrivals(net, row, step), row[t.BEGIN]
     for i in range(lo, row[t.END]):
         a = net.ring[begin + i - lo]
@@ -189,7 +189,7 @@ def share(value, factor):
 
 @subkernel
 def product(net, pop, row, step):
-    """Send the product of the inputs of both receptors, shifted down, where it exceeds the threshold."""
+    """Send the product of the inputs of both receptors, shifted down, if it exceeds the threshold."""
     first, second, lo = arrivals(net, row, step), second_arrivals(net, row, step), row[t.BEGIN]
     for i in range(lo, row[t.END]):
         k = i - lo

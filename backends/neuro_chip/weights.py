@@ -164,7 +164,7 @@ class ChipWeights:
         )
 
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
-        """Replace the scales, and where they differ the mantissas, of some projections."""
+        """Replace the scales of some projections, and the mantissas of those whose scale changes."""
         for index, new in wires.items():
             has_same_step = np.array_equal(new.step, self.wires_of(index).step)
             self.wires[index] = new

@@ -42,7 +42,7 @@ class TrainSource:
 
     Args:
         part: the population.
-        parameters: its present parameters, which may change between stretches.
+        parameters: present parameters of the population, which may change between stretches.
         resolution: length of a step in ms.
         seed: seed of the draws.
     """

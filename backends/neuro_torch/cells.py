@@ -184,7 +184,7 @@ def graded_payloads(part: Population, drive: Tensor, task: ScanTask, resolution:
 
     Args:
         part: the population, of a model without random draws.
-        drive: its input, of the same shape.
+        drive: input of the population, of the same shape.
         task: sizes, dtype and device of the pass.
         resolution: length of a step in ms.
     """

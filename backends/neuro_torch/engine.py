@@ -118,7 +118,7 @@ class TorchEngine:
                 record.active += int(received.sum())
 
     def inject(self, population: int, steps: Ints, ids: Ints, payloads: Ints | None = None) -> None:
-        """Add spikes of a listed population, with payloads where it is graded."""
+        """Add spikes of a listed population, with payloads if it is graded."""
         self.stepper.sources[population].inject(steps, ids, self.step, payloads)
 
     def signal(self, signal: int, values: Floats) -> None:

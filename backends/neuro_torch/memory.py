@@ -61,7 +61,7 @@ def refuse_large(need: Need, task: ScanTask) -> None:
     raise ModelError(
         f"a batch of {task.batch} recordings of {task.steps} steps needs about {need.total / 1e9:.3g} GB: expected at "
         f"most what is free{location}, {available / 1e9:.3g} GB",
-        hint=f"a batch of {max(1, fits // 2)} needs half of that"
+        hint=f"use a batch of {max(1, fits // 2)}, which needs half of that"
         if fits >= 1
         else "a shorter duration or longer steps need less",
     )

@@ -14,7 +14,7 @@ from neuro_torch.translate import Untranslatable, translated
 ELSEWHERE = "backend 'event' runs it"
 LEARNT_THERE = f"backend 'event' runs it: {SAVE_FROZEN}"
 RESET = {"izhikevich": "c"}
-"""Reset potential by model: the parameter's name where it differs from V_reset."""
+"""Reset potential by model: the parameter's name if it differs from V_reset."""
 
 
 def problems(program: Program) -> list[Problem]:

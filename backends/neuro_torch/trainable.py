@@ -31,7 +31,7 @@ def trainable(program: Program, user_choice: Iterable[str] | Mapping[str, Iterab
 
     Args:
         program: the network.
-        user_choice: names of projections whose weights learn; or the names of what learns, by projection or population.
+        user_choice: names of projections whose weights learn; or names of quantities, by projection or population.
 
     Raises:
         ModelError: nothing is named, or a named quantity cannot learn.
@@ -52,7 +52,9 @@ def trainable(program: Program, user_choice: Iterable[str] | Mapping[str, Iterab
     for name, word in words.items():
         quantities = (word,) if isinstance(word, str) else tuple(word) if isinstance(word, Iterable) else ()
         if not quantities:
-            raise ModelError(f"trainable: '{name}': found {word!r}: expected names of what learns, such as 'weight'")
+            raise ModelError(
+                f"trainable: '{name}': found {word!r}: expected names of quantities that learn, such as 'weight'"
+            )
         if name in projections:
             for quantity in quantities:
                 if quantity not in ("weight", "delay"):

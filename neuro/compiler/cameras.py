@@ -32,7 +32,7 @@ def cameras_of(net: Network, parts: Sequence[Population], clock: Clock) -> dict[
 
     Args:
         net: the network.
-        parts: its populations that are cameras.
+        parts: populations of the network that are cameras.
         clock: clock of the network.
 
     Raises:
@@ -55,7 +55,7 @@ class CameraInput:
 
     Args:
         part: the population.
-        model: its model.
+        model: model of the population.
         clock: clock of the network.
 
     Attributes:
@@ -107,7 +107,11 @@ class CameraInput:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
                 if self._played is not None and isinstance(self._played, app("neuro_events.playing", "").OfEvents):
                     hint = f"give the sensor, neuro.events.Events(t, x, y, p, (width, height)); or {hint}"
-                message = "no sensor is known before it is played" if self._played is None else self._played.no_sensor
+                message = (
+                    "the sensor is unknown before a stream is played"
+                    if self._played is None
+                    else self._played.no_sensor
+                )
                 raise ModelError(f"shape {_as_yaml(declared)}: {message}", hint=hint, path=("shape",))
             numbers = tuple(int(n) for n in declared)
             if len(numbers) != 2 + self._split or (self._split and numbers[0] != 2):
@@ -163,7 +167,9 @@ class CameraInput:
         if isinstance(events, (str, PathLike)):
             raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
         if self._origin is None:
-            raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
+            raise ModelError(
+                "its recording has not begun to play: expected 'origin'", hint="set 'origin', or run first"
+            )
         begin = self._origin + self._offset
         parts = []
         playing = app("neuro_events.playing", "the type of events")
@@ -172,7 +178,7 @@ class CameraInput:
         )
         for part in batches:
             if len(part) and part.t[0] < begin:
-                raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
+                raise ModelError(f"an event at {part.t[0]} us: expected {begin} us or later, the beginning")
             parts.append(self._spikes(part, -NEVER))
         if len(parts) == 1:
             return parts[0]

@@ -108,7 +108,7 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
     """Check the resolved parameters of one population, alone and together.
 
     Args:
-        model: its model.
+        model: model of the population.
         parameters: one value for all neurons or one for each, by word. Missing words are not checked.
         clock: clock of the network.
     """

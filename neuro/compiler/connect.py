@@ -102,7 +102,7 @@ class Blocks:
         rule: the rule.
         source: shape of the source.
         target: shape of the target.
-        target_index: index of each source neuron among the targets, -1 where it is not a target. None between different
+        target_index: index of each source neuron among the targets, -1 for other neurons. None between different
             populations, which have no autapses.
         sizes: sizes of a grid.
         key: key of the draws, see `keyed_random`.

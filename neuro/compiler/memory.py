@@ -257,7 +257,7 @@ def is_timed(part: Resolved) -> bool:
 
 
 def _numbers(part: Projection, n_pre: int, n_post: int) -> tuple[int, int] | None:
-    """Return the numbers of targets and weights of a projection; None where they are random."""
+    """Return the numbers of targets and weights of a projection; None if they are random."""
     if part.source_view is not None or part.target_view is not None:
         return None
     is_dense = isinstance(part.rule, all_to_all) and part.rule.autapses

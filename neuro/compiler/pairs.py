@@ -162,7 +162,7 @@ class Space:
 
     Attributes:
         places: coordinates, shape (neurons, axes).
-        extent: length of each axis; None where it is unknown.
+        extent: length of each axis; None if unknown.
         periodic: whether opposite edges are joined.
         lattice: the shape from which positions follow with the spacing as the unit; else None.
     """

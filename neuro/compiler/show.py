@@ -21,7 +21,7 @@ def tables(net: Network, program: Program) -> list[Table]:
 
     Args:
         net: the network with the connection rules.
-        program: its compiled form.
+        program: compiled form of the network.
     """
     clock = Clock(program.resolution)
     first_tables = [

@@ -33,7 +33,7 @@ _TAKES = {**{name: (count, count) for name, count in ARGUMENTS.items()}, **_OF_S
 
 
 def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> tuple[resolved.Signal, ...]:
-    """Resolve the signals of a network, of which some have values.
+    """Resolve the signals of a network. Some signals have values.
 
     Raises:
         ModelError: a description is invalid; the path leads to the word.

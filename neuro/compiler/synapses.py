@@ -161,7 +161,7 @@ class Piece:
         block: the block.
         connections: the connections.
         mask: a mask of the synapses of the share; None: all.
-        delay: as in `Synapses`.
+        delay: delays, as in `Synapses`.
     """
 
     block: Block

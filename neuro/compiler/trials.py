@@ -117,7 +117,7 @@ def _ticks(net: Network, clock: Clock, value: float, word: str) -> int:
 
 
 def _after(net: Network, section: Trials, clock: Clock) -> int:
-    """Return the ticks in which dopamine acts after a trial, 0 where no reward sets a signal."""
+    """Return the ticks in which dopamine acts after a trial, 0 if no reward sets a signal."""
     ticks = _ticks(net, clock, section.after, "after")
     learners = [part for part in net.projections.values() if part.synapse.learns == "pairs"]
     for part in learners:

@@ -126,7 +126,7 @@ def wired(
 
     Args:
         part: the projection.
-        rule: its rule.
+        rule: rule of the projection.
         ends: the populations.
         views: the neurons of the populations.
 

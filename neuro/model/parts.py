@@ -366,7 +366,7 @@ class Description:
         resolution: length of a step in ms.
         populations, projections, signals, groups, probes: the parts by name, in the order of definition.
         trials_section: the trials, or None.
-        readout_section: how recordings are shown and classified, or None.
+        readout_section: presentation and classification of recordings, or None.
         world_section: the environment and its coupling to the network, or None.
     """
 

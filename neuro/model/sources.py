@@ -36,7 +36,7 @@ class schedule(Source):
     times: Any = quantity(
         unit="ms", doc="times at which the value changes, ascending", kind="array", arrays=True, at_least=0
     )
-    values: Any = quantity(doc="for each time a number, or a row with a number per neuron", kind="array", arrays=True)
+    values: Any = quantity(doc="a number for each time, or a row with a number per neuron", kind="array", arrays=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -22,7 +22,7 @@ class OverflowWarning(UserWarning):
 
     Attributes:
         what: overflows, such as "input wraps of hidden".
-        hint: how to avoid the overflow.
+        hint: way to avoid the overflow.
     """
 
     def __init__(self, message: str, what: str = "", hint: str = "") -> None:
@@ -113,7 +113,7 @@ class Outcome:
         peak: if requested, the largest V_m of each output neuron up to the decision, shape (neurons,); infinite for the
             winner.
         peak_tick: the first tick at which V_m had this value; for the winner the tick of the decision.
-        wins: all winners, where there may be several.
+        wins: all winners, if several neurons may win.
     """
 
     winner: int

@@ -65,7 +65,7 @@ class SynapseBlock:
 
 
 class CompactProjection(Projection):
-    """A projection with targets in 16 bits and weights in 32 bits where all values fit exactly.
+    """A projection with targets in 16 bits and weights in 32 bits if all values fit exactly.
 
     `targets`, `weight` and `delay` return a copy in the types of any other projection. A backend with a sorted copy of
     the synapses can free the arrays with `release`, and supplies the synapses on demand.

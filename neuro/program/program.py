@@ -183,7 +183,7 @@ class Population:
         model: the model; the parameter values are in `parameters`.
         kind: `model.role`: "neuron", "poisson", "listed", "current" or "generator" (third-party).
         shape: sizes of the axes; `size` is their product and neuron ids run in C order.
-        parameters: values by parameter name, shape (1,) where all neurons share the value, else (size,).
+        parameters: values by parameter name, shape (1,) if all neurons share the value, else (size,).
         initial: states at step 0 by name, with the same shapes.
         spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id; `spike_payloads` are the
             payloads of a graded generator, else empty.

@@ -84,7 +84,7 @@ def too_many(part: Population) -> ModelError:
     return ModelError(
         f"population '{part.name}': a neuron sent 2^63 spikes or more, in a step or in total: expected fewer",
         where=part.origin,
-        hint="a loop of parrot neurons can multiply spikes in every round",
+        hint="check the connections: a loop of parrot neurons can multiply spikes in every round",
     )
 
 

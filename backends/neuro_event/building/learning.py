@@ -68,7 +68,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
         _request_entry(arrays, row, type(rule), False)
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = part.dopamine, int(part.dopamine_one_to_one)
         row[t.DOPAMINE_DELAY] = part.dopamine_delay
-        # Longest delay: after so many steps a spike of a target has reached all its synapses.
+        # Longest delay: after this number of steps a spike of a target has reached all its synapses.
         row[t.LONGEST] = 0 if rule.delays else part.delay.max(initial=1)
         row[t.FEWEST], row[t.MOST] = part.delay_range(program.resolution)
         set_traces(tau[k], row, decay[k], kinds[k], common(rule.vector()), rule, program)

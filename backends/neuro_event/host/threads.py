@@ -44,7 +44,7 @@ LINE = 8
 
 
 class Threads:
-    """Runs the loop on n threads, or on one thread where that is as fast, e.g. if other programs use the cores.
+    """Runs the loop on n threads, or on one thread if that is as fast, e.g. if other programs use the cores.
 
     Both give the same result, so both are tried. Time that all threads lose against one thread, or gain less than
     `GAIN`, is charged to a budget. All threads run while the budget is positive, and are tried again when it reaches

@@ -78,7 +78,7 @@ CATCH_UP, STEP, BARE, QUIET, FIRE = range(5)
 
 
 def with_arguments(model, function, arguments):
-    """Return a compiled function of a model for these arguments, of which the model may use only the first few.
+    """Return a compiled function of a model for these arguments. The model may use only the first few.
 
     Example: for "s, c, x, i_0, lo, hi, fired, u" a model without draws may define step(s, c, x, i_0, lo, hi, fired).
     """
