@@ -154,4 +154,4 @@ def test_on_a_gpu_its_own_memory_counts(monkeypatch):
     memory.refuse_large(memory.Need(64, 80_000.0, 400_000), task)
     with pytest.raises(ModelError, match=r"expected at most what is free on 'cuda:1', 0.0056 GB") as caught:
         memory.refuse_large(memory.Need(64, 100_000.0, 400_000), task)
-    assert caught.value.hint == "a batch of 26 needs half of that"
+    assert caught.value.hint == "use a batch of 26, which needs half of that"

@@ -216,7 +216,7 @@ def test_a_batch_beyond_memory_is_refused_before_any_is_taken(neuro, folder, fil
     status, out, err = neuro(file, "--data", folder, *QUICK)
     assert (status, out, list(tmp_path.iterdir())) == (2, "", [])
     assert "error: a batch of 6 recordings of 12 steps needs about" in err
-    assert "expected at most what is free, 1.2e-05 GB\n  hint: a batch of 1 needs half of that" in err
+    assert "expected at most what is free, 1.2e-05 GB\n  hint: use a batch of 1, which needs half of that" in err
 
 
 def test_augmentations():
