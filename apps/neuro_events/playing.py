@@ -135,7 +135,7 @@ class OfIterator:
     repeatable: bool
     sensor_size: Size | None = None
     identity: str = "events of an iterator"
-    no_sensor: str = "the sensor is unknown before a stream is played"
+    no_sensor: str = "no sensor is known before playback"
     _is_started: bool = field(default=False, init=False)
 
     def __repr__(self) -> str:

@@ -288,8 +288,8 @@ class Stepper:
         numbers = self.sources[k].emit(step)
         if added_spikes is not None and not numbers.any():
             return added_spikes
-        listed = torch.from_numpy(numbers.astype("float64")).to(self.device).expand(self.batch, -1)
-        return listed if added_spikes is None else added_spikes + listed
+        doubles = torch.from_numpy(numbers.astype("float64")).to(self.device).expand(self.batch, -1)
+        return doubles if added_spikes is None else added_spikes + doubles
 
     def _send(self, step: int) -> None:
         for k, spikes in enumerate(self.spikes):

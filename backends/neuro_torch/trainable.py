@@ -1,4 +1,4 @@
-"""Parameters that learn: their names from the user, the tensors by name, and their bounds."""
+"""Parameters that learn: names from the user, tensors by name, and bounds."""
 
 from __future__ import annotations
 

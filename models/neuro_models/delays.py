@@ -43,8 +43,8 @@ def gathering(onsets: Floats, presentations: int, by_step: bool = False) -> neur
     model = neuro.iaf_psc_delta(tau_m=20.0, t_ref=100.0, E_L=0.0, V_reset=0.0, V_th=threshold)
     net.population("cells", cells, model)
     rule = neuro.stddp(A=0.1, tau=50.0 if by_step else 20.0, by_step=by_step, d_min=1.0, d_max=_LONGEST)
-    listed = neuro.pairs(pre=np.arange(cells * inputs), post=np.repeat(np.arange(cells), inputs))
-    net.connect("inputs", "cells", listed, rule, weight=1.0, delay=_START_DELAY, name="gathered")
+    wires = neuro.pairs(pre=np.arange(cells * inputs), post=np.repeat(np.arange(cells), inputs))
+    net.connect("inputs", "cells", wires, rule, weight=1.0, delay=_START_DELAY, name="gathered")
     return net
 
 

@@ -107,11 +107,7 @@ class CameraInput:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
                 if self._played is not None and isinstance(self._played, app("neuro_events.playing", "").OfEvents):
                     hint = f"give the sensor, neuro.events.Events(t, x, y, p, (width, height)); or {hint}"
-                message = (
-                    "the sensor is unknown before a stream is played"
-                    if self._played is None
-                    else self._played.no_sensor
-                )
+                message = "no sensor is known before playback" if self._played is None else self._played.no_sensor
                 raise ModelError(f"shape {_as_yaml(declared)}: {message}", hint=hint, path=("shape",))
             numbers = tuple(int(n) for n in declared)
             if len(numbers) != 2 + self._split or (self._split and numbers[0] != 2):
@@ -167,9 +163,7 @@ class CameraInput:
         if isinstance(events, (str, PathLike)):
             raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
         if self._origin is None:
-            raise ModelError(
-                "its recording has not begun to play: expected 'origin'", hint="set 'origin', or run first"
-            )
+            raise ModelError("its recording has not begun: expected 'origin'", hint="set 'origin', or run first")
         begin = self._origin + self._offset
         parts = []
         playing = app("neuro_events.playing", "the type of events")

@@ -1,4 +1,4 @@
-"""Compiled functions that are called by their address, so that one compiled caller can call any of them."""
+"""Compiled functions that are called by address, so that a compiled caller can call any function of a type."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,override,misc"
 from __future__ import annotations
@@ -118,7 +118,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
-    """Generate the array of a field. Its row never changes while a kernel runs, so the compiler may read it once."""
+    """Generate the array of a field. The row never changes while a kernel runs, so one early read suffices."""
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))

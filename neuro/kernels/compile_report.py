@@ -1,4 +1,4 @@
-"""Reports of compilation on stderr: when it begins, and at the end of the process its kernels and its time."""
+"""Reports of compilation on stderr: at its beginning, and at the end of the process with the kernels and the time."""
 
 from __future__ import annotations
 

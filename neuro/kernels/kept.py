@@ -65,7 +65,7 @@ class KernelCache:
         return None if place is None else str(place)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Return the machine code for these types of arguments, or None if it must be compiled."""
+        """Return the machine code for these types of arguments, or None if there is no valid file."""
         place = self._file(signature, target)
         content = None if place is None else _read(place)
         if content is not None:

@@ -412,12 +412,7 @@ class Network(Description):
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
         if isinstance(population, Population) and population is not self.populations[name]:
             message = f"{what}: {role}: population '{name}' is a part of another network: expected one of '{self.name}'"
-            raise ModelError(
-                message,
-                where=self._where(),
-                hint=f"pass the name '{name}'",
-                path=(role,),
-            )
+            raise ModelError(message, where=self._where(), hint=f"pass the name '{name}'", path=(role,))
         return name
 
     def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:

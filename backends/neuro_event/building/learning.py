@@ -345,7 +345,7 @@ def learns_eagerly(arrays: EventArrays, p: Projection) -> bool:
 
 
 def first_stored(trace: Trace, value: float) -> float:
-    """Return the stored value of a trace at step 0: its value, or -inf (the last spike) if it is a time."""
+    """Return the stored value of a trace at step 0: the value, or -inf (the last spike) for a time."""
     return value if trace.tau else -math.inf
 
 

@@ -67,9 +67,9 @@ def _equal_shares(program: Program, where: list[PopulationPlace], threads: int) 
 def whole_populations(program: Program, threads: int) -> Ints | None:
     """Return the thread of each population, or None if whole populations cannot be divided evenly.
 
-    The few synapses of a source onto one population with one delay are neighbours somewhere in memory. Divided between
-    two threads, they would take half as many cache lines again. A generator belongs to the thread of the population
-    that it drives.
+    The few synapses of a source with the same target population and delay are neighbours somewhere in memory. Two
+    halves would take half as many cache lines again. A generator belongs to the thread of the population that it
+    drives.
     """
     members: dict[int, list[int]] = {}
     for index, population in enumerate(program.populations):

@@ -142,7 +142,7 @@ class Dimensions:
         return self.unknown("mistake")
 
     def factor(self, expression: Expression, tree: Tree, dimension: Powers, expected: Powers) -> str:
-        """Return a hint to multiply or divide a part by units, so that its dimension is the expected one."""
+        """Return a hint to multiply or divide a part by units, which gives the part the expected dimension."""
         missing = self.reduced(expected.times(dimension, -1))
         if missing.unknown:
             return ""

@@ -193,8 +193,7 @@ class Arrays:
         """
         if self._folder is not None:
             raise ModelError(
-                f"{key} = events of a program: expected a file",
-                hint="save them: neuro.events.save(events, 'walk.h5')",
+                f"{key} = events of a program: expected a file", hint="use neuro.events.save(events, 'walk.h5')"
             )
 
 
