@@ -96,7 +96,7 @@ class all_to_all(NamedRule):
 class fixed_indegree(NamedRule):
     """Every target has n sources drawn at random."""
 
-    n: int = quantity(doc="number of sources of each target", kind="integer", at_least=1)
+    n: int = quantity(doc="sources of each target", kind="integer", at_least=1)
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
     multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
 
@@ -109,7 +109,7 @@ class fixed_indegree(NamedRule):
 class fixed_outdegree(NamedRule):
     """Every source has n targets drawn at random."""
 
-    n: int = quantity(doc="number of targets of each source", kind="integer", at_least=1)
+    n: int = quantity(doc="targets of each source", kind="integer", at_least=1)
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
     multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
 
