@@ -29,33 +29,33 @@ Option = typer.Option
 
 # recordings
 Data = Annotated[Path, Option("--data", metavar="PATH", help="Recordings: a folder, zip or HDF5; for mse a .npz.")]
-Part = Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")]
+Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the recordings, such as Train.")]
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
 Folds = Annotated[
-    int | None, Option(metavar="N", parser=apps.at_least(2), help="Test each Nth on what the others taught instead.")
+    int | None, Option(metavar="N", parser=apps.at_least(2), help="Train N times, and test each part once.")
 ]
 
-# how it learns, beside the plan
+# settings of the training beside the plan
 Augment = Annotated[
     list[str],
     Option(
         "--augment",
         metavar="NAME=N",
-        help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: every second; repeatable.",
+        help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: mirror half; repeatable.",
     ),
 ]
-Threads = Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")]
+Threads = Annotated[int, Option(metavar="N", min=1, help="Number of threads.")]
 Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
 
-# what comes of it
-Out = Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")]
-Html = Annotated[Path | None, Option(metavar="FILE", help="The page to write; --out with .html if not given.")]
+# results
+Out = Annotated[Path, Option("--out", metavar="FILE", help="Network file to write.")]
+Html = Annotated[Path | None, Option(metavar="FILE", help="HTML page to write; default: --out with .html.")]
 Search = Annotated[
     str | None,
-    Option("--search", metavar="A,B=1:2,...", help="Vary step, for, hidden, prune, ...: accuracy by joules."),
+    Option("--search", metavar="A,B=1:2,...", help="Vary step, for, hidden, prune, ...; find accuracy by joules."),
 ]
-Budget = Annotated[int, Option(metavar="N", min=1, help="Networks that a search trains.")]
+Budget = Annotated[int, Option(metavar="N", min=1, help="Number of networks that a search trains.")]
 
 
 @app.command()
@@ -102,7 +102,7 @@ def train(
     if search is None:
         apps.Clock(net.resolution).step(plan.duration, "--for")
     if folds and test is not None:
-        raise ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
+        raise ModelError("--folds and --test: expected one of them", hint="--folds tests on held-out recordings")
     _check_before(net, plan, backends if folds or test else [], out, html)
     learnt_from, unseen = leaving_out(recordings(data, part=part), without), None
     held_out = None if test is None or search else recordings(test, part="Test", classes=learnt_from.classes)
@@ -143,7 +143,7 @@ def _follow(
     from neuro_train.data import check_network, read
 
     if wrong := [name for name, value in classes.items() if value]:
-        raise ModelError(f"--{wrong[0]}: is for recordings of classes: expected none with --loss mse")
+        raise ModelError(f"--{wrong[0]}: is for recordings with classes: leave it out with --loss mse")
     check_network(net, plan)
     samples, other = read(data, net, plan), None if test is None else read(test, net, plan)
     plan = replace(plan, duration=samples.events.steps * net.resolution)
@@ -175,8 +175,8 @@ def _train(
 
         checkpoint = training_checkpoint(net, out, samples, plan)
         chips = ([plan.chip] if plan.bits else []) + ([] if other is None else backends)
-        words = (checkpoint, tell, partial(_count, bar))
-        trained, room, tests = train_and_test(net, out, samples, other, plan, backends, chips, *words)
+        callbacks = tell, partial(_count, bar)
+        trained, room, tests = train_and_test(net, out, samples, other, plan, backends, chips, checkpoint, *callbacks)
         telling.write(page, plan, trained, tests, len(samples), room)
         checkpoint.remove()
     telling.show(tests, room)
@@ -203,14 +203,14 @@ def _search(
     test: Path | None,
     folder: Path,
 ) -> None:
-    """Networks that differ, and the front of accuracy against joules."""
+    """Train networks that differ, and write the front of accuracy against joules."""
     from neuro import ModelError
     from neuro_train import telling
     from neuro_train.search import check_optuna, search as ask, space
 
     if test is not None:
-        why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
-        raise ModelError(why, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
+        problem = "--search and --test: a search tests on recordings of --data that it holds out: expected one of them"
+        raise ModelError(problem, hint="test a network of the front: neuro train NETWORK --epochs 0 --test ...")
     check_optuna()
     parameters = {**apps.plain(apps.read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
     varied = space(text, net, plan, parameters)
@@ -222,8 +222,8 @@ def _search(
         typer.echo(f"{written}: written")
 
 
-def _count(bar: apps.Bar, what: str, count: int, total: int) -> None:
-    bar.show(count, total, what)
+def _count(bar: apps.Bar, activity: str, count: int, total: int) -> None:
+    bar.show(count, total, activity)
 
 
 def _grade(plan: TrainingPlan, share: float) -> str:
@@ -236,7 +236,7 @@ def _grade(plan: TrainingPlan, share: float) -> str:
 
 
 def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], out: Path, page: Path | None) -> None:
-    """Refuse what would fail after long work."""
+    """Raise errors of the network, the files and the backends before the training."""
     import neuro
     import neuro_torch
     from neuro_train.data import check_network
@@ -250,5 +250,5 @@ def _check_before(net: neuro.Network, plan: TrainingPlan, backends: list[str], o
     if plan.prune:
         neuro_torch.prune(module, plan.prune)
     for name in backends:
-        with warnings.catch_warnings(action="ignore"):  # what a backend warns of is reported when it runs
+        with warnings.catch_warnings(action="ignore"):  # warnings are shown when the backend runs
             neuro.compile(net, backend=name)

@@ -13,7 +13,7 @@ LOSSES = ("count", "potential", "first_spike", "mse")
 SHARE = "a share, 0 to less than 1"
 AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": SHARE, "mirror": SHARE}
 CENTRED = "centred"
-"""Asks for a window round what each recording shows."""
+"""Value of `window` that centres the window on each recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,77 +21,77 @@ class TrainingPlan(Settings):
     """The settings of a training.
 
     Attributes:
-        input: the population of the pixels.
-        output: the population of which each neuron stands for a class, or follows a target.
-        trainable: projections whose weights learn, or NAME=weight,delay, or POPULATION=tau_m,V_th; the weights of all
-            that carry spikes if there are none.
-        epochs: how often each recording is shown; 0 trains nothing.
-        duration: of a recording, ms.
-        start: ms from a recording's first event to its first step.
-        scale: pixels in a row and in a column that are one neuron.
-        window: the part of a larger sensor that is seen: "centred" round what each recording shows, or column and row
-            of its first pixel, as in "40,32"; None: the sensor is as large as the population.
-        batch: recordings between two steps of learning.
-        rate: the largest learning rate of the cycle, for weights of about 0.1 in their unit; ten times as much for
-            those ten times as large, and so on. For delays and parameters of neurons as it is, in their unit.
-        decay: of weights, a share of themselves x this rate in each step; nothing else decays.
-        loss: a name of `LOSSES`; "mse" of the output's potentials, for targets in place of labels.
-        temperature: by how many spikes, mV or steps more one class is likelier by a factor of e.
+        input: name of the population of the pixels.
+        output: name of the population with a neuron for each class or target.
+        trainable: projections whose weights learn, or NAME=weight,delay, or POPULATION=tau_m,V_th; by default the
+            weights of all projections that carry spikes.
+        epochs: number of times that each recording is shown; 0 trains nothing.
+        duration: duration of the used part of each recording, ms.
+        start: time from the first event of a recording to the first step, ms.
+        scale: side of the square of pixels that share a neuron, px.
+        window: used part of a larger sensor: "centred" on the events of each recording, or column and row of the
+            first pixel, as in "40,32"; None if the sensor is as large as the population.
+        batch: number of recordings for each step of learning.
+        rate: largest learning rate of the cycle, for weights of about 0.1 in their unit. It is ten times as large for
+            weights ten times as large, and so on. For delays and parameters of neurons it holds in their unit.
+        decay: share of a weight, times the rate, that is lost in each step; nothing else decays.
+        loss: name of a loss in `LOSSES`; "mse" compares the output's potentials with targets, the others use labels.
+        temperature: lead in spikes, mV or steps that makes a class e times as likely.
         surrogate, slope: see `neuro_torch.surrogates`.
-        shift: px by which recordings are moved at random on each axis.
-        warp: by how much recordings are turned (rad), made larger and sheared (shares) at random.
+        shift: largest random shift of recordings along each axis, px.
+        warp: largest random rotation in rad, and largest relative change of size and shear.
         mirror: share of the recordings, drawn at random, that are mirrored, left to right.
-        cost: what a microjoule of a recording adds to the loss, by chip.
-        bits: of the weights while they learn, on the grid of `chip`; None: as they are.
-        on: the chip whose grid weights lie on; if not given the first of `cost`, or Loihi.
-        prune: share of the synapses that go, the smallest, after half of the epochs.
-        neurons_per_core: put fewer neurons on a core of a chip than it allows, so that the busiest has less to do.
-        seed: of everything random.
-        device: a device of torch.
+        cost: increase of the loss for a microjoule of a recording, by chip.
+        bits: number of bits of the weights during the training, on the grid of `chip`; None does not round.
+        on: chip whose grid the weights use; by default the first of `cost`, or Loihi.
+        prune: share of the synapses that is removed after half of the epochs, the smallest weights first.
+        neurons_per_core: number of neurons on a core, below the chip's limit, so that the busiest core has less work.
+        seed: seed of all random numbers.
+        device: name of a torch device.
 
     Raises:
-        ModelError: a value cannot be.
+        ModelError: a value is invalid.
     """
 
-    input: str = setting("pixels", "", "the population of the pixels", option="NAME")
-    output: str = setting("out", "", "the population with a neuron a class", option="NAME")
+    input: str = setting("pixels", "", "population of the pixels", option="NAME")
+    output: str = setting("out", "", "population with a neuron for each class", option="NAME")
     trainable: tuple[str, ...] = setting(
-        (), "", "a projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable",
+        (), "", "projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable",
         kind="names", option="--learn NAME",
     )  # fmt: skip
-    epochs: int = setting(60, "", "how often each recording is shown; 0 tests only", at_least=0, option="N")
-    duration: float = setting(100.0, "ms", "of each recording, in ms", above=0, option="--for MS")
-    start: float = setting(0.0, "", "what is left out before that, in ms", at_least=0, option="MS")
-    scale: int = setting(1, "", "pixels in a row and column that are one neuron", at_least=1, option="N")
+    epochs: int = setting(60, "", "number of times that each recording is shown; 0 tests only", at_least=0, option="N")
+    duration: float = setting(100.0, "ms", "used part of each recording, in ms", above=0, option="--for MS")
+    start: float = setting(0.0, "", "time of each recording before the used part, in ms", at_least=0, option="MS")
+    scale: int = setting(1, "", "side of the square of pixels that share a neuron", at_least=1, option="N")
     window: str | None = setting(
-        None, "", "of a larger sensor: its part from that pixel, or 'centred' on each recording",
+        None, "", "used part of a larger sensor: from this pixel, or 'centred' on each recording",
         kind="name", option="X,Y",
     )  # fmt: skip
-    batch: int = setting(20, "", "recordings between two steps of learning", at_least=1, option="N")
-    rate: float = setting(0.01, "", "the largest learning rate, for weights of about 0.1", above=0, option="R")
-    decay: float = setting(0.01, "", "of weights, in each step, times the rate", at_least=0, option="R")
-    loss: str = setting("count", "", "one of " + ", ".join(LOSSES), option="NAME")
+    batch: int = setting(20, "", "recordings for each step of learning", at_least=1, option="N")
+    rate: float = setting(0.01, "", "largest learning rate, for weights of about 0.1", above=0, option="R")
+    decay: float = setting(0.01, "", "share of the weights lost in each step, times the rate", at_least=0, option="R")
+    loss: str = setting("count", "", "loss: one of " + ", ".join(LOSSES), option="NAME")
     temperature: float = setting(
-        3.0, "", "spikes, mV or steps that make a class e times likelier", above=0, option="N"
+        3.0, "", "lead in spikes, mV or steps that makes a class e times as likely", above=0, option="N"
     )  # fmt: skip
-    surrogate: str = setting("fast_sigmoid", "", "one of fast_sigmoid, arctan, slayer, triangle", option="NAME")
-    slope: float = setting(1.0, "", "of the surrogate, per V_th - V_reset", above=0, option="X")
+    surrogate: str = setting("fast_sigmoid", "", "surrogate: fast_sigmoid, arctan, slayer or triangle", option="NAME")
+    slope: float = setting(1.0, "", "slope of the surrogate, per V_th - V_reset", above=0, option="X")
     shift: int = setting(0, at_least=0)
     warp: float = setting(0.0)
     mirror: float = setting(0.0)
     cost: Mapping[str, float] = field(default_factory=dict)
     bits: int | None = setting(
-        None, "", "of weights while they learn, on a chip's grid", kind="integer", at_least=1, option="N"
+        None, "", "bits of the weights during the training, on a chip's grid", kind="integer", at_least=1, option="N"
     )  # fmt: skip
     on: str | None = setting(
-        None, "", "of --bits: that of --cost, or loihi, if not given", kind="name", option="--chip NAME"
+        None, "", "chip of --bits; default: the chip of --cost, or loihi", kind="name", option="--chip NAME"
     )  # fmt: skip
-    prune: float = setting(0.0, "", "drop so many synapses, the smallest, half way", option="SHARE")
+    prune: float = setting(0.0, "", "share of the synapses to remove half way, the smallest", option="SHARE")
     neurons_per_core: int | None = setting(
-        None, "", "of a chip, fewer than it allows", kind="integer", at_least=1, option="N"
+        None, "", "neurons on a core, fewer than the chip allows", kind="integer", at_least=1, option="N"
     )  # fmt: skip
     seed: int = 0
-    device: str = setting("cpu", "", "a device of torch, such as cuda", option="NAME")
+    device: str = setting("cpu", "", "torch device, such as cuda", option="NAME")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,40 +106,40 @@ class TrainingPlan(Settings):
             check(Quantity(at_least=0), weight, f"cost of {name}")
 
     def place(self) -> str:
-        """Return nothing: messages have the names alone."""
+        """Return "", because error messages begin with the setting's name."""
         return ""
 
     @property
     def learns(self) -> dict[str, tuple[str, ...]]:
-        """Learning values by projection or population, for those with a choice."""
+        """Names of the learning parameters, by each projection or population in `trainable`."""
         parts = (text.partition("=") for text in self.trainable)
-        return {name: tuple(words.split(",")) if equals else ("weight",) for name, equals, words in parts}
+        return {name: tuple(names.split(",")) if equals else ("weight",) for name, equals, names in parts}
 
     @property
     def chip(self) -> str:
-        """The chip whose grid the weights lie on."""
+        """Name of the chip whose grid the weights use."""
         return self.on or next(iter(self.cost), "loihi")
 
     def readout(self, classes: Sequence[str]) -> dict[str, Any]:
-        """Return the words of `neuro.Readout` for tests: the neuron with most spikes decides."""
-        words: dict[str, Any] = {"duration": self.duration, "start": self.start, "scale": self.scale, "merge": True}
+        """Return the settings of `neuro.Readout` for tests: the neuron with most spikes decides."""
+        timing: dict[str, Any] = {"duration": self.duration, "start": self.start, "scale": self.scale, "merge": True}
         if self.window is not None:
-            words["window"] = corner(self.window) or CENTRED
-        return {"input": self.input, "output": self.output, "decide": "counts", "classes": tuple(classes), **words}
+            timing["window"] = corner(self.window) or CENTRED
+        return {"input": self.input, "output": self.output, "decide": "counts", "classes": tuple(classes), **timing}
 
 
 def corner(text: str) -> tuple[int, int] | None:
-    """Column and row of the window's first pixel; None for one round what each recording shows.
+    """Return column and row of the window's first pixel, or None for "centred".
 
     Raises:
-        ModelError: it is neither "centred" nor a column and a row, as in "40,32".
+        ModelError: the text is neither "centred" nor a column and a row, as in "40,32".
     """
     if text == CENTRED:
         return None
     column, comma, row = (part.strip() for part in text.partition(","))
     if not (comma and column.isdecimal() and row.isdecimal()):
-        expected = "expected 'centred', or column and row of its first pixel"
-        raise ModelError(f"--window {text}: {expected}", hint="--window centred, or --window 0,0")
+        expected = "expected 'centred', or column and row of the first pixel"
+        raise ModelError(f"--window {text}: {expected}", hint="e.g. --window centred, or --window 0,0")
     return int(column), int(row)
 
 

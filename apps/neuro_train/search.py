@@ -54,31 +54,31 @@ def cross_validate(
     Args:
         net: the network.
         samples: all recordings.
-        folds: of each the indices to learn from, and those to test on.
+        folds: indices to learn from and to test on, for each fold.
         plan: settings of each training.
-        backends: to test on, beside what learnt.
-        out: of the networks: fold 1 of trained.yaml is trained-1.yaml, with its figures in trained-1.json.
-        report: called with how far it is.
+        backends: backends to test on, beside the trained module.
+        out: file of the networks: fold 1 of trained.yaml is trained-1.yaml, with its figures in trained-1.json.
+        report: called with the activity, the finished and the total number of its units.
 
     Returns:
-        Of each fold `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, `room` in
+        For each fold, `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, `room` in
         registers, and seconds of one core.
     """
 
-    def of_fold(k: int, parts: Fold) -> dict[str, Any]:
+    def run_fold(k: int, parts: Fold) -> dict[str, Any]:
         name = f"fold {k + 1} of {len(folds)}"
-        own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
-        file = own.with_suffix(".json")
-        of = identity(net, samples, plan) | {"fold": name, "backends": list(backends)}
-        if result := FOLD_RESULTS.read(file, of):
+        network = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
+        file = network.with_suffix(".json")
+        conditions = identity(net, samples, plan) | {"fold": name, "backends": list(backends)}
+        if result := FOLD_RESULTS.read(file, conditions):
             return result
-        checkpoint, unseen = training_checkpoint(net, own, samples, plan, name), samples.take(parts[1])
+        checkpoint, unseen = training_checkpoint(net, network, samples, plan, name), samples.take(parts[1])
 
         def tell(epoch: int, figures_of_epoch: Mapping[str, float]) -> None:
             report(f"{name}: learning, {figures_of_epoch.get('right', 0.0):.1%} right", epoch, plan.epochs)
 
         trained, room, tests = train_and_test(
-            net, own, samples.take(parts[0]), unseen, plan, backends, backends, checkpoint, tell
+            net, network, samples.take(parts[0]), unseen, plan, backends, backends, checkpoint, tell
         )
         figures = {
             "n": len(unseen),
@@ -91,20 +91,20 @@ def cross_validate(
             "sent": {one.backend: one.mean_spikes for one in tests if one.mean_spikes},
             "bills": {one.backend: one.bill.as_dict() for one in tests if one.bill},
         }
-        result = FOLD_RESULTS.write(file, of, figures)
+        result = FOLD_RESULTS.write(file, conditions, figures)
         checkpoint.remove()
         return result
 
-    return [of_fold(k, parts) for k, parts in enumerate(folds)]
+    return [run_fold(k, parts) for k, parts in enumerate(folds)]
 
 
 Space = dict[str, list[Any]]
-"""Values to choose from, by name."""
+"""Values to try, by name."""
 
 OF_PLAN = (
     "prune", "rate", "decay", "slope", "temperature", "warp", "mirror", "epochs", "batch", "bits", "neurons_per_core",
 )  # fmt: skip
-"""Words of a plan that may vary, beside `for`, its duration."""
+"""Settings of a plan that a search may vary, beside `for`, the duration."""
 
 STEPS = (1, 2, 4)
 SHARES = (0.25, 0.5, 0.75, 1.0)
@@ -114,13 +114,13 @@ EXAMPLE = "--search step,for,hidden=16:64,prune"
 
 
 def space(text: str, net: neuro.Network, plan: TrainingPlan, parameters: Mapping[str, Any]) -> Space:
-    """Read what varies.
+    """Read the varied values of a search.
 
     Args:
-        text: names with commas between them, each with its values after "=" and ":" between these: `step` (ms),
-            `for` (ms), words of a plan, and parameters of the network's file. `step`, `for`, `hidden` and
-            `prune` have values if none are given: the network's step and 2 and 4 times it, quarters of the plan's
-            duration in whole steps of all, 1/8 to the whole of the hidden layer, and nothing to three quarters pruned.
+        text: names and values, as in "step=1:2,hidden=16:64". A name is `step` (ms), `for` (ms), a setting of a plan or
+            a parameter of the network's file. Four names have default values: `step` 1, 2 and 4 times the network's
+            step; `for` 1/4 to the whole of the plan's duration, in whole steps; `hidden` 1/8 to the whole of the
+            layer; `prune` 0 to 3/4.
         net: the network.
         plan: settings of every training that do not vary.
         parameters: the parameters of the network's file.
@@ -146,16 +146,16 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, parameters: Mapping
     for duration in point_space.get("for", [plan.duration]):
         for step in steps:
             if abs(duration / step - round(duration / step)) > 1e-9:
-                message = f"--search: a duration of {duration:g} ms is no whole number of steps of {step:g} ms"
-                raise ModelError(f"{message}: expected multiples of all steps", hint="for=50:100,step=5:10")
+                message = f"--search: a duration of {duration:g} ms is not a whole number of steps of {step:g} ms"
+                raise ModelError(f"{message}: expected multiples of all steps", hint="e.g. for=50:100,step=5:10")
     return {name: list(dict.fromkeys(values)) for name, values in point_space.items()}
 
 
 def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Split a point into parameters of the network's file and settings of the plan."""
-    words = {"for", *(field.name for field in fields(TrainingPlan))}
-    of_plan = {"duration" if name == "for" else name: value for name, value in point.items() if name in words}
-    of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in words}
+    settings = {"for", *(field.name for field in fields(TrainingPlan))}
+    of_plan = {"duration" if name == "for" else name: value for name, value in point.items() if name in settings}
+    of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in settings}
     return of_file, of_plan
 
 
@@ -181,11 +181,11 @@ def _usual(name: str, steps: list[Any], plan: TrainingPlan, parameters: Mapping[
         return [max(1, round(parameters["hidden"] * share)) for share in HIDDEN]
     if name == "prune":
         return list(PRUNE)
-    raise ModelError(f"--search {name}: expected its values", hint=f"--search {name}=1:2:4")
+    raise ModelError(f"--search {name}: expected values", hint=f"e.g. --search {name}=1:2:4")
 
 
 PARTS = 5
-"""In how many parts recordings are divided, where no folds are asked for: one is held out, one judges."""
+"""Number of parts of the recordings without `folds`: one is held out, and one judges a trial."""
 
 Ints = npt.NDArray[np.int64]
 
@@ -194,15 +194,15 @@ OBJECTIVES = {"accuracy": "maximise", "microjoules": "minimise"}
 
 
 def check_optuna() -> None:
-    """Refuse to begin without Optuna.
+    """Check that Optuna is installed.
 
     Raises:
-        ModelError: it is not installed.
+        ModelError: Optuna is not installed.
     """
     from importlib.util import find_spec
 
     if find_spec("optuna") is None:
-        raise ModelError("neuro train --search asks Optuna, which is not installed", hint=install("tune"))
+        raise ModelError("neuro train --search needs Optuna, which is not installed", hint=install("tune"))
 
 
 def search(
@@ -218,40 +218,40 @@ def search(
     folder: Path,
     say: Callable[[str], None],
 ) -> list[FrontPlace]:
-    """Train `budget` networks, and the best of them anew.
+    """Train `budget` networks, and train the best of them again.
 
     Args:
-        file: of the network.
-        data: the recordings.
-        part: of recordings in parts.
-        without: patterns of names that are left out.
+        file: file of the network.
+        data: path of the recordings.
+        part: name of a part of the recordings.
+        without: patterns of the names of recordings to leave out.
         plan: settings of every training that do not vary.
-        params: of the file, that do not vary.
-        space: what varies.
-        budget: how many networks.
-        folds: of how many trainings a trial is made; of one if not given.
-        folder: where all is kept.
-        say: called with which network of the front learns anew.
+        params: parameters of the network's file that do not vary.
+        space: varied values by name.
+        budget: number of networks.
+        folds: number of trainings of a trial; by default one.
+        folder: folder for all results.
+        say: called with the number of the network of the front that is trained again.
 
     Returns:
-        All points, those of the front tested on what is held out; by joules.
+        All points, sorted by joules. Only the points of the front are tested on the held-out recordings.
 
     Raises:
-        ModelError: the folder is of another search, or nothing could be trained.
+        ModelError: the folder belongs to another search, or no network could be trained.
     """
-    words: dict[str, Any] = {"file": str(file), "data": str(data), "part": part, "without": json.dumps(without)}
-    words |= {"folder": str(folder), "plan": json.dumps(plan.as_words()), "params": json.dumps(dict(params))}
-    _recordings.cache_clear()  # of a search before in this process
-    words |= {"recordings": _recordings(str(data), part, words["without"]).fingerprint()[:32]}
-    words |= {"network": fingerprint(module_of(neuro.load(file, params=params), plan).program)}
+    fixed: dict[str, Any] = {"file": str(file), "data": str(data), "part": part, "without": json.dumps(without)}
+    fixed |= {"folder": str(folder), "plan": json.dumps(plan.as_words()), "params": json.dumps(dict(params))}
+    _recordings.cache_clear()  # an earlier search of this process may have filled it
+    fixed |= {"recordings": _recordings(str(data), part, fixed["without"]).fingerprint()[:32]}
+    fixed |= {"network": fingerprint(module_of(neuro.load(file, params=params), plan).program)}
     tuning = neuro.tune(
         point, space, objectives=OBJECTIVES, trials=budget, out=folder, sampler="tpe", draw=plan.seed,
-        folds=folds, set=words, on="here",
+        folds=folds, set=fixed, on="here",
     )  # fmt: skip
     best = {trial.number for trial in tuning.best()}
     if not best:
-        failed = next((trial.error for trial in tuning.trials() if trial.error), "no trial is done")
-        raise ModelError(f"{folder}: no network could be trained: {failed}")
+        reason = next((trial.error for trial in tuning.trials() if trial.error), "no trial is done")
+        raise ModelError(f"{folder}: no network could be trained: {reason}")
     places, names = list[FrontPlace](), set[str]()
     for trial in [trial for trial in tuning.trials() if trial.values is not None]:
         name = _name(trial.point)
@@ -260,11 +260,11 @@ def search(
         names.add(name)
         tested = {}
         if trial.number in best:
-            say(f"learning the front anew: {sum(each.tested is not None for each in places) + 1} of {len(best)}")
-            tested = point(**words, **trial.point, fold=None, folds=folds or PARTS - 1)
-        where = folder / ("front" if tested else "points") / f"{name}.yaml"
+            say(f"training the front again: {sum(place.tested is not None for place in places) + 1} of {len(best)}")
+            tested = point(**fixed, **trial.point, fold=None, folds=folds or PARTS - 1)
+        network = folder / ("front" if tested else "points") / f"{name}.yaml"
         values = trial.values or (float("nan"),) * 2
-        places.append(FrontPlace(trial.point, values[0], values[1], where, tested or None))
+        places.append(FrontPlace(trial.point, values[0], values[1], network, tested or None))
     return sorted(places, key=lambda place: place.microjoules)
 
 
@@ -285,22 +285,21 @@ def point(
     """Train and test a network of a search, unless its result exists.
 
     Args:
-        file: as of `search`.
-        data: likewise.
-        part: likewise.
-        without: likewise, as JSON.
-        folder: likewise.
-        plan: likewise, as JSON.
-        params: likewise, as JSON.
-        recordings: a hash of what they are, so that no search goes on with others.
-        network: likewise, of the file with `params`.
-        fold: of the parts on which it is judged; None: on what is held out, learnt from all others.
-        folds: in how many parts that is divided which is not held out.
+        file: see `search`.
+        data: see `search`.
+        part: see `search`.
+        without: see `search`, as JSON.
+        folder: see `search`.
+        plan: see `search`, as JSON.
+        params: see `search`, as JSON.
+        recordings: hash of the recordings, so that a search does not resume with other recordings.
+        network: hash of the network with `params`, likewise.
+        fold: index of the part that judges the network; None trains on all parts and tests on the held-out one.
+        folds: number of parts without the held-out one.
         varied: values by name.
 
     Returns:
-        `accuracy` on the chip, `microjoules` of a recording on it, as fast as it can, and all others of `SPENT`, how
-        many are `right` of `n`, and `cpu_s`.
+        `accuracy` on the chip, the figures of `SPENT`, the number of `right` decisions, `n`, and `cpu_s`.
     """
     of_file, of_plan = parted(varied)
     settings = TrainingPlan(**{**json.loads(plan), **of_plan})
@@ -313,24 +312,24 @@ def point(
     source = _recordings(data, part, without)
     samples = show(net, source, settings, lambda what, count, total: None)
     learnt_from, judged = divided(source, settings.seed, fold, folds)
-    which = f"part {'held out' if is_held_out else fold} of {folds + 1}"
-    of = identity(net, samples, settings) | {"part": which, "varied": dict(varied)}
+    part_name = f"part {'held out' if is_held_out else fold} of {folds + 1}"
+    conditions = identity(net, samples, settings) | {"part": part_name, "varied": dict(varied)}
     result_file = out.with_suffix(".json")
-    if (result := RESULTS.read(result_file, of)) and out.exists():
+    if (result := RESULTS.read(result_file, conditions)) and out.exists():
         return {str(name): float(value) for name, value in result["found"].items()}
-    mine = samples.take(learnt_from)
-    checkpoint = training_checkpoint(net, out, mine, settings, which)
-    trained = learn(net, mine, settings, checkpoint)
+    trained_on = samples.take(learnt_from)
+    checkpoint = training_checkpoint(net, out, trained_on, settings, part_name)
+    trained = learn(net, trained_on, settings, checkpoint)
     trained.net.save(out)
-    room = rooms(trained.net, settings.chip, mine, settings)
+    room = rooms(trained.net, settings.chip, trained_on, settings)
     test = on_backend(trained.net, settings.chip, samples.take(judged), settings, room=room)
     warn_of_overflows(settings.chip, test.overflows, len(judged))
     if test.bill is None:
-        raise ModelError(f"{settings.chip}: has no costs: expected a chip that has")
-    each = [joules for bill in (test.bill, test.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
-    figures = {"accuracy": test.own.accuracy, **{name: 1e6 * joules for name, joules in zip(SPENT, each, strict=True)}}
+        raise ModelError(f"{settings.chip}: has no costs: expected a chip with costs")
+    bill_j = [joules for bill in (test.bill, test.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
+    figures = {"accuracy": test.own.accuracy, **{name: 1e6 * j for name, j in zip(SPENT, bill_j, strict=True)}}
     figures |= {"right": float(test.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
-    RESULTS.write(result_file, of, {"found": figures})
+    RESULTS.write(result_file, conditions, {"found": figures})
     checkpoint.remove()
     return figures
 

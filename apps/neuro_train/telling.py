@@ -28,51 +28,51 @@ PAGE = sealed("a page of 'neuro train'", '<meta name="generator" content="neuro 
 HEAD = ("runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">first spike")
 TARGETS = ("runs on", ">R2", ">largest difference")
 SHARE = "right", "R2"
-"""What an epoch has of labels, and of targets."""
+"""Names of the curve "right" with labels, and with targets."""
 BILLS = ("runs on", *COLUMNS)
 JOULES = (
-    "Joules and chip time are those of a recording, the mean: counts times published figures, in brackets the range of "
-    "these; the chip is on while it works, or in real time as long as the recording lasts. The host that sends the "
-    "events is not in the bill."
+    "Joules and chip time are means over recordings: counts times published figures, with the range of the figures in "
+    "brackets. The chip is on while it works, or, in real time, as long as the recording lasts. The bill does not "
+    "include the host that sends the events."
 )
 ABOUT = (
-    "Accuracy is that of the recordings to test on, with Wilson's interval; silence is wrong. Equal are decisions, and "
-    f"recordings whose output spikes are all equal, to those of the first row. {JOULES} The first spike of the output "
-    "is given in the network's time."
+    "Accuracy is measured on the test recordings, with Wilson's interval; silence is wrong. Equal decisions and equal "
+    f"spikes are counted against the first row; a recording counts if all its output spikes are equal. {JOULES} The "
+    "time of the first output spike is the network's time."
 )
 ABOUT_TARGETS = (
-    "R2 is the share of the variance of the targets that the potentials of the output say, the mean over its neurons. "
-    f"The largest difference is that of a potential in any step from the first row. {JOULES}"
+    "R2 is the share of the targets' variance that the output's potentials explain, as the mean over the neurons. "
+    f"The largest difference is that of any potential in any step from the first row. {JOULES}"
 )
 ROOM = (
-    "The largest input of any neuron in a step, of the recordings learnt from, as a share of its register; 100 % "
-    f"wraps. Scales are halved until it fits {MARGIN:g} times or a weight would lose a bit; neuro.compile takes them "
-    "as scales={...}."
+    "The table shows the largest input of a neuron in a step, over the learnt recordings, as a share of its register; "
+    f"above 100 % the register wraps. Scales are halved until the input fits {MARGIN:g} times or a weight would lose a "
+    "bit; neuro.compile takes the scales as scales={...}."
 )
 
 
 def rows(tests: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
     """Return a row for each backend, under `HEAD` or `TARGETS`."""
     if (torch := tests[0].V_m) is not None:
-        every = ((one, np.abs(np.asarray(one.V_m) - torch).max()) for one in tests)
-        return [(one.backend, _share_or_dash(one.r_squared), f"{difference:.3g} mV") for one, difference in every]
+        differences = ((one, np.abs(np.asarray(one.V_m) - torch).max()) for one in tests)
+        return [(one.backend, _share_or_dash(one.r_squared), f"{difference:.3g} mV") for one, difference in differences]
     table_rows: list[tuple[str, ...]] = []
     for one in tests:
         low, high = one.own.interval
         equal = f"{one.agrees(tests[0]):.1%}", f"{one.same_spikes(tests[0])} of {len(one.labels)}"
-        first = "-" if np.isnan(one.first_ms) else f"{one.first_ms:.1f} ms"
+        first_spike = "-" if np.isnan(one.first_ms) else f"{one.first_ms:.1f} ms"
         accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-        table_rows.append((one.backend, *accuracy, *equal, first))
+        table_rows.append((one.backend, *accuracy, *equal, first_spike))
     return table_rows
 
 
 def _share_or_dash(value: float) -> str:
-    """Return a share with three digits, or "-" if there is none."""
+    """Return a share with three digits, or "-" for NaN."""
     return "-" if np.isnan(value) else f"{value:.3f}"
 
 
 def head(tests: Sequence[TestedNetwork]) -> tuple[str, ...]:
-    """Return the head of the columns of `rows`."""
+    """Return the titles of the columns of `rows`."""
     return HEAD if tests[0].V_m is None else TARGETS
 
 
@@ -97,24 +97,24 @@ def show(tests: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> Non
     _show_sent({one.backend: one.mean_spikes for one in tests})
 
 
-def _show_sent(each: Mapping[str, Mapping[str, float]]) -> None:
-    """Print how many spikes or messages a recording has on each backend."""
-    for backend, by_population in each.items():
+def _show_sent(counts: Mapping[str, Mapping[str, float]]) -> None:
+    """Print the mean number of spikes or messages of a recording on each backend."""
+    for backend, by_population in counts.items():
         if by_population:
             parts = ", ".join(f"{number:.0f} of '{name}'" for name, number in by_population.items())
             print(f"{backend}: {sum(by_population.values()):.0f} spikes in a recording, {parts}")
 
 
 def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
-    """Print a row for each fold, and the mean of all, and the least room; warn of what overflowed in any."""
+    """Print a row for each fold, the mean of all folds and the least room; warn of overflows in any fold."""
     names, n = list(folds[0]["right"]), sum(one["n"] for one in folds)
-    every = [MemoryRoom(**one) for fold in folds for one in fold.get("room", ())]
-    least = {(one.chip, one.population): one for one in sorted(every, key=lambda one: one.share)}
-    for line in memory_lines([replace(one, chosen=False) for one in least.values()]):  # each fold has scales of its own
+    all_rooms = [MemoryRoom(**one) for fold in folds for one in fold.get("room", ())]
+    least = {(one.chip, one.population): one for one in sorted(all_rooms, key=lambda one: one.share)}
+    for line in memory_lines([replace(one, chosen=False) for one in least.values()]):  # the scales differ between folds
         print(f"- {line}")
     for name in names:
-        each = (one.get("overflows", {}).get(name, {}) for one in folds)
-        warn_of_overflows(name, summed(each), n)
+        overflows = (one.get("overflows", {}).get(name, {}) for one in folds)
+        warn_of_overflows(name, summed(overflows), n)
     cells = [
         (str(k + 1), *(f"{one['right'][name] / one['n']:.1%}" for name in names), f"{one['cpu_s']:.1f} s")
         for k, one in enumerate(folds)
@@ -126,7 +126,7 @@ def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
         print(f"{name}: {right / n:.2%} of {n} right (95 % interval {low:.1%} - {high:.1%})")
     for name in names:
         parts = [(one["n"], one.get("sent", {}).get(name, {})) for one in folds]
-        _show_sent({name: {of: sum(k * part[of] for k, part in parts) / n for of in parts[0][1]}})
+        _show_sent({name: {key: sum(k * part[key] for k, part in parts) / n for key in parts[0][1]}})
 
 
 def write(
@@ -137,7 +137,7 @@ def write(
     recordings: int,
     room: Sequence[MemoryRoom] = (),
 ) -> None:
-    """Write the page; errors as of `neuro.apps.write_text`."""
+    """Write the page. Errors: see `neuro.apps.write_text`."""
     title = f"{trained.net.name}: trained by gradients"
     write_text(path, html.page("neuro train", title, _parts(plan, trained, tests, recordings, room)), PAGE)
 
@@ -153,15 +153,15 @@ def _parts(
     if cards := list(_cards(trained, tests, share)):
         yield tag("div", *cards, class_="cards")
     if tests:
-        yield tag("h2", f"On {len(tests[0].labels)} recordings that it has not seen")
+        yield tag("h2", f"On {len(tests[0].labels)} unseen recordings")
         yield html.table(head(tests), rows(tests))
         if billed := bills(tests):
             yield html.table(BILLS, billed)
         yield tag("p", ABOUT if tests[0].V_m is None else ABOUT_TARGETS)
     if room:
         yield tag("h2", "Room in registers")
-        own = {False: "the chip's own", True: "smaller, to leave room"}
-        cells = ((one.chip, one.population, f"{one.share:.1%}", f"{one.scale:.6g}", own[one.chosen]) for one in room)
+        notes = {False: "the chip's own", True: "smaller, to leave room"}
+        cells = ((one.chip, one.population, f"{one.share:.1%}", f"{one.scale:.6g}", notes[one.chosen]) for one in room)
         yield html.table(("chip", "population", ">largest input of a step", ">units per mV", "scale"), cells)
         yield tag("p", ROOM)
     if len(trained.curves["loss"]):
@@ -186,20 +186,20 @@ def _cards(trained: Trained, tests: Sequence[TestedNetwork], share: str) -> Iter
     if tests and tests[0].V_m is not None:
         yield html.card("R2", _share_or_dash(tests[0].r_squared), f"on {len(tests[0].labels)} unseen recordings")
     elif tests:
-        first = tests[0].own
-        low, high = first.interval
-        yield html.card("accuracy", f"{first.accuracy:.1%}", f"of {first.n} unseen recordings; {low:.1%} to {high:.1%}")
+        own = tests[0].own
+        low, high = own.interval
+        yield html.card("accuracy", f"{own.accuracy:.1%}", f"of {own.n} unseen recordings; {low:.1%} to {high:.1%}")
     elif np.isfinite(trained.curves["right"]).any():
-        yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "on the recordings that it learnt from")
+        yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "on the learnt recordings")
     for one in tests:
         if one.bill:
             slow = one.bill.real_time.total(3)
-            below = f"a recording, as fast as the chip can; {slow} in real time; {one.grade}"
-            yield html.card(f"energy on {one.backend}", one.bill.total(3), below)
+            note = f"a recording, as fast as the chip can; {slow} in real time; {one.grade}"
+            yield html.card(f"energy on {one.backend}", one.bill.total(3), note)
 
 
 def _word(value: Any) -> str:
-    """As it is written on the command line."""
+    """Return a value as it is written on the command line."""
     if isinstance(value, Mapping):
         return ", ".join(f"{name}={_word(each)}" for name, each in value.items())
     if isinstance(value, list):
@@ -230,7 +230,7 @@ def curves(figures: Mapping[str, npt.NDArray[np.float64]], share: str = SHARE[0]
 
 
 SPENT = tuple(f"{clock}microjoules{end}" for clock in ("", "real_time_") for end in ("", "_low", "_high"))
-"""What a recording takes, with its range, as fast as the chip can and in real time."""
+"""Names of the energy of a recording with its range, as fast as the chip can and in real time."""
 
 CSV = Kind("a table of 'neuro train --search'", lambda path: path.read_bytes()[:8] == b"network,")
 GREY, BLUE = "0.65", "#0072B2"
@@ -241,11 +241,11 @@ class FrontPlace:
     """A point of a search.
 
     Attributes:
-        varied: the values of what varied, by name.
-        accuracy: where it was judged, mean of the folds.
-        microjoules: of a recording on the chip as fast as it can, likewise.
-        file: the network; that of the front is learnt from all that is not held out.
-        tested: of the front how many are `right` of `n` that are held out, and `SPENT` of one of them.
+        varied: varied values by name.
+        accuracy: accuracy on the part that judges the network, as the mean over the folds.
+        microjoules: energy of a recording on the chip, as fast as the chip can, as the mean over the folds.
+        file: file of the network. A network of the front is trained on all parts but the held-out one.
+        tested: for the front, the numbers `right` and `n` of held-out recordings, and `SPENT` of a recording.
     """
 
     varied: Mapping[str, Any]
@@ -261,7 +261,7 @@ def show_front(places: Sequence[FrontPlace], chip: str) -> None:
     names = list(front[0].varied)
     cells = []
     for place in front:
-        assert place.tested is not None, "it is of the front"
+        assert place.tested is not None, "`place` is on the front"
         share, (low, high) = _held_out(place.tested)
         values = (f"{value:g}" for value in place.varied.values())
         joules = [1e-6 * place.tested[name] for name in SPENT]
@@ -273,13 +273,13 @@ def show_front(places: Sequence[FrontPlace], chip: str) -> None:
 
 
 def _held_out(tested: Mapping[str, float]) -> tuple[float, tuple[float, float]]:
-    """The share of right decisions, and its 95 % interval."""
+    """Return the share of right decisions and its 95 % interval."""
     right, n = int(tested["right"]), int(tested["n"])
     return right / n, wilson(right, n)
 
 
 def write_front(folder: Path, places: Sequence[FrontPlace], chip: str) -> tuple[Path, Path]:
-    """Write front.csv and front.png; errors as of `neuro.apps.output`."""
+    """Write front.csv and front.png; for errors see `neuro.apps.output`."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     columns = ("accuracy", "microjoules", "held_out_right", "held_out", *(f"held_out_{name}" for name in SPENT))
@@ -308,15 +308,15 @@ def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
     axis.plot(*_at(front), "o", color="0.3", markersize=5, label="no other beats these")
     tests = [place.tested for place in front if place.tested]
     held_out = [_held_out(tested) for tested in tests]
-    share = [100.0 * at for at, _ in held_out]
-    below = [100.0 * (at - low) for at, (low, _) in held_out]
-    above = [100.0 * (high - at) for at, (_, high) in held_out]
+    percent = [100.0 * share for share, _ in held_out]
+    down = [100.0 * (share - low) for share, (low, _) in held_out]
+    up = [100.0 * (high - share) for share, (_, high) in held_out]
     microjoules = [tested["microjoules"] for tested in tests]
     label = "the same, learnt anew, on recordings held out (95 %)"
     axis.errorbar(
         microjoules,
-        share,
-        yerr=(below, above),
+        percent,
+        yerr=(down, up),
         fmt="D",
         color=BLUE,
         label=label,
@@ -332,7 +332,7 @@ def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
 
 
 def logarithmic(axis: Axes) -> None:
-    """Logarithms of what is there along the axis, with numbers as people write_front them."""
+    """Make the x axis logarithmic, with plain numbers such as 1, 2 and 5 as labels."""
     from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
     axis.set_xscale("log")

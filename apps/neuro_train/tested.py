@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 MARGIN = 2.0
-"""The largest input of the recordings that were learnt from, times this, shall fit into its register."""
+"""A register must hold this many times the largest input of the learnt recordings."""
 AT_ONCE = 50
-"""Recordings that a module is shown at once."""
+"""Number of recordings in a batch of a module."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class MemoryRoom:
 
 
 def chip_of(target: str) -> Chip | None:
-    """The chip that a backend emulates, if it does."""
+    """Return the chip that a backend emulates, or None."""
     return chip(target) if target in chips() or target.endswith((".yaml", ".yml")) else None
 
 
@@ -63,22 +63,22 @@ def rooms(net: neuro.Network, target: str, samples: BatchData, plan: TrainingPla
 
     Args:
         net: the trained network.
-        target: the chip; other backends have no registers.
+        target: name or table file of a chip; other backends have no registers.
         samples: the learnt recordings.
         plan: settings of the training.
 
     Returns:
-        one entry for each population that spikes reach; empty if the chip's arithmetic is unknown
+        An entry for each population that spikes reach; empty if the chip's arithmetic is unknown
         (`neuro.chips.filled`).
     """
-    on = chip_of(target)
-    if on is None or not on.arithmetic:
+    device = chip_of(target)
+    if device is None or not device.arithmetic:
         return []
-    every = [name for name, part in net.populations.items() if part.model.role == "neuron"]
-    if all(net.populations[name].model.graded for name in every):
-        return []  # their sums have 32 bits, and no current
-    module = module_of(net, replace(plan, bits=None), every).eval()
-    fixed = quantise(module.program, on)
+    cell_names = [name for name, part in net.populations.items() if part.model.role == "neuron"]
+    if all(net.populations[name].model.graded for name in cell_names):
+        return []  # graded neurons sum in 32 bits and have no current
+    module = module_of(net, replace(plan, bits=None), cell_names).eval()
+    fixed = quantise(module.program, device)
     shares: dict[str, float] = {}
     for first in range(0, len(samples), AT_ONCE):
         events = samples.events[list(range(first, min(first + AT_ONCE, len(samples))))]
@@ -96,8 +96,8 @@ def rooms(net: neuro.Network, target: str, samples: BatchData, plan: TrainingPla
             parts = zip(module.program.projections, fixed.projections, strict=True)
             spare = min(wires.exponent for part, wires in parts if part.target == k and wires is not None)
             halvings = math.ceil(math.log2(max(MARGIN * shares[cells.name], 1.0)))
-            less = 2.0 ** max(0, min(halvings, spare))
-            table.append(MemoryRoom(target, cells.name, shares[cells.name] / less, cells.volt / less, less > 1.0))
+            ratio = 2.0 ** max(0, min(halvings, spare))
+            table.append(MemoryRoom(target, cells.name, shares[cells.name] / ratio, cells.volt / ratio, ratio > 1.0))
     return table
 
 
@@ -111,18 +111,18 @@ def memory_lines(table: Sequence[MemoryRoom]) -> list[str]:
     lines = []
     for target in dict.fromkeys(room.chip for room in table):
         shares = ", ".join(f"{room.share:.0%} of that of '{room.population}'" for room in table if room.chip == target)
-        own = ", ".join(f"'{name}': {scale:.6g}" for name, scale in scales(table, target).items())
-        way = f"; scales={{{own}}} leaves this room" if own else ""
-        lines.append(f"{target}: input registers on the recordings learnt from: at most {shares}{way}")
+        options = ", ".join(f"'{name}': {scale:.6g}" for name, scale in scales(table, target).items())
+        hint = f"; scales={{{options}}} leaves this room" if options else ""
+        lines.append(f"{target}: input registers on the recordings learnt from: at most {shares}{hint}")
     return lines
 
 
-def summed(each: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
+def summed(parts: Iterator[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
     """Return the overflows of several sets of recordings together."""
     overflows: dict[str, tuple[int, str]] = {}
-    for one in each:
-        for what, (recordings, hint) in one.items():
-            overflows[what] = overflows.get(what, (0, ""))[0] + recordings, hint
+    for part in parts:
+        for register, (recordings, hint) in part.items():
+            overflows[register] = overflows.get(register, (0, ""))[0] + recordings, hint
     return overflows
 
 
@@ -135,9 +135,9 @@ class TestedNetwork:
 
     Attributes:
         backend: backend of the test; "torch" is the trained module.
-        spikes: spikes of the output, payloads of a graded one, (recordings, steps, neurons).
+        spikes: (recordings, steps, neurons) output spikes, or payloads of a graded output.
         decided: class of each recording, -1 for silence.
-        labels: right classes, or targets.
+        labels: true classes, or targets.
         classes: names of the classes.
         first_ms: mean time of the output's first spike, over the recordings with one.
         bill: bill of a recording, for a chip with costs.
@@ -164,7 +164,7 @@ class TestedNetwork:
 
     @property
     def r_squared(self) -> float:
-        """The explained share of the targets' variance; NaN where the targets are constant."""
+        """Explained share of the targets' variance; NaN if the targets are constant."""
         return r_squared(np.asarray(self.V_m), self.labels)
 
     @property
@@ -173,11 +173,11 @@ class TestedNetwork:
         return f"{self.own.accuracy:.1%} right" if self.V_m is None else r_squared_text(self.r_squared)
 
     def agrees(self, other: TestedNetwork) -> float:
-        """The share of decisions that are equal."""
+        """Return the share of recordings for which both tests decide alike."""
         return float(np.mean(self.decided == other.decided))
 
     def same_spikes(self, other: TestedNetwork) -> int:
-        """Recordings whose spikes are all equal."""
+        """Return the number of recordings whose output spikes are all equal in both tests."""
         return int((self.spikes == other.spikes).all(axis=(1, 2)).sum())
 
 
@@ -203,20 +203,20 @@ def on_backend(
     report: Callable[[str, int, int], None] = lambda what, count, total: None,
     room: Sequence[MemoryRoom] = (),
 ) -> TestedNetwork:
-    """By a backend, one recording after the other, each from the beginning.
+    """Test a network on a backend, one recording after the other, each from the initial state.
 
     Args:
-        net: what was learnt.
-        backend: its name; one of a chip gives a bill.
+        net: the trained network.
+        backend: name of the backend; a chip also gives a bill.
         samples: the recordings.
-        plan: how they are seen.
-        report: called with the number of tested recordings.
-        room: in its registers, whose scales it takes.
+        plan: settings of the training.
+        report: called with the activity, the number of tested recordings and of all.
+        room: room in the chip's registers, whose scales are used.
 
     Raises:
         ModelError: the backend refuses the network.
     """
-    options: dict[str, Any] = {"scales": own} if (own := scales(room, backend)) else {}
+    options: dict[str, Any] = {"scales": table} if (table := scales(room, backend)) else {}
     sim = neuro.compile(net, backend=backend, seed=plan.seed, **options)
     events, h = samples.events, net.resolution
     neurons = math.prod(int(side) for side in net.populations[plan.output].shape)
@@ -226,20 +226,20 @@ def on_backend(
         train = events.trains[plan.input].of([k])
         n_events = 0 if samples.n_events is None else int(samples.n_events[k])
         times, ids, payloads = showing.show(train.step, train.neuron, events.steps, n_events)
-        at = np.rint(times / h).astype(np.int64) - 1, ids
-        np.add.at(spikes[k].numpy(), at, 1.0 if payloads is None else payloads)
+        indices = np.rint(times / h).astype(np.int64) - 1, ids
+        np.add.at(spikes[k].numpy(), indices, 1.0 if payloads is None else payloads)
         if plan.loss == "mse":
             potentials.append(sim.trace(probe(plan.output))[1])
         report(f"{backend}: testing", k + 1, len(samples))
-    priced, bill, fewer = chip_of(backend), None, plan.neurons_per_core
-    if priced is not None and priced.costs:
-        placement = place(sim.program, priced, neurons_per_core=fewer) if priced.mesh is not None else None
+    device, bill, core_limit = chip_of(backend), None, plan.neurons_per_core
+    if device is not None and device.costs:
+        placement = place(sim.program, device, neurons_per_core=core_limit) if device.mesh is not None else None
         run_counts: Any = showing.taken
         host = showing.host("" if plan.loss == "mse" else "counts")
-        bill = price(sim.program, run_counts.raw_counts, placement, priced, host=host).per(len(samples), "recording")
+        bill = price(sim.program, run_counts.raw_counts, placement, device, host=host).per(len(samples), "recording")
     events_of = () if showing.taken is None else showing.taken.raw_counts.events
     counts = zip(sim.program.populations, events_of, strict=False)
-    mean_spikes = {part.name: float(each.sum()) / len(samples) for part, each in counts}
+    mean_spikes = {part.name: float(events.sum()) / len(samples) for part, events in counts}
     V_m = np.stack(potentials) if potentials else None
     return replace(_tested(backend, spikes, samples, h, bill, showing.overflows), mean_spikes=mean_spikes, V_m=V_m)
 
@@ -254,8 +254,8 @@ def _tested(
 ) -> TestedNetwork:
     decided = neuro_torch.losses.decisions(spikes).numpy()
     first = neuro_torch.losses.first_spike_steps(spikes).amin(dim=1)
-    some = first < spikes.shape[1]
-    mean = float((first[some] + 1.0).mean()) * step if bool(some.any()) else float("nan")
+    fired = first < spikes.shape[1]
+    mean = float((first[fired] + 1.0).mean()) * step if bool(fired.any()) else float("nan")
     return TestedNetwork(backend, spikes.numpy(), decided, samples.labels, samples.classes, mean, bill, overflows or {})
 
 

@@ -44,7 +44,7 @@ PATIENCE = 10
 CURVES = ("loss", "right", "joules", "rate")
 """Figures of each epoch: mean loss, share of right decisions, joules of a recording, learning rate.
 
-For regression, "right" is R2, the explained share of the targets' variance; NaN where the targets are constant.
+For regression, "right" is R2, the explained share of the targets' variance; NaN if the targets are constant.
 """
 
 
@@ -176,7 +176,7 @@ def learn(
 
 
 class _Training:
-    """A training under way, from one epoch to the next."""
+    """State of a running training."""
 
     def __init__(self, net: neuro.Network, samples: BatchData, plan: TrainingPlan, place: str) -> None:
         self._samples, self._plan, self._net, self._place = samples, plan, net, place
@@ -205,9 +205,9 @@ class _Training:
             {"params": each, "size": size, "weight_decay": plan.decay / size, "eps": 1e-8 / size}
             for size, each in weights.items()
         ]
-        rest = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
-        if rest:  # delays and parameters of neurons do not decay
-            groups.append({"params": rest, "size": 1.0, "weight_decay": 0.0})
+        undecayed = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
+        if undecayed:  # delays and parameters of neurons do not decay
+            groups.append({"params": undecayed, "size": 1.0, "weight_decay": 0.0})
         self._optimiser = torch.optim.AdamW(groups, lr=plan.rate, fused=True)
 
     def epoch(self) -> None:
@@ -274,7 +274,7 @@ class _Training:
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimiser.step()
         try:
-            self._module.hold()  # what learns stays in its bounds
+            self._module.hold()  # learning parameters stay within their bounds
         except ModelError as error:
             self._stop(k, error.message)
         joules_of_chip = next(iter(joules.values()), torch.zeros(()))
@@ -285,8 +285,8 @@ class _Training:
         where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
         is_saved = self.done and self._place
         note = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if is_saved else ""
-        way = "lower --rate or --cost" + (", with another --out" if is_saved else "")
-        raise ModelError(f"{where}: {message}{note}", hint=way)
+        hint = "lower --rate or --cost" + (", with another --out" if is_saved else "")
+        raise ModelError(f"{where}: {message}{note}", hint=hint)
 
     def warn_of_silence(self) -> None:
         """Warn once of output neurons that stay silent for `PATIENCE` epochs, or in the last epoch.
@@ -360,7 +360,7 @@ class _Training:
 
 
 def why_silent(net: neuro.Network, samples: BatchData, plan: TrainingPlan) -> str:
-    """Return the doctor's reason for a silent output, with the fullest recording as input; "" without a reason."""
+    """Return the doctor's reason for a silent output, with the recording of most spikes; "" without one."""
     train = samples.events.trains[plan.input]
     fullest = train.of([int(np.argmax(np.diff(train.ends)))])
     times = (fullest.step + 1.0) * net.resolution
@@ -381,7 +381,7 @@ def _variance(samples: BatchData, plan: TrainingPlan) -> float | None:
     if targets != (plan.loss == "mse"):
         expected = "labels of classes" if targets else "targets, (recordings, steps, neurons)"
         kind = "targets" if targets else "labels of classes"
-        raise ModelError(f"loss {plan.loss}: found {kind}: expected {expected}", hint="the loss mse is for targets")
+        raise ModelError(f"loss {plan.loss}: found {kind}: expected {expected}", hint="use mse for targets only")
     return samples.variance if targets else None
 
 

@@ -145,7 +145,7 @@ def test_without_optuna_one_error_says_how_to_get_it(neuro, dense, monkeypatch, 
     monkeypatch.setattr("importlib.util.find_spec", lambda name, *a: None if name == "optuna" else found(name, *a))
     status, out, err = neuro(*dense(), "--search", "hidden")
     assert (status, out) == (2, "")
-    assert all(word in err for word in ("neuro train --search asks Optuna, which is not installed", "[tune]"))
+    assert all(word in err for word in ("neuro train --search needs Optuna, which is not installed", "[tune]"))
     assert list(tmp_path.iterdir()) == []
 
 
