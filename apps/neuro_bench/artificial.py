@@ -73,7 +73,7 @@ class QuantisedCNN(CNN):
 
 
 class GRU(Method):
-    """Gated recurrent units whose input is one column of the frames after another."""
+    """Gated recurrent units whose input is the columns of the frames, one after another."""
 
     called_by = "gru"
     title = "gated recurrent units over the columns, float32 (torch)"
@@ -212,7 +212,7 @@ class Network:
 
     Args:
         module: the module, with an output for each class.
-        kind: number format, "float32" or "int8", of which the energy depends.
+        kind: number format, "float32" or "int8", which determines the energy.
     """
 
     def __init__(self, module: nn.Module, kind: str) -> None:

@@ -62,7 +62,7 @@ class Windows:
 
 
 class Wiener(Method):
-    """Weighted sum of the counts, with a weight for each channel, window and value from ridge regression."""
+    """Weighted sum of the counts, by ridge regression: a weight for each channel, window and value."""
 
     kind = "regression"
     called_by = "wiener"
@@ -227,10 +227,10 @@ def stretches(recording: Recording, steps: int, before: int) -> Any:
     from neuro_train.data import BatchData
 
     count = -(-len(recording) // steps)
-    behind = count * steps - len(recording)
+    padding = count * steps - len(recording)
     rows = steps * np.arange(count)[:, None] + np.arange(before + steps)
-    spikes = np.pad(recording.spikes, ((before, behind), (0, 0)))[rows]
-    targets = np.pad(recording.targets, ((before, behind), (0, 0)), constant_values=np.nan)[rows]
+    spikes = np.pad(recording.spikes, ((before, padding), (0, 0)))[rows]
+    targets = np.pad(recording.targets, ((before, padding), (0, 0)), constant_values=np.nan)[rows]
     targets[:, :before] = np.nan
     events = Events(count, before + steps, {INPUT: spikes.nonzero()})
     return BatchData(events, targets, (), recording.spikes.shape[1:], "")

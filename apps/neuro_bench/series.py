@@ -373,7 +373,7 @@ class SeriesMean(Method):
 
     kind = "series"
     called_by = "mean"
-    title = "the mean of what was seen"
+    title = "the mean of the training series"
 
     def fit(self, train: Series, settings: Mapping[str, Any], seed: int) -> _Mean:
         """Compute the mean."""

@@ -159,7 +159,7 @@ def _files(path: Path) -> Iterator[tuple[str, bytes]]:
             names = sorted(name for name in archive.namelist() if name.lower().endswith(".wav"))
             yield from ((name, archive.read(name)) for name in names)
     except zipfile.BadZipFile:
-        raise ModelError(f"{path}: is no zip: expected a folder or a zip of wav files") from None
+        raise ModelError(f"{path}: is not a zip: expected a folder or a zip of wav files") from None
 
 
 def _wav(place: str, content: bytes) -> tuple[float, Series]:
@@ -170,7 +170,7 @@ def _wav(place: str, content: bytes) -> tuple[float, Series]:
         with warnings.catch_warnings(action="ignore", category=wavfile.WavFileWarning):
             rate, samples = wavfile.read(io.BytesIO(content))
     except (ValueError, EOFError) as error:
-        raise ModelError(f"{place}: is no wav file: {error}") from None
+        raise ModelError(f"{place}: is not a wav file: {error}") from None
     values = samples.astype(np.float64)
     if samples.dtype == np.uint8:  # samples of 8 bits are unsigned in wav files
         values = (values - 128.0) / 127.0
@@ -200,7 +200,7 @@ class SpokenDigits(Sounds):
         sounds, speakers = [], []
         for name, rate, sound in self.sounds():
             if (fields := _NAME.fullmatch(Path(name).name)) is None:
-                message = f"{self.data}: {name} names no class: expected CLASS_SPEAKER_INDEX.wav"
+                message = f"{self.data}: {name} has no class in its name: expected CLASS_SPEAKER_INDEX.wav"
                 raise ModelError(message, hint="e.g. 7_jackson_32.wav; the task 'sounds' reads folders of classes")
             sounds.append((fields["label"], rate, sound))
             speakers.append(fields["speaker"])

@@ -172,7 +172,7 @@ class Delays(Spiking):
 
 
 HELD = 8.0
-"""Inhibition that holds a layer, in multiples of its levels; a larger one would leave a chip's weights fewer bits."""
+"""Inhibition that holds a layer, in multiples of its levels; with a larger one, a chip's weights have fewer bits."""
 Layer = tuple[Floats, Floats]
 """Weights, shape (to, from, ...), and a bias for each map, shape (to,)."""
 COMMON = 0.99

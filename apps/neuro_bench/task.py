@@ -144,7 +144,7 @@ class Fold:
         train: training part for the choice of settings; for series a list of series.
         validation: part whose score chooses the settings; for series a list with the continuation of each series in
             `train`. Folds with the same list object share their settings.
-        both: training part with the chosen settings: `train` and `validation`; for series the one before `test`.
+        both: training part with the chosen settings: `train` and `validation`; for series the series before `test`.
         test: test part, used once.
     """
 
@@ -259,8 +259,8 @@ def random_folds(examples: Examples, count: int, seed: int) -> Folds:
     parts = []
     for k in range(count):
         test, validation = part == k, np.zeros(n, dtype=np.bool_)
-        rest = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~test))
-        validation[rest[: max(1, len(rest) // 10)]] = True
+        others = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~test))
+        validation[others[: max(1, len(others) // 10)]] = True
         parts.append((f"random {k + 1}", ~test & ~validation, validation, test))
     return Folds(examples, parts)
 

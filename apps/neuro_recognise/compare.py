@@ -124,7 +124,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
 
     Args:
         data: labelled recordings.
-        plan: what to compare.
+        plan: plan of the comparison.
         report: function that is called with the progress.
 
     Returns:
@@ -166,9 +166,9 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     rows = []
     for number, one in enumerate(entries):
         own = [result for job, result in zip(jobs, results, strict=True) if job.contestant == number]
-        why = refused.get(number, "") or next((each["refused"] for each in own if "refused" in each), "")
-        if why:  # e.g. a missing optional dependency, or recordings that the method does not support
-            rows.append(Compared(one, refused=why))
+        reason = refused.get(number, "") or next((result["refused"] for result in own if "refused" in result), "")
+        if reason:  # e.g. a missing optional dependency, or recordings that the method does not support
+            rows.append(Compared(one, refused=reason))
         else:
             rows.append(_summary(one, own, data, plan))
     return rows
@@ -186,9 +186,9 @@ def telling(report: Callable[[Progress], None], jobs: int) -> Callable[[tuple[st
         name, progress = message or ("", None)
         done += progress is None
         if message is not None:
-            alone = progress or Progress("", done, jobs)
+            current = progress or Progress("", done, jobs)
             among = (done, jobs) if jobs > 1 else None
-            report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
+            report(replace(current, what=f"{name}: {current.what}" if current.what else name, among=among))
 
     return tell
 
@@ -263,11 +263,11 @@ def _fold_of(
     contestant: Contestant,
     features: Features,
     digest: str,
-    which: tuple[int, int],
+    run: tuple[int, int],
     parts: tuple[Ints, Ints],
     plan: MethodComparison,
 ) -> Fold:
-    (seed, fold), method = which, contestant.method
+    (seed, fold), method = run, contestant.method
     of: dict[str, Any] = {
         "method": method.called(),
         "settings": method.as_words(),
@@ -275,7 +275,7 @@ def _fold_of(
         "data": digest,
     }
     of |= {"backend": plan.backend if method.spikes else "event", "seed": seed, "fold": fold, "folds": plan.folds}
-    if method.spikes and which == (plan.seeds[0], 0):  # bills are computed for one fold only
+    if method.spikes and run == (plan.seeds[0], 0):  # bills are computed for one fold only
         of["targets"] = list(plan.targets)
     name = f"{contestant.name}, seed {seed}, fold {fold + 1} of {plan.folds}"
     file = plan.folder / f"{contestant.name.replace(':', '-').replace('/', '_')}-{seed}-{fold}.json"

@@ -211,15 +211,15 @@ class HeldOut:
         if not state:  # first of all files, so that an error about changed options names the options of this call
             checkpoint.keep(done=np.array(0), margins=all_margins, right=right, learnt=learnt)
         start, labels, total = int(state.get("done", 0)), self.data.labels, len(self.steps)
-        way = self.separate_trainings if self.recogniser.method.by_moment else self.wholes
-        self.report(Progress("deciding on recordings held out", start, total))
-        for k, (where, scores, of_moment) in enumerate(way(start) if start < total else (), start):
+        step_results = self.separate_trainings if self.recogniser.method.by_moment else self.wholes
+        self.report(Progress("deciding on held-out recordings", start, total))
+        for k, (where, scores, of_moment) in enumerate(step_results(start) if start < total else (), start):
             labels_decided = choose(scores.reshape(-1, scores.shape[-1])).reshape(scores.shape[:-1])
             all_margins[where] = margins(scores)
             right[where] = labels_decided == np.broadcast_to(labels[:, None], shape)[where]
             learnt |= {f"{k}.{name}": np.asarray(part) for name, part in of_moment.items()}
             checkpoint.keep(done=np.array(k + 1), margins=all_margins, right=right, learnt=learnt)
-            self.report(Progress("deciding on recordings held out", k + 1, total))
+            self.report(Progress("deciding on held-out recordings", k + 1, total))
         by_moment: list[dict[str, Array]] = [{} for _ in range(len(self.times) if learnt else 0)]
         for place, part in learnt.items():
             moment, _, name = place.partition(".")
@@ -269,7 +269,7 @@ def learn_early(
     """
     method = recogniser.method
     if data.classes != recogniser.classes:
-        raise ModelError(f"the recordings are of {list(data.classes)}, expected {list(recogniser.classes)}")
+        raise ModelError(f"the recordings have the classes {list(data.classes)}, expected {list(recogniser.classes)}")
     method.check_backend(backend)
     times = moments(data, every_ms)
     splits = data.folds(folds, seed=int(recogniser.training.get("seed", 0)))

@@ -57,7 +57,7 @@ def price(
         host: operations outside of the network, see `Answer`.
 
     Raises:
-        ModelError: there is no such target, or no costs of it are published.
+        ModelError: there is no such target, or its costs are not published.
     """
     sim, trials = run
     from neuro.chips import chip, place, price as of_counts
@@ -95,13 +95,15 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
     """Check the targets before the network is run.
 
     Raises:
-        ModelError: the recogniser is no network, there is no such target, the network does not fit on it, or no costs
+        ModelError: the recogniser has no network, there is no such target, the network does not fit on it, or no costs
             of it are published.
     """
     net = recogniser.network()
     if net is None:
         name = recogniser.method.called()
-        raise ModelError(f"method '{name}' is no network: expected one that chips can run", hint="neuro recognise list")
+        raise ModelError(
+            f"method '{name}' has no network: expected one that chips can run", hint="neuro recognise list"
+        )
     sim = neuro.compile(net)
     for name in targets:
         sim.energy(name)

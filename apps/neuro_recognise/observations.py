@@ -180,17 +180,17 @@ class KeptAnswers(Lazy[Evidence]):
 class _One(Mapping[str, Array]):
     """The arrays of one recording."""
 
-    def __init__(self, of: KeptAnswers, number: int) -> None:
-        self._of, self._number = of, number
+    def __init__(self, answers: KeptAnswers, number: int) -> None:
+        self._answers, self._number = answers, number
 
     def __getitem__(self, name: str) -> Array:
-        return _opened(self._of).read(name, self._number)
+        return _opened(self._answers).read(name, self._number)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_opened(self._of).places)
+        return iter(_opened(self._answers).places)
 
     def __len__(self) -> int:
-        return len(_opened(self._of).places)
+        return len(_opened(self._answers).places)
 
 
 class _Place(NamedTuple):

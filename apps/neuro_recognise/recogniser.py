@@ -83,8 +83,8 @@ def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Tra
         if values[0] != values[1]:
             # A part of the settings is a dict with its name as the only key.
             old, new = (next(iter(value)) if isinstance(value, dict) else value for value in values)
-            what = OTHER.get(name, f"{name} = {old}: found {new} now")
-            raise ModelError(f"{out}: a recogniser that was trained with {what}", hint=REPLACE)
+            difference = OTHER.get(name, f"{name} = {old}: found {new} now")
+            raise ModelError(f"{out}: a recogniser that was trained with {difference}", hint=REPLACE)
 
 
 AT_MOST = 4

@@ -49,7 +49,7 @@ class Ragged:
     """Arrays of several recordings, concatenated.
 
     Attributes:
-        values: of all recordings.
+        values: values of all recordings.
         offsets: (recordings + 1,) recording i has ``values[offsets[i]:offsets[i + 1]]``.
     """
 
@@ -62,9 +62,9 @@ class Features:
     """Evidence of recordings, with their labels.
 
     Attributes:
-        evidence: of each recording.
-        labels: (recordings,) indices into `classes`, -1 where unknown.
-        names: of the recordings.
+        evidence: evidence of each recording.
+        labels: (recordings,) indices into `classes`, -1 if unknown.
+        names: names of the recordings.
         classes: names of the classes.
     """
 

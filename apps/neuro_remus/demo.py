@@ -206,5 +206,5 @@ def _cards(results: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:
         if TARGET in priced.bills:
             bill = priced.bills[TARGET]
             slow = bill.real_time.total(3)
-            below = f"a recording on {TARGET}, as fast as the chip can; {slow} in real time"
-            yield html.card(f"energy, {name}", bill.total(3), below)
+            note = f"a recording on {TARGET}, as fast as the chip can; {slow} in real time"
+            yield html.card(f"energy, {name}", bill.total(3), note)

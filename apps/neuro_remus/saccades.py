@@ -209,7 +209,7 @@ def _plan(
 
 
 def _claim(folder: Path, settings: Mapping[str, object]) -> None:
-    """Refuse a folder that is neither new nor the same data set, complete or not."""
+    """Check that a folder is new or holds the same data set, complete or not."""
     settings_file = folder / SETTINGS
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -217,7 +217,7 @@ def _claim(folder: Path, settings: Mapping[str, object]) -> None:
             if json.loads(settings_file.read_text()) != settings:
                 raise EventFileError(str(folder), "holds a data set made with other settings, expected a new folder")
         elif any(folder.iterdir()):
-            raise EventFileError(str(folder), "is not empty, expected a new folder or one made before")
+            raise EventFileError(str(folder), "is not empty, expected a new folder or this data set")
         else:
             write_text(settings_file, json.dumps(dict(settings), indent=1) + "\n", Kind("of these settings"))
     except (OSError, Unwritable, json.JSONDecodeError) as error:

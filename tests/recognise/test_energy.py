@@ -307,5 +307,5 @@ def test_the_host_of_hfirst_and_of_pixels_by_hand():
 
 
 def test_what_is_no_network_has_no_bill():
-    told = "method 'hats' is no network: expected one that chips can run\n  hint: neuro recognise list"
+    told = "method 'hats' has no network: expected one that chips can run\n  hint: neuro recognise list"
     assert refused(check_targets, Recogniser(Hats(), ("a", "b"), {}), ["loihi"]) == told

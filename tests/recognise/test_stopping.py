@@ -24,7 +24,7 @@ from refused import refusals_of, refused
 
 N, K = 30, 4
 SAME = "an allowed error holds for recordings drawn like those that 'early' learnt from, with the same mix of classes"
-DECIDING = "deciding on recordings held out"
+DECIDING = "deciding on held-out recordings"
 NAN = float("nan")
 
 

@@ -126,7 +126,7 @@ def test_no_image_twice(digits, tmp_path):
 
 def test_other_folders_are_left_alone(digits, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
-    told = f"{tmp_path}: is not empty, expected a new folder or one made before"
+    told = f"{tmp_path}: is not empty, expected a new folder or this data set"
     assert refused(make_dataset, tmp_path, 10, 10, progress=False) == told
     make_dataset(tmp_path / "set", 0, 0, progress=False)
     told = f"{tmp_path / 'set'}: holds a data set made with other settings, expected a new folder"

@@ -52,7 +52,7 @@ class Boxes:
         start: (n,) first us of the span.
         stop: (n,) us after the last of the span.
         identity: (n,) index of the object or the track, constant over time.
-        label: (n,) index of the class, -1 where unknown.
+        label: (n,) index of the class, -1 if unknown.
         score: (n,) confidence of the label, larger is surer; 1 for true boxes.
         box: (n, 4) left, top, right and bottom, px.
     """
@@ -102,7 +102,7 @@ class Boxes:
 
 
 def iou(a: Floats, b: Floats) -> Floats:
-    """Return intersection over union of boxes (n, 4) and (m, 4), (n, m); 0 where both are empty.
+    """Return intersection over union of boxes (n, 4) and (m, 4), (n, m); 0 if both are empty.
 
     E.g. boxes (0, 0, 2, 2) and (1, 0, 3, 2) share 2 of 6 px, so their IoU is 1/3.
     """
@@ -117,8 +117,8 @@ def suppressed(box: Floats, score: Floats, most: float) -> Ints:
     """Non-maximum suppression: return the indices of the boxes that remain, best first.
 
     Args:
-        box: (n, 4).
-        score: (n,) of two boxes that overlap too much, the one with the larger score remains.
+        box: (n, 4) boxes.
+        score: (n,) scores; of two boxes that overlap too much, the one with the larger score remains.
         most: largest IoU that two boxes may have.
     """
     candidates = np.argsort(-score, kind="stable")
@@ -153,7 +153,7 @@ def read_boxes(path: Path, classes: Sequence[str]) -> Boxes:
         classes: names of the classes; labels are indices into them.
 
     Raises:
-        ModelError: there is no such table, a class is unknown, or a field is no number; the message names the line.
+        ModelError: there is no such table, a class is unknown, or a field is not a number; the message names the line.
     """
     try:
         lines = list(csv.reader(path.read_text().splitlines()))
@@ -261,7 +261,7 @@ class Switches:
     """Stability of identities.
 
     Attributes:
-        switches: how often an object was detected under another identity than before.
+        switches: number of times that an object was detected under another identity than before.
         objects: number of objects that were detected at least once.
         missed: number of true boxes without a matching box.
         boxes: number of true boxes.

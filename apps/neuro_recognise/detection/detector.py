@@ -64,7 +64,7 @@ class Track:
         number: identity of the object.
         middle: (2,) centre of its last box, px.
         last_us: time of the last box, us.
-        velocity: (2,) px/us.
+        velocity: (2,) velocity of the centre, px/us.
     """
 
     number: int
@@ -73,7 +73,7 @@ class Track:
     velocity: Floats = field(default_factory=lambda: np.zeros(2))
 
     def expected(self, t: int) -> Floats:
-        """Return the expected centre of its box at a time, (2,) px."""
+        """Return the expected centre of the box at a time, (2,) px."""
         return self.middle + self.velocity * (t - self.last_us)
 
     def move(self, middle: Floats, t: int, gain: float) -> None:
@@ -132,10 +132,10 @@ class Detecting(Settings):
     """Settings of a detector.
 
     Attributes:
-        segmenter: cuts the events into segments; objects are detected in each.
-        proposals: proposes regions of objects.
-        dense: detects regions and classes together; used by the way `dense`.
-        tracking: assigns identities from segment to segment.
+        segmenter: rule that cuts the events into segments; objects are detected in each.
+        proposals: rule that proposes regions of objects.
+        dense: network that detects regions and classes together, for the way `dense`.
+        tracking: rule that assigns identities from segment to segment.
     """
 
     segmenter: Segmenter = part(Segmenter, Hes(window=100.0))
@@ -161,7 +161,7 @@ class Seen:
 
     Attributes:
         start: start of the segment, us.
-        stop: us after its last event.
+        stop: end of the segment, us, after its last event.
         number: identity of the object.
         region: region of the object.
     """
@@ -215,7 +215,7 @@ class WindowView:
 
     Args:
         settings: settings of the detector.
-        sensor: width and height, px.
+        sensor: width and height of the sensor, px.
         finder: function that detects the objects of a segment; None for proposals.
     """
 
@@ -304,7 +304,7 @@ class Detector:
     """Detects objects of a recogniser's classes.
 
     Args:
-        recogniser: classifies objects; its field may differ in size from the sensor.
+        recogniser: recogniser of the objects; its field may differ in size from the sensor.
         settings: settings of the detection.
         backend: backend that runs networks.
         way: see `WAYS`; `dense` needs a recogniser of the method `remus`.
@@ -468,7 +468,7 @@ def write_crops(
     """Write crops of all scenes, in one folder per class; equal calls write equal files.
 
     Args:
-        folder: created if missing.
+        folder: folder for the crops; created if missing.
         scenes: scenes with true boxes.
         settings: settings of the detection.
         before: prefix of file names, so that crops of several data sets fit into one folder.
@@ -529,7 +529,7 @@ def try_out(
     """Run a detector on scenes, and measure its quality.
 
     Args:
-        detector: its recogniser has the classes of the scenes, in their order.
+        detector: detector whose recogniser has the classes of the scenes, in the same order.
         scenes: scenes with true boxes.
         report: function that is called with the number of finished scenes.
     """

@@ -57,9 +57,9 @@ class Proposals(Part):
     kind = "proposals"
     source = "components of smoothed counts; cutting and joining by size is our own"
 
-    side: float = setting(23.0, "px", "larger side of an object's box", "N-MNIST's, of training: 21 to 25", above=0)
+    side: float = setting(23.0, "px", "larger side of an object's box", "N-MNIST's training part: 21 to 25", above=0)
     scales: tuple[float, ...] = setting((1.0,), "", "sizes of objects, in units of side", "thesis line 2543", above=0)
-    spread: float = setting(3.0, "px", "variation of the side, of an object of scale 1", "N-MNIST's, twice", above=0)
+    spread: float = setting(3.0, "px", "variation of the side for an object of scale 1", "N-MNIST's, twice", above=0)
     radius: int = setting(1, "px", "radius of the square of the moving average", CHOSEN, at_least=0)
     contrast: float = setting(5.0, "", "threshold of the foreground in deviations of the background", CHOSEN, above=0)
     least: float = setting(0.3, "events", "smallest mean of a foreground pixel", CHOSEN, above=0)
@@ -294,7 +294,7 @@ class Sliding:
         recogniser: recogniser of the method `remus`.
         dense: settings of the detection.
         proposals: settings of the foreground and of the smallest box.
-        sensor: width and height, px.
+        sensor: width and height of the sensor, px.
         backend: backend that runs the network.
 
     Raises:

@@ -28,8 +28,8 @@ def watch_objects(
     Args:
         recogniser: recogniser of the classes.
         recording: a file of any readable format.
-        out: the page.
-        table: a table of boxes, e.g. the true ones of a scene, drawn dashed.
+        out: file of the page.
+        table: file of boxes, e.g. the true ones of a scene, drawn dashed.
         find: whether to detect objects.
         backend: backend that runs networks.
 

@@ -112,7 +112,7 @@ class _Object:
         events: events of the recording.
         box: box of all its supported events on its own sensor, px.
         start: initial position of the box's centre, px.
-        velocity: px/us.
+        velocity: velocity of the centre, px/us.
     """
 
     events: Events
@@ -135,7 +135,7 @@ def compose(
     Args:
         name: name of the scene.
         recordings: one recording of each object.
-        labels: their classes.
+        labels: class of each object.
         scenery: settings of the scene.
         rng: generator of positions, paths and noise.
 
@@ -145,7 +145,7 @@ def compose(
     boxes = [_box(_supported(events, scenery), scenery) for events in recordings]
     for events, box in zip(recordings, boxes, strict=True):
         if box is None:
-            raise ModelError(f"{name}: a recording of {len(events)} events shows nothing that a scene could have")
+            raise ModelError(f"{name}: a recording of {len(events)} events has no box: expected more events")
     objects = [_Object(e, b, np.zeros(2), np.zeros(2)) for e, b in zip(recordings, boxes, strict=True) if b is not None]
     placed_objects = _place(name, objects, scenery, rng)
     moved = [_moved(one, scenery) for one in placed_objects]
@@ -194,14 +194,14 @@ def _place(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.G
         inside = all((box[:, :2] >= 0).all() and (box[:, 2:] <= scenery.sensor).all() for box in boxes)
         gap = 0.0 if scenery.touching else scenery.gap
         pairs = ((a, b) for k, a in enumerate(boxes) for b in boxes[:k])
-        # the least distance of two boxes at any time is negative where they overlap
+        # the least distance of two boxes at any time is negative if they overlap
         between = (np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:]).max(axis=1).min() for a, b in pairs)
         if inside and all(distance >= gap - 1e-9 for distance in between):
             return candidates
     width, height = scenery.sensor
     raise ModelError(
-        f"{name}: {len(objects)} objects find no room on {width}x{height} px in {TRIES} tries",
-        hint="take a larger sensor, fewer objects, less speed or a smaller gap",
+        f"{name}: {len(objects)} objects do not fit on {width}x{height} px in {TRIES} tries",
+        hint="use a larger sensor, fewer objects, less speed or a smaller gap",
     )
 
 
@@ -277,7 +277,7 @@ class Scenes(Lazy[Scene]):
         if missing := [k for k in range(len(self)) if not _file(folder, k, "csv").is_file()]:
             raise ModelError(
                 f"{folder}: {len(missing)} of {len(self)} scenes are missing, the first is {missing[0]:04d}",
-                hint="run the command that writes them again: it resumes",
+                hint="run 'neuro recognise scenes' again: it resumes",
             )
 
     def _read(self, k: int) -> Scene:
@@ -299,7 +299,7 @@ def write_scenes(
     """Fill a folder with scenes; the same call resumes an interrupted one, and a larger `count` adds scenes.
 
     Args:
-        folder: created if missing.
+        folder: folder for the scenes; created if missing.
         data: labelled recordings of one object each.
         scenery: settings of the scenes.
         count: number of scenes.
@@ -327,10 +327,10 @@ def write_scenes(
     }
     if about.exists() and _is_ours(about) and any(_file(folder, k, "csv").exists() for k in range(count)):
         existing = json.loads(about.read_text())
-        more = count >= int(existing.get("count", 0))  # a scene does not depend on the count
-        other = [name for name in facts if existing.get(name) != facts[name] and not (more and name == "count")]
+        grown = count >= int(existing.get("count", 0))  # a scene does not depend on the count
+        other = [name for name in facts if existing.get(name) != facts[name] and not (grown and name == "count")]
         if other:
-            raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
+            raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="use a new folder")
     write_text(about, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
     for k in range(count):
         if not _file(folder, k, "csv").is_file():

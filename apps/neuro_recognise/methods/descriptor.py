@@ -134,7 +134,7 @@ def _sheet(histograms: Array) -> Array:
 
 
 NEVER = -(1 << 53)
-"""Time of the last event where there was none, us; its decayed value is 0."""
+"""Time of the last event of a pixel without events, us; its decayed value is 0."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class TarHats(Hats):
 
     known_as = "tar_hats"
     title = "HATS without memory behind the filter TAR"
-    source = "thesis B.4; Sironi et al., CVPR 2018; the thesis leaves open what is in place of the memory"
+    source = "thesis B.4; Sironi et al., CVPR 2018; the thesis does not say what replaces the memory"
     measured = {"N-MNIST": "95.2 %", "POKER-DVS": "97.7 %"}
 
     cleaner: Cleaner = part(Cleaner, Tar())
@@ -202,7 +202,7 @@ class Boe(Method):
 
     Attributes:
         cleaner: filter of events.
-        segmenter: cuts a recording into segments.
+        segmenter: rule that cuts a recording into segments.
         readout: classifier of segments.
     """
 
@@ -231,9 +231,7 @@ class Boe(Method):
         shares, recording = self._shares(features)
         n = shares.shape[0]
         special = np.log(n / np.maximum(np.bincount(shares.indices, minlength=shares.shape[1]), 1))
-        special /= (
-            np.sqrt(shares.multiply(special).power(2).sum() / n) or 1.0
-        )  # mean squared length 1, which C presumes
+        special /= np.sqrt(shares.multiply(special).power(2).sum() / n) or 1.0  # C assumes a mean squared length of 1
         trained = self.readout.fit(
             self._weighed(shares, special), features.labels[recording], len(features.classes), course
         )

@@ -64,7 +64,7 @@ class Remus(Framewise):
     }
     measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
 
-    order: str = setting("frames", "", "what is shuffled in each epoch", "benchmarks/recognisers.py", words=ORDERS)
+    order: str = setting("frames", "", "items to shuffle in each epoch", "benchmarks/recognisers.py", words=ORDERS)
 
 
 NORB = "SpykeTorch's MozafariShallow, NORB"
@@ -183,8 +183,8 @@ class MasquelierThorpe(Framewise):
         "passes over all recordings",
         "rates are at their highest after 1600 frames: N-MNIST has ten times as many, POKER-DVS needs 3",
     )
-    order: str = setting("frames", "", "what is shuffled in each epoch", "ours", words=ORDERS)
-    vote: str = setting("features", "", "how frames decide: the readout sees their mean", "ours", words=("features",))
+    order: str = setting("frames", "", "items to shuffle in each epoch", "ours", words=ORDERS)
+    vote: str = setting("features", "", "vote: the readout scores the mean of the frames", "ours", words=("features",))
 
     def afterwards(self, learnt: Learnt, features: Features, course: Course) -> Learnt:
         """Train the readout on the maps' responses to the same recordings."""
@@ -284,9 +284,9 @@ class Must(Framewise):
     encoder: Encoder = part(Encoder, LogLatency(first=150))
     layer: Layer = part(Layer, MustLayer())
     epochs: int = setting(3, "", "passes over all recordings", OURS, at_least=1)
-    order: str = setting("frames", "", "what is shuffled in each epoch", OURS, words=ORDERS)
+    order: str = setting("frames", "", "items to shuffle in each epoch", OURS, words=ORDERS)
     vote: str = setting(
-        "potentials", "", "how frames decide; rate: wins per neuron of the class", OURS,
+        "potentials", "", "vote of the frames; rate: wins per neuron of the class", OURS,
         words=("rate", "majority", "potentials"),
     )  # fmt: skip
 
@@ -408,7 +408,7 @@ class EdhmaxTempotron(Framewise):
     encoder: Encoder = part(Encoder, Latency())
     layer: Layer = part(Layer, TempotronLayer())
     epochs: int = setting(10, "", "passes over all recordings", CODE, at_least=1)
-    order: str = setting("frames", "", "what is shuffled in each epoch", CODE, words=ORDERS)
+    order: str = setting("frames", "", "items to shuffle in each epoch", CODE, words=ORDERS)
 
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features

@@ -252,14 +252,14 @@ class Framewise(Method):
     """Base of the methods that present frames to a network.
 
     Attributes:
-        segmenter: cuts a recording into frames.
+        segmenter: rule that cuts a recording into frames.
         representation: pixel values at the end of each frame.
         bank: filters that are applied to each frame.
-        pool: selects responses.
-        encoder: encodes responses as spikes.
+        pool: rule that selects responses.
+        encoder: code of the responses as spikes.
         layer: network that receives the spikes and learns.
         epochs: number of passes over all recordings.
-        order: what is shuffled in each epoch, whole recordings or all their frames.
+        order: items to shuffle in each epoch, "recordings" as a whole or all "frames".
         vote: rule by which the frames of a recording decide, see `neuro_recognise.parts.frames`.
     """
 
@@ -274,8 +274,8 @@ class Framewise(Method):
     encoder: Encoder = part(Encoder, LogLatency())
     layer: Layer = part(Layer, RemusLayer())
     epochs: int = setting(8, "", "passes over all recordings", "learning has settled by then", at_least=1)
-    order: str = setting("recordings", "", "what is shuffled in each epoch", "ours; open in the thesis", words=ORDERS)
-    vote: str = setting("potentials", "", "how frames decide", "docs/how-to/recognise.md; majority: 2317", words=VOTES)
+    order: str = setting("recordings", "", "items to shuffle in each epoch", "ours; open in the thesis", words=ORDERS)
+    vote: str = setting("potentials", "", "vote of the frames", "docs/how-to/recognise.md; majority: 2317", words=VOTES)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -59,13 +59,13 @@ class Gradients(Method):
     step: float = setting(
         5.0, "ms", "time step of the network; events of a pixel in a step are one spike", ON_FOLDS, above=0
     )
-    duration: float = setting(105.0, "ms", "duration that is used of a recording", "N-MNIST's first saccade", above=0)
+    duration: float = setting(105.0, "ms", "used duration of a recording", "N-MNIST's first saccade", above=0)
     scale: int = setting(1, "px", "side of the square of pixels that share a neuron", TRAINER, at_least=1)
     epochs: int = setting(60, "", "passes over all recordings", ON_FOLDS, at_least=1)
     batch: int = setting(20, "", "batch size in recordings", TRAINER, at_least=1)
     rate: float = setting(0.01, "", "largest learning rate", ON_FOLDS, above=0)
     weight_decay: float = setting(0.1, "", "weight decay per update, times the rate", ON_FOLDS, at_least=0)
-    temperature: float = setting(3.0, "", "number of spikes that makes a class e times likelier", TRAINER, above=0)
+    temperature: float = setting(3.0, "", "lead in spikes that makes a class e times as likely", TRAINER, above=0)
     slope: float = setting(1.0, "", "slope of the surrogate gradient, per V_th - V_reset", TRAINER, above=0)
     shift: int = setting(2, "px", "augmentation: largest shift of a recording", ON_FOLDS, at_least=0)
     warp: float = setting(0.15, "", "augmentation: largest rotation (rad), scaling and shear", ON_FOLDS, at_least=0)
@@ -151,7 +151,7 @@ class Gradients(Method):
             values_by_name = {"weight": part.weight, "delay": part.delay}
             plain_values: dict[str, Any] = {
                 word: getattr(value, "values", value) for word, value in values_by_name.items()
-            }  # of a file
+            }  # only files have these
             arrays = {word: values for word, values in plain_values.items() if isinstance(values, np.ndarray)}
             learnt |= {f"{word}.{name}": values for word, values in arrays.items()}
             numbers: Any = dict.fromkeys(arrays, net.resolution)
@@ -187,7 +187,7 @@ class Gradients(Method):
                 counts.append(sim.taken())
             total = reduce(add, counts)
             spikes, n, classes = total.counts.populations[OUTPUT].spikes, len(features), len(features.classes)
-            # Of a spike the count and the first time; of a class five operations to the score, and a comparison.
+            # A spike takes the count and the first time; a class takes five operations to the score, and a comparison.
             counted = {"spike": on_numbers(2, 4), "recording": on_numbers(6 * classes, 3 * classes)}
             works: dict[str, Works] = {"pixels": {"event": PIXEL_SPIKE}, "counts": counted}
             uses = {"event": features.total("events"), "spike": float(spikes), "recording": float(n)}
@@ -231,10 +231,10 @@ class Conv(Gradients):
     maps: int = setting(8, "", "number of maps, each with a kernel", GUESS, at_least=1)
     kernel: int = setting(5, "px", "side of a kernel", GUESS, at_least=1)
     stride: int = setting(2, "px", "distance between neighbouring neurons of a map", GUESS, at_least=1)
-    duration: float = setting(100.0, "ms", "duration that is used of a recording", CHOSEN, above=0)
+    duration: float = setting(100.0, "ms", "used duration of a recording", CHOSEN, above=0)
     epochs: int = setting(45, "", "passes over all recordings", CHOSEN, at_least=1)
     weight_decay: float = setting(0.01, "", "weight decay per update, times the rate", CHOSEN, at_least=0)
-    temperature: float = setting(1.5, "", "number of spikes that makes a class e times likelier", CHOSEN, above=0)
+    temperature: float = setting(1.5, "", "lead in spikes that makes a class e times as likely", CHOSEN, above=0)
     neurons_per_core: int = setting(16, "", "neurons per core of a chip; 0: the chip's limit", CHOSEN, at_least=0)
 
 

@@ -57,7 +57,7 @@ class HFirstSettings(Settings):
     s2_threshold: float = setting(150.0, "mV", "threshold of S2", CODE, above=0)
     s2_leak: float = setting(1.0, "mV/ms", "linear leak of S2", CODE, at_least=0)
     t_ref: float = setting(5.0, "ms", "refractory period of all layers", CODE, at_least=0)
-    below: float = setting(1.0, "mV", "smaller template weights are replaced by `unseen`", CODE)
+    below: float = setting(1.0, "mV", "template weights below this are replaced by `unseen`", CODE)
     unseen: float = setting(-1.0, "mV", "weight of a C1 neuron that hardly spikes for a class", CODE)
     resolution: float = setting(
         0.1, "ms", "time step of the network", "ours; the authors' code rounds down to 1 ms", above=0
@@ -474,7 +474,7 @@ class HFirst(Method, HFirstSettings):
         """Return the operations outside of the network.
 
         The noise filter takes the newest of 8 neighbours, a difference and a comparison for each event, and a tick 3
-        operations. The potentials of all classes are added up at each C1 spike, S2 spikes only where they score.
+        operations. The potentials of all classes are added up at each C1 spike, S2 spikes only if they are the score.
 
         Args:
             features: evidence of the recordings.

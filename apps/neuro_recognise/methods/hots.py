@@ -98,7 +98,7 @@ class Layers:
 
     Attributes:
         centres: prototypes of each layer that has started, (rows, columns, channels, prototypes).
-        wins: of each layer that has started, (prototypes,) int64, p_k, the number of wins plus 1.
+        wins: for each layer that has started, (prototypes,) int64 number of wins plus 1, p_k.
         learnt: number of layers that are complete.
         seen: number of recordings that the current layer has learnt from.
     """
@@ -116,7 +116,7 @@ class Layers:
         """Run the rest of the training.
 
         Args:
-            recordings: the same ones in every call; the sequence may load each on access.
+            recordings: the same recordings in every call; the sequence may load each on access.
             report: called after each recording with the layers, whose `state` may be stored, the finished steps and the
                 number of steps, layers times recordings.
 
@@ -148,7 +148,7 @@ class Layers:
             (rows, columns, prototypes); (1, 1, prototypes) for a single cell.
 
         Raises:
-            ModelError: the layers are not learnt, an event is outside of the field, or `cell` is no integer >= 0.
+            ModelError: the layers are not learnt, an event is outside of the field, or `cell` is not an integer >= 0.
         """
         from neuro_recognise.methods._hots_kernels import count
 
@@ -267,7 +267,7 @@ class Layers:
 
         width, height = self.sensor_size
         if len(events) and (int(events.x.max()) >= width or int(events.y.max()) >= height):
-            raise ModelError(f"{events!r}: an event is off the field of {width}x{height}, expected all inside")
+            raise ModelError(f"{events!r}: an event is outside of the field of {width}x{height}, expected all inside")
         s = self.settings
         channel = events.p.astype(np.int64) if s.polarity else np.zeros(len(events), np.int64)
         for layer in range(layers):
@@ -300,7 +300,7 @@ class Hots(Method):
 
     hierarchy: Hierarchy = part(Hierarchy, Hierarchy())
     learn_from: int = setting(
-        0, "", "number of recordings for prototypes, drawn; 0: all", "the paper's are few", at_least=0
+        0, "", "number of recordings drawn for prototypes; 0: all", "the paper's are few", at_least=0
     )
     cell: int = setting(0, "px", "side of cells with separate histograms; 0: the whole field", "the paper", at_least=0)
     readout: Readout = part(Readout, Svm())

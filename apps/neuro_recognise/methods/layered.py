@@ -54,7 +54,7 @@ class Layered(Framewise):
     cell: int = setting(2, "places", "side of a cell of the pool", CHOSEN, at_least=1)
     layer: Layer = part(Layer, RemusLayer(field=7, theta=40.0, weight=0.5, Ar_minus=-0.003, Ap_plus=0.0))
     epochs: int = setting(6, "", "passes of the layer above over all recordings", CHOSEN, at_least=1)
-    order: str = setting("frames", "", "what is shuffled in each epoch", CHOSEN, words=ORDERS)
+    order: str = setting("frames", "", "items to shuffle in each epoch", CHOSEN, words=ORDERS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

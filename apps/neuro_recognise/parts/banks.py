@@ -27,8 +27,8 @@ class Pixels(NamedTuple):
     """Pixel values at the end of each segment; entries of the same pixel are added.
 
     Attributes:
-        x, y: (entries,) px.
-        value: (entries,) above 0.
+        x, y: (entries,) columns and rows, px.
+        value: (entries,) values above 0.
         bounds: (segments + 1,) segment i has the entries ``[bounds[i], bounds[i + 1])``.
     """
 
@@ -88,7 +88,7 @@ class Counts(Representation):
         return Pixels(events.x, events.y, np.ones(len(events)), bounds)
 
     def work(self, size: FrameSize) -> Works:
-        """Return a comparison, whether the pixel is the first time in the frame, and an addition for each event."""
+        """Return an addition for each event, and a comparison that finds the first event of a pixel in a frame."""
         return {"event": on_numbers(2, 4)}
 
 
@@ -169,11 +169,11 @@ def gabor_bank(
         sigmas: (scales,) widths of the Gaussian, px.
         wavelengths: (scales,) wavelengths of the cosine, px.
         gamma: aspect ratio; less than 1 is longer along the bar.
-        orientations: degrees.
-        literal: use the values of the formula. Otherwise each filter has zero mean and unit L2 norm, so that
+        orientations: angles of the bars, degrees.
+        literal: whether to use the values of the formula. Otherwise each filter has zero mean and unit L2 norm, so that
             uniform areas give no response and all scales respond equally strongly.
-        circular: set values at more than half a side from the centre to 0, before the mean is subtracted.
-        smooth: blur each filter by a box of 3 x 3 px, equivalent to blurring the image.
+        circular: whether to set values at more than half a side from the centre to 0, before the mean is subtracted.
+        smooth: whether to blur each filter by a box of 3 x 3 px, equivalent to blurring the image.
 
     Returns:
         (scales, orientations, side, side) with side the largest size; smaller filters are centred and
@@ -221,7 +221,7 @@ class Bank(FrontEndPart):
     framewise: ClassVar[bool] = True
 
     sizes: tuple[int, ...] = setting((3, 5, 7, 9), "px", "sides of the filters, odd, one per scale", TABLE_2, above=0)
-    orientations: tuple[float, ...] = setting((0.0, 45.0, 90.0, 135.0), "degrees", "0 is a vertical bar", TABLE_2)
+    orientations: tuple[float, ...] = setting((0.0, 45.0, 90.0, 135.0), "degrees", "0: vertical bars", TABLE_2)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -267,14 +267,14 @@ class Bank(FrontEndPart):
 class _OfGabors(Bank):
     """Base of banks of Gabor filters. `sizes`, `sigmas` and `wavelengths` have one value per scale."""
 
-    sigmas: tuple[float, ...] = setting((1.2, 2.0, 2.8, 3.6), "px", "their effective widths", TABLE_2, above=0)
+    sigmas: tuple[float, ...] = setting((1.2, 2.0, 2.8, 3.6), "px", "effective widths", TABLE_2, above=0)
     wavelengths: tuple[float, ...] = setting((1.5, 2.5, 3.5, 4.6), "px", "their wavelengths", TABLE_2, above=0)
     gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not len(self.sizes) == len(self.sigmas) == len(self.wavelengths):
-            raise ModelError("sizes, sigmas and wavelengths: expected as many of each, one a scale")
+            raise ModelError("sizes, sigmas and wavelengths: expected one of each for each scale")
 
     @cached_property
     def filters(self) -> Floats:
@@ -294,7 +294,7 @@ class Gabors(_OfGabors):
     source = "thesis 6.2.2, eqs 122-124, lines 2337-2370"
 
     literal: bool = setting(
-        False, "", "eq. 122 as printed, not of zero mean and unit norm", "2 points worse on N-MNIST"
+        False, "", "whether eq. 122 is used as printed, without zero mean and unit norm", "2 points worse on N-MNIST"
     )
 
     @property
@@ -316,7 +316,7 @@ class Sobels(Bank):
 
     sizes: tuple[int, ...] = setting((3,), "px", "sides of the filters, odd, one per scale", "figure 81", above=1)
     orientations: tuple[float, ...] = setting(
-        tuple(45.0 * k for k in range(8)), "degrees", "of the rise; 0: to the right, 90: downwards", "figure 81"
+        tuple(45.0 * k for k in range(8)), "degrees", "directions of the rise; 0: right, 90: down", "figure 81"
     )
 
     @cached_property

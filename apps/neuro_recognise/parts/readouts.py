@@ -83,7 +83,7 @@ class Readout(Part):
         """Return scores (recordings, classes), larger for a more likely class."""
 
     def work(self, learnt: Learnt, values: int, classes: int) -> Work | None:
-        """Return the operations of `scores` for a vector of so many values; None without a count."""
+        """Return the operations of `scores` for a vector of `values` values; None without a count."""
         return None
 
 
@@ -101,7 +101,7 @@ class Svm(Readout):
 
     @property
     def takes_sparse(self) -> bool:
-        """True where values are not scaled."""
+        """Whether `x` may be a sparse matrix: only if values are not scaled."""
         return self.scale == "none"
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
@@ -220,7 +220,7 @@ class Nearest(Readout):
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017, section 3.3"
 
     distance: str = setting(
-        "standard", "", "from the mean: Euclidean, the same of shares of the sum, or Bhattacharyya's of shares",
+        "standard", "", "distance from the mean: Euclidean, or between shares Euclidean or Bhattacharyya's",
         "the paper has all three; values that are shares, as those of HOTS, make the first two one",
         words=(*DISTANCES,),
     )  # fmt: skip

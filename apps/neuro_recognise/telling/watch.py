@@ -43,8 +43,8 @@ def watch(
 
     Args:
         recogniser: trained recogniser.
-        recording: a file of any readable format.
-        out: the page.
+        recording: event file of any readable format.
+        out: file of the page.
         allow: largest share of wrong decisions; the page marks the time at which it is met.
         backend: backend that runs networks.
         assurance: assurance of the allowed error, see `Recogniser.session`.
@@ -134,8 +134,8 @@ def page(
     Args:
         recogniser: recogniser that decided.
         title: name of the recording.
-        events: at least one.
-        decisions: at least one.
+        events: events of the recording, at least one.
+        decisions: decisions over time, at least one.
         views: intermediate results of the method.
         allow: the allowed error; None without one.
     """
@@ -177,7 +177,7 @@ def page(
         "lanes": [{"low": low, "high": high, "lines": lines}], "edge": 4, "right": 70, "axis": "ms", "fades": True,
         "cursor": "ink", "click": True,
     }  # fmt: skip
-    note = "of all classes along time, less their mean; the line in colour is the class that is decided"
+    note = "scores of all classes over time, less their mean; the coloured line is the decided class"
     if stop is not None:
         curve["stop"] = {"at": at[stop], "text": f"settled: {recogniser.classes[winner]}"}
         note += ", dashed where it is settled"
@@ -209,7 +209,7 @@ def played(
 ) -> str:
     """Return the text of a page whose time is in ms; see `neuro.apps.player.page`."""
     speeds = [(f"1/{part}×" if part > 1 else "1×", 1 / part) for part in (1000, 300, 100, 30, 10, 3, 1)]
-    speed = player.closest(speeds, end / 8000)  # the whole in about eight seconds
+    speed = player.closest(speeds, end / 8000)  # a recording takes about eight seconds
     timeline = player.Timeline(end, end / 3, 1.0, speeds, speed, 10, help_, moments=moments, digits=1, unit=" ms")
     return player.page("neuro recognise", title, about, timeline, top, [below], columns=columns, script=script)
 
