@@ -16,13 +16,16 @@ NO_BEGIN = (0.0, 0.0)
 has_reported = False
 """Whether this process has reported that kernels are compiled."""
 
+latest = float("-inf")
+"""Time of `time.monotonic` at which the compilation of a kernel began or ended last, s."""
+
 _kernels = 0
 _seconds = 0.0
 
 
 def begin(cached: bool = True) -> tuple[float, float]:
     """Report once that kernels are compiled, and return the start of the measurement."""
-    global has_reported
+    global has_reported, latest
     if REPORTED not in os.environ:
         if not has_reported:
             atexit.register(_sum_up)
@@ -32,12 +35,14 @@ def begin(cached: bool = True) -> tuple[float, float]:
             "" if cached else "; they cannot be cached, as no cache folder can be written: set XDG_CACHE_HOME to one"
         )
         print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
+    latest = time.monotonic()
     return time.perf_counter(), _seconds
 
 
 def end(began: tuple[float, float], kernels: int = 1) -> None:
     """Add kernels and the time since `begin`. Measurements that overlap are not counted twice."""
-    global _kernels, _seconds
+    global _kernels, _seconds, latest
+    latest = time.monotonic()
     _kernels += kernels
     _seconds = began[1] + time.perf_counter() - began[0]
 

@@ -13,6 +13,7 @@ import neuro_agent
 from neuro.apps import End, Environments, actions_of, dimensions_of, flat
 from neuro.coding import PERIOD, Places
 from neuro.coding.values import ErrorScale, Novelty, RewardScale
+from neuro.kernels import compile_report
 from neuro_agent import deployed, files, training
 from neuro_agent.network import GAIN, REST, TAU
 from refused import refusals_of, refused
@@ -380,6 +381,18 @@ def test_an_environment_that_hangs_is_given_up(interrupts):
         signal.signal(signal.SIGINT, before)
     assert time.monotonic() - begun < 10.0
     assert signal.getsignal(signal.SIGURG) == signal.SIG_DFL
+
+
+def test_compiling_kernels_is_not_a_hang(monkeypatch):
+    class Compiling(Corridor):
+        def step(self, action):
+            for _ in range(8 if self.k == 5 else 0):
+                time.sleep(0.1)
+                compile_report.end(compile_report.NO_BEGIN, 0)
+            return super().step(action)
+
+    monkeypatch.setattr(compile_report, "_seconds", 0.0)
+    agent().train(Compiling(), steps=20, patience=0.4)
 
 
 def test_what_cannot_be(learnt, tmp_path, monkeypatch, messages):
