@@ -271,7 +271,7 @@ def test_what_no_file_can_be_written_to(tmp_path):
         for path, what in {
             tmp_path: "is a folder, expected the name of a file",
             tmp_path / "s": "is a socket, expected the name of a file",
-            tmp_path / "no" / "a": "cannot be written: No such file or directory",
+            tmp_path / "no" / "a": f"there is no folder {tmp_path / 'no'}",
             tmp_path / "s" / "a": "cannot be written: Not a directory",
             tmp_path / ("a" * 300): "cannot be written: File name too long",
         }.items():
