@@ -383,4 +383,4 @@ if __name__ == "__main__":
     except (ModelError, subprocess.CalledProcessError) as error:
         sys.exit(str(error))
     except KeyboardInterrupt:
-        sys.exit("interrupted: the same command goes on")
+        sys.exit("interrupted: run the same command again to resume")

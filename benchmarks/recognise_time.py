@@ -1,7 +1,7 @@
 """Accuracy against the ms that were seen: `python benchmarks/recognise_time.py --out FOLDER`.
 
 Each method learns from nine tenths of the recordings (`Recordings.folds`), and is asked about the first ms of the rest.
-What is done is kept in the folder, so the same command goes on after a kill; then it prints a table and writes
+Results are kept in the folder: run the same command again to resume. At the end it prints a table and writes
 `accuracy.png` there. `--method "hats:poker readout=svm"` measures one, with a preset and settings.
 
 `--stop` tells when to stop for an allowed error instead: networks, beginnings and rules are learnt from the same nine

@@ -68,7 +68,7 @@ def train(
     ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train an agent and write it to a file. The same command resumes from the last checkpoint after a kill."""
+    """Train an agent and write it to a file. Run the same command again to resume from the last checkpoint."""
     from neuro_agent import ActorCritic, environments
     from neuro_agent.training import BLOCK
 

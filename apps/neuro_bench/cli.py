@@ -57,7 +57,7 @@ def run_method(
         Option("--seeds", metavar="A,B,...", parser=seeds, help="Seeds of the method, each for all folds."),
     ] = "0",  # type: ignore[assignment]
     first_folds: Annotated[
-        int | None, Option("--first-folds", metavar="N", parser=at_least(1), help="Number of folds; by default all.")
+        int | None, Option("--first-folds", metavar="N", parser=at_least(1), help="First N folds; default: all.")
     ] = None,
     split_seed: Annotated[int, Option("--split-seed", metavar="N", min=0, help="Seed of random folds.")] = 0,
     threads: Annotated[int, Option("--threads", metavar="N", min=1, help="Number of threads.")] = 1,

@@ -42,7 +42,7 @@ Drive = Annotated[
 RewardAfter = Annotated[
     float | None,
     typer.Option(
-        "--reward-after", metavar="MS", parser=milliseconds, help="Delay of a reward after the spikes that earn it, ms."
+        "--reward-after", metavar="MS", parser=milliseconds, help="Check if eligibility lasts until a reward, in ms."
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]

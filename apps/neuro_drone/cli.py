@@ -65,7 +65,7 @@ PathKind = Annotated[
     typer.Option(
         "--path",
         metavar="varied|fixed",
-        help="A path of its own for each lap, or the scenario's for all (a replayed flight can complete it).",
+        help="varied: another path for each lap; fixed: the scenario's path, which a blind flight can complete.",
     ),
 ]
 PathSeed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of the varied paths.")]
@@ -91,7 +91,7 @@ def train(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Model file to write.")] = Path("model.h5"),
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train a controller from random starts and write its model. The same command resumes after an interruption."""
+    """Train a controller from random starts and write its model. Run the same command again to resume."""
     from neuro_drone.report import Bars, describe_training
     from neuro_drone.train import TrainingJob, apply_changes, side_by_side
 
@@ -123,7 +123,7 @@ def try_model(
     path: PathKind = "varied",
     seed: PathSeed = 0,
     learning: Annotated[
-        bool, typer.Option("--learning", help="Keep learning; the dopamine also steers and hides the learnt weights.")
+        bool, typer.Option("--learning", help="Keep learning: dopamine then steers, too, beside the weights.")
     ] = False,
     json: Json = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Folder for pictures.")] = None,

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 Asked = Annotated[
     list[Path], typer.Argument(metavar="REC", help="Recordings, folders or zips of class folders, HDF5 data sets.")
 ]
-Input = Annotated[str | None, typer.Option("--input", metavar="NAME", help="The population of the pixels.")]
-Output = Annotated[str | None, typer.Option("--output", metavar="NAME", help="The population of the classes.")]
+Input = Annotated[str | None, typer.Option("--input", metavar="NAME", help="Population that gets the recordings.")]
+Output = Annotated[str | None, typer.Option("--output", metavar="NAME", help="Population with a neuron per class.")]
 Decide = Annotated[str | None, typer.Option("--decide", metavar="WORD", help="Rule: counts, potential or first.")]
 Classes = Annotated[str | None, typer.Option("--classes", metavar="A,B,...", help="Names of the output's neurons.")]
 Duration = Annotated[
@@ -28,9 +28,9 @@ Duration = Annotated[
     typer.Option("--for", metavar="MS", parser=milliseconds, help="Duration per recording; default: to its end."),
 ]
 Labels = Annotated[bool, typer.Option("--labels", help="Report the accuracy, with class folders as the truth.")]
-Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Part of a data set, e.g. Test.")]
+Part = Annotated[str | None, typer.Option("--part", metavar="NAME", help="Part of a data set; default: all.")]
 Picture = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Draw the output in the first 24 recordings: .png, .pdf or .svg.")
+    Path | None, typer.Option(metavar="FILE", help="Draw the output for the first 24 recordings: .png, .pdf or .svg.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
@@ -53,8 +53,8 @@ def predict(
 ) -> None:
     """Show recordings to a network and print the class that it decides for each, with scores and energy.
 
-    Options that are left out come from the section 'readout' of the network's file, or from the network. With
-    --labels the command prints accuracy and confusion instead of a row for each recording.
+    If --input, --output, --decide, --classes or --for is left out, the section 'readout' of the file determines it, or
+    else the network. With --labels the command prints accuracy and confusion instead of a row for each recording.
     """
     from neuro import ModelError, load
     from neuro.apps import check_picture, find_backend, write_picture

@@ -48,7 +48,7 @@ Set = Annotated[
     Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Setting of the method, or of scenes or detection, instead of its default; repeatable.",
+        help="Setting of the method (see 'neuro recognise list METHOD'), the scenes or the detection; repeatable.",
     ),
 ]
 Json = Annotated[bool, Option("--json", help="Print the figures as JSON.")]
@@ -123,7 +123,7 @@ def train(
     force: Annotated[bool, Option("--force", help="Replace --out, if it comes from a different training.")] = False,
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Train a recogniser on labelled recordings and write its file. The same command resumes after an interruption."""
+    """Train a recogniser on labelled recordings and write its file. Run the same command again to resume."""
     from neuro_recognise.methods import method_of
     from neuro_recognise.recogniser import fit
     from neuro_recognise.telling.report import training_summary

@@ -31,7 +31,7 @@ Option = typer.Option
 Data = Annotated[Path, Option("--data", metavar="PATH", help="Recordings: a folder, zip or HDF5; for mse a .npz.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the recordings, such as Train.")]
 Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
-Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")]
+Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on; default: no test.")]
 Folds = Annotated[
     int | None, Option(metavar="N", parser=apps.at_least(2), help="Train N times, and test each part once.")
 ]
@@ -53,7 +53,7 @@ Out = Annotated[Path, Option("--out", metavar="FILE", help="Network file to writ
 Html = Annotated[Path | None, Option(metavar="FILE", help="HTML page to write; default: --out with .html.")]
 Search = Annotated[
     str | None,
-    Option("--search", metavar="A,B=1:2,...", help="Vary step, for, hidden, prune, ...; find accuracy by joules."),
+    Option("--search", metavar="A,B=1:2,...", help="Vary step, for, prune, ...; B=1:2 tries 1 and 2."),
 ]
 Budget = Annotated[int, Option(metavar="N", min=1, help="Number of networks that a search trains.")]
 

@@ -53,10 +53,10 @@ class TrainingPlan(Settings):
         ModelError: a value is invalid.
     """
 
-    input: str = setting("pixels", "", "population of the pixels", option="NAME")
+    input: str = setting("pixels", "", "population that gets the recordings", option="NAME")
     output: str = setting("out", "", "population with a neuron for each class", option="NAME")
     trainable: tuple[str, ...] = setting(
-        (), "", "projection whose weights learn, NAME=weight,delay, or POPULATION=tau_m,V_th; repeatable",
+        (), "", "what learns; default: all weights; NAME=weight,delay or POPULATION=tau_m,V_th; repeatable",
         kind="names", option="--learn NAME",
     )  # fmt: skip
     epochs: int = setting(60, "", "number of times that each recording is shown; 0 tests only", at_least=0, option="N")
@@ -64,7 +64,7 @@ class TrainingPlan(Settings):
     start: float = setting(0.0, "", "time of each recording before the used part, in ms", at_least=0, option="MS")
     scale: int = setting(1, "", "side of the square of pixels that share a neuron", at_least=1, option="N")
     window: str | None = setting(
-        None, "", "used part of a larger sensor: from this pixel, or 'centred' on each recording",
+        None, "", "used part of a larger sensor: column, row of its first pixel, or 'centred' on the events",
         kind="name", option="X,Y",
     )  # fmt: skip
     batch: int = setting(20, "", "recordings for each step of learning", at_least=1, option="N")

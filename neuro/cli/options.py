@@ -250,7 +250,7 @@ Set = Annotated[
     ),
 ]
 Backend = Annotated[
-    str, typer.Option("--backend", metavar="NAME", help="Simulator or chip of 'neuro backends', or a chip's table.")
+    str, typer.Option("--backend", metavar="NAME", help="Simulator or chip of 'neuro backends', or a chip's file.")
 ]
 Backends = Annotated[
     Any,

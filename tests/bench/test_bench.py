@@ -215,7 +215,7 @@ def test_folds_that_are_done_are_kept(tmp_path, failing):
 
 
 def test_an_unfinished_run_is_no_result_to_compare(bench, tmp_path, monkeypatch, failing):
-    """What it leaves is not among `bars-random-*.json`, and the same command goes on behind it."""
+    """What it leaves is not among `bars-random-*.json`, and the same command resumes behind it."""
     fitted = failing(neuro.ModelError("it fails"))
     monkeypatch.chdir(tmp_path)
     bench("run", "bars", "--method", "majority")

@@ -55,7 +55,7 @@ Sensor = Annotated[
         "--sensor",
         metavar="WxH",
         parser=sensor,
-        help="Sensor size, px. Default: as in the file, else the smallest that fits.",
+        help="Sensor size in px. Default: that of the file, else the smallest that contains all events.",
     ),
 ]
 

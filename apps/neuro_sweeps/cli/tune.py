@@ -62,7 +62,7 @@ tune, _folder = commands_of(
         "Run trials up to the number in the file. Run the same command again to continue an interrupted search.",
         "Print the numbers of trials that are done, failed, pruned and left, the best so far, and errors.",
         "Write an HTML page about a search so far: best trials, front, all trials, and errors.",
-        "Do only the I-th of N shares of the trials, for array jobs.",
+        "Do only the I-th of N shares of the trials, I from 1 to N (0 means N), for array jobs.",
         _table_of,
         lambda table: f"{table.plan.most:,} trials by {table.plan.sampler}",
         _details,
