@@ -53,7 +53,7 @@ Out = Annotated[Path, Option("--out", metavar="FILE", help="Network file to writ
 Html = Annotated[Path | None, Option(metavar="FILE", help="HTML page to write; default: --out with .html.")]
 Search = Annotated[
     str | None,
-    Option("--search", metavar="A,B=1:2,...", help="Vary step, for, prune, ...; B=1:2 tries 1 and 2."),
+    Option("--search", metavar="A,B=1:2,...", help="Vary A and B (1 and 2): accuracy by joules."),
 ]
 Budget = Annotated[int, Option(metavar="N", min=1, help="Number of networks that a search trains.")]
 
@@ -79,7 +79,7 @@ def train(
     threads: Threads = 1,
     set: apps.Set = [],  # noqa: B006
 ) -> None:
-    """Train a network on recordings, test the result, and save the network; after a kill the same command continues."""
+    """Train a network on recordings, test it and save it. Run the same command again to resume."""
     import neuro
     from neuro import ModelError
 

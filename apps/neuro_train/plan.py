@@ -56,7 +56,7 @@ class TrainingPlan(Settings):
     input: str = setting("pixels", "", "population that gets the recordings", option="NAME")
     output: str = setting("out", "", "population with a neuron for each class", option="NAME")
     trainable: tuple[str, ...] = setting(
-        (), "", "what learns; default: all weights; NAME=weight,delay or POPULATION=tau_m,V_th; repeatable",
+        (), "", "projection to learn, NAME=weight,delay or POPULATION=tau_m,V_th; default: all weights; repeatable",
         kind="names", option="--learn NAME",
     )  # fmt: skip
     epochs: int = setting(60, "", "number of times that each recording is shown; 0 tests only", at_least=0, option="N")
