@@ -103,6 +103,10 @@ def train(
         apps.Clock(net.resolution).step(plan.duration, "--for")
     if folds and test is not None:
         raise ModelError("--folds and --test: expected one of them", hint="--folds tests on held-out recordings")
+    if html is not None and (folds or search):
+        raise ModelError(
+            f"--{'folds' if folds else 'search'} and --html: expected one of them", hint="a page shows one training"
+        )
     _check_before(net, plan, backends if folds or test else [], out, html)
     learnt_from, unseen = leaving_out(recordings(data, part=part), without), None
     held_out = None if test is None or search else recordings(test, part="Test", classes=learnt_from.classes)
