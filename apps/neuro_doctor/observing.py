@@ -19,7 +19,7 @@ READS = 200
 BRIEF = 0.01
 """Share of the run below which a generator counts as brief, e.g. since its `stop` is in seconds instead of ms."""
 UNEVEN = 3.0
-"""Variance over mean of spike counts between readings above which activity varies; independent neurons have <= 1."""
+"""Ratio above which activity varies: variance over mean of the spikes between readings. Independent neurons: <= 1."""
 FEW = 0.5
 """Mean spikes per neuron below which a brief input is not a volley that starts a network."""
 BIN_MS = 1.0
@@ -31,7 +31,7 @@ class PopulationRecord:
     """The record of a population.
 
     Attributes:
-        spikes, events: spikes of each neuron with and without multiplicity.
+        spikes, events: spikes of each neuron; in `events` several spikes in one step count once.
         bins: spikes in each bin of time.
         ids: the sampled neurons.
         steps, rows: spikes of the sampled neurons: the step, and the index in `ids`.
@@ -74,7 +74,7 @@ class Observation:
         bin: steps per bin.
         populations: records of the populations.
         learning: records of the projections that learn, by index of the projection.
-        idle: indices of generators without spikes of their own, which a program or a stream feeds.
+        idle: indices of generators without spikes of their own, which the user's code or a stream feeds.
         driven: the idle generators that were driven in this run.
         unstable: message about a state that became NaN or infinite; "" if all are finite.
         counts: counts of the engine.
@@ -131,7 +131,7 @@ class Observation:
 
 
 def idle_inputs(program: Program) -> set[int]:
-    """Return the indices of spike generators that emit no spikes unless a program feeds them."""
+    """Return the indices of spike generators that emit no spikes unless the user's code feeds them."""
     return {k for k, part in enumerate(program.populations) if _is_idle(part)}
 
 

@@ -13,8 +13,8 @@ from neuro_doctor.findings import Finding, fault, warning
 from neuro_doctor.wiring import Wiring, is_short_term
 
 STRONG = 10.0
-"""Effect of one spike, in distances from rest to threshold, above which the unit of its weight is doubted. Relays need
-1; trained networks have a few."""
+"""Effect of one spike above which the unit of its weight seems wrong. A value of 1 is the distance from rest to
+threshold. Relays have an effect of 1, trained networks of a few."""
 WEAK = 1e-3
 """Effect of one spike, as a share of the distance from rest to threshold, below which the unit of its weight is
 doubted, unless all inputs together reach the threshold: many small effects can drive a neuron, too."""
@@ -198,7 +198,7 @@ def _one_way(part: Projection) -> Iterator[Finding]:
 
 
 def _both_potentiate(part: Projection) -> Iterator[Finding]:
-    """Yield a finding about an A_minus with the sign of another tool, with which both orders of a pair potentiate."""
+    """Yield a finding about an A_minus below 0, as Brian writes it: here both orders of a pair then potentiate."""
     values, rule = part.synapse.parameters(), part.synapse
     if rule.learns != "pairs" or rule.identity() or not {"A_plus", "A_minus"} <= values.keys():
         return
@@ -247,7 +247,7 @@ def _eligibility(program: Program, part: Projection, reward_after: float | None)
 
 
 def _copies(program: Program, part: Projection) -> Iterator[Finding]:
-    """Yield a finding about maps or neurons in trials that begin with equal weights, so they always learn the same."""
+    """Yield a finding about maps or neurons with equal first weights: in trials they always learn the same."""
     target = program.populations[part.target]
     several = target.shape[0] > 1 if part.grid is not None else target.size > 1
     rule = part.synapse

@@ -276,7 +276,7 @@ class Wiring:
         return (0, 1.0), (second, 1.0)
 
     def pushes(self, projection: int) -> tuple[float, float]:
-        """Return the sums of a projection's excitatory (>= 0) and inhibitory (<= 0) weights, in their unit."""
+        """Return two sums in the unit of the weights: of excitatory weights, >= 0, and of inhibitory weights, <= 0."""
         if projection not in self._pushes:
             self._pushes[projection] = self._sums(projection)
         return self._pushes[projection]
@@ -303,7 +303,7 @@ class Wiring:
         return begin | self._after(begin, lambda q: self.may_excite(q) or (not excite and self.pushes(q)[1] < 0.0))
 
     def _after(self, begin: Iterable[int], passes: Callable[[int], bool]) -> set[int]:
-        """Return the populations that are reached from some populations through the projections that pass."""
+        """Return the populations that some populations reach through projections for which `passes` holds."""
         reached, new = set[int](), list(begin)
         while new:
             targets = {self.program.projections[q].target for q in self.out_of(new.pop()) if passes(q)} - reached

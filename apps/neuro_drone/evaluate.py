@@ -25,7 +25,8 @@ class Start:
     """The start of a lap.
 
     Attributes:
-        error: initial error on each axis: ball px, px, and px of its height in the picture; line px and degrees.
+        error: initial error on each axis. Ball: px on both axes of the picture, then px of the ball's height if the
+            drone climbs. Line: px, then degrees.
         direction: direction of the line, 1 anticlockwise or -1 clockwise; 0 for a ball.
         path: variation of the scenario's path.
     """

@@ -34,11 +34,11 @@ TEST_EVERY = 2000
 """Steps of training between two tests of frozen weights."""
 
 FLIGHTS, FLIGHT_STEPS = 2, 60
-"""Flights of a test, and steps of a flight: a sixteenth of the training steps. In the first half of a flight, the drone
-approaches the target."""
+"""Flights of a test, and steps of a flight. All tests add a sixteenth to the steps of a training. In the
+first half of a flight, the drone approaches the target."""
 
 TEST_SEED = 2_000_016
-"""Seed of starts, paths and noise: the same in every test, other than in a training and in `neuro drone test`.
+"""Seed of starts, paths and noise, the same in every test. A training and `neuro drone test` use other seeds.
 
 The value is the first seed >= 2,000,000 with which the two balls start in opposite quarters of the picture, more than
 25 px off on each axis, and the two lines on opposite sides, more than 10 px off, one in each direction.
@@ -100,8 +100,8 @@ def train(
             value in the network's world, else `EPISODES`.
         seed: seed of everything random, also of the starts.
         settings: settings of the controller by name.
-        out: file of the model. A checkpoint is written beside it; the same call continues from the checkpoint to the
-            same bits. A complete training is loaded instead of repeated.
+        out: file of the model. A checkpoint is written beside it. After an interruption the same call continues from
+            the checkpoint, and the model has the same bits. A complete training is loaded instead of repeated.
         report: called with the progress after each episode.
 
     Raises:
@@ -320,7 +320,7 @@ def pilot(model: Path | None, scenario: str | None, controller: str | None, text
 
     Args:
         model: file of the model.
-        scenario: scenario of the flights; default the model's, without a model B60.
+        scenario: scenario of the flights; default the scenario of the model, or B60 if there is no file.
         controller: name of the controller, if there is no file.
         texts: changes, see `apply_changes`; with a model only changes of the scenario.
 

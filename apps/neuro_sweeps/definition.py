@@ -85,7 +85,7 @@ class Runs:
 
     @cached_property
     def key_prefix(self) -> str:
-        """All inputs of a run but point and seed as text, for `key_of`."""
+        """All inputs of a run, except point and seed, as text for `key_of`."""
         return json.dumps({"run": self.identity, "version": 1}, sort_keys=True)
 
     @cached_property
@@ -121,8 +121,8 @@ class Runs:
         """Check the names, and the first point of a sweep, before the first run.
 
         Raises:
-            ModelError: a parameter or a metric is unknown, a value is out of bounds, or the run has not what the plan
-                of a search needs.
+            ModelError: a parameter or a metric is unknown, a value is out of bounds, or the plan of a search has a
+                word that this kind of run cannot use.
         """
         point, points = self.items[0].point if self.items else {}, self.points
         if isinstance(points, SearchPlan):
@@ -135,7 +135,7 @@ class Runs:
 
 
 def run_from_dict(what: Mapping[str, Any]) -> Run:
-    """Return the run for the data in the file of a folder that this user began. The data may name any code."""
+    """Return the run for the data in a folder's file. The data may name any code, so this user must have begun it."""
     kinds: dict[str, Any] = {"network": NetworkRun, "function": FunctionRun}
     run: Run = kinds[what["kind"]].from_dict(what)
     return run

@@ -107,7 +107,7 @@ class NetworkRun:
                 raise ModelError(f"{name}: {what}: expected the unchanged file", hint="use a new folder")
 
     def check(self, point: Mapping[str, Any], seeded: bool) -> None:
-        """Check a point before the first run. Networks run with and without seeds.
+        """Check a point before the first run. `seeded` is ignored, since a network runs with and without a seed.
 
         Raises:
             ModelError: a parameter or a metric is unknown, or a value is invalid.

@@ -1,6 +1,6 @@
 """The conversion of `stdp`, its variants and `stdp_dopa` to the programs of SpiNNaker's plastic synapses.
 
-A weight w of the language is w g in the unit of the machine, nA or mV, where g is the constant factor of the words.
+A weight w of a description becomes w g on the machine, in nA or mV. The factor g is constant for all synapses.
 Additive amplitudes are absolute on the machine: A_plus = lambda Wmax g. Amplitudes of triplets are multiplied by Wmax.
 
 The delay register of `iaf_psc_exp` is one step longer than the delay, and post spikes of the machine reach a synapse
@@ -8,9 +8,9 @@ after that register. The spikes of each pair are therefore one step further apar
 / tau_plus) and A_minus exp(-h / tau_minus) compensate for the step, so that the windows equal those of the float model.
 
 Dopamine of 1/tau_n becomes a synapse of concentration k 2^-11, and an eligibility of 1 becomes m units of a word. The
-rule determines the product k m, and events round both factors down. Rounding of dopamine moves weights down; rounding
-of the eligibility slows learning. A signal, whose sources are chosen here, therefore gets nearly all of the product as
-k. Spikes, which release one concentration, get its square root.
+rule determines the product k m, but not its factors. Events round both factors down. Rounding of dopamine moves weights
+down; rounding of the eligibility slows learning. For a signal, whose sources are chosen here, k is therefore as large
+as possible and m is small. For dopamine by spikes, which release one concentration, k and m are equal.
 """
 
 from __future__ import annotations
@@ -101,8 +101,9 @@ class MappedRule:
     Attributes:
         rule: the rule.
         approximations: differences from the float model, one sentence each.
-        update: smallest nonzero change of a weight by one pair in units of a word; with dopamine the change by the
-            larger side and dopamine of 1/tau_n, or the largest dopamine.
+        update: smallest nonzero change of a weight by one pair, in units of a word. With dopamine: the change for the
+            larger of A_plus and A_minus, for dopamine of 1/tau_n (spikes) or the largest dopamine (signal); at most
+            the units of the eligibility of a pair, and of dopamine.
         n_scale: dopamine in 1/ms per unit in s4.11.
     """
 
@@ -297,7 +298,7 @@ BITS = 5
 LEVELS = 2**BITS - 1
 """Largest sum of the units of all sources."""
 PAIR_WORDS, PAIR_PARTS = 4.0, 16.0
-"""Least eligibility of one pair, in units of a word and in s16.15, if a signal sets dopamine."""
+"""Two lower bounds of the eligibility of one pair, for dopamine by a signal: units of a word, and units of s16.15."""
 ROOM = 16
 """Number of pairs, or of dopamine spikes, that a word or a trace can hold."""
 

@@ -53,8 +53,8 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         sends: known number of axons out of each neuron.
         limits: limits of NEURONS, AXONS, MEMORY and EDGES.
         load: present load of this core, by the columns above.
-        marks: core and count (core << 32 | count) of each line, core of each source, longest row and its core of each
-            projection, and the lines that reach this core.
+        marks: for each line its core and count (core << 32 | count); for each source its core; for each projection
+            its longest row, and the core of that row; and the lines that reach this core.
     """
     ends, line, first, source_of, projection_of, all_bits, forms, sources = graph
     mark, source_core, longest, row_core, lines = marks

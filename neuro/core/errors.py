@@ -47,7 +47,7 @@ class ModelError(ValueError):
         where: place in the YAML file or the Python source, if known.
         hint: nearest valid name, or what to do; "" if none.
         path: words (and positions in lists) that lead to the value inside the part, e.g. `("initial", "V_m", "3")`.
-        kind: code for programs, e.g. `"unit"`, `"unknown population"`, `"unknown word of"`; "" if no program needs one.
+        kind: code for programs, e.g. `"unit"` or `"unknown population"`, see `unknown`; "" if no program needs one.
         found: the unknown name, or the name that lacks a value; "" if none.
         expected: known names, sorted.
         suggestion: nearest known name; "" if none is near.
@@ -105,9 +105,10 @@ class ModelError(ValueError):
 def unknown(
     what: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
 ) -> ModelError:
-    """Return the error for an unknown name; the error's `kind` is "unknown " and `what` up to and including " of".
+    """Return the error for an unknown name.
 
-    The message begins with a part that `what` quotes, as in "filter 'tar': unknown parameter 'tua'".
+    For `what` = "population" the error's `kind` is "unknown population". For "parameter of filter 'tar'" the kind is
+    "unknown parameter of", and the message begins with the part: "filter 'tar': unknown parameter 'tua'".
     """
     names, (head, separator, part) = tuple(sorted(known)), what.partition(" of ")
     return ModelError(

@@ -57,7 +57,8 @@ class Registry(Mapping[str, T], Generic[T]):
         group: group of entry points of installed packages.
         name: function that returns the name of a part.
         complete: function that returns a third-party part if it has all needed functions, and else raises `TypeError`.
-            It is called at the first use of the part, since a decorator sees a class before the functions below it.
+            It is called at the first use of the part: when a decorator registers a class, functions that follow the
+            class in its module are not defined yet.
     """
 
     def __init__(

@@ -92,7 +92,7 @@ class ClosedLoop:
         return episodes | {"rewards": np.array(self.rewards), "actions": np.array(self.actions)}
 
     def results(self, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False) -> Results:
-        """Return the results of the present block, with the episodes of all, and the data for `neuro rerun`."""
+        """Return the results of the present block, with the episodes of all blocks, and the data for `neuro rerun`."""
         pilot = self._network_pilot("results")
         made = collect(self.sim, pilot.net, threads=threads, record=record, all_weights=all_weights)
         made.world.update(self.recorded())
@@ -103,7 +103,7 @@ class ClosedLoop:
         return made
 
     def network(self, frozen: bool = False) -> Network:
-        """Return the network with the present weights, with `frozen` also with static synapses and no signals."""
+        """Return the network with the present weights. If `frozen`, its synapses are static, and it has no signals."""
         pilot = self._network_pilot("network")
         return pilot.copies[0].network(frozen=frozen)
 

@@ -58,7 +58,7 @@ class Copies:
         self._advance(steps, forget=False)
 
     def _advance(self, steps: int, forget: bool) -> None:
-        """Run all copies; `forget` drops earlier records, or records nothing."""
+        """Run all copies. With `forget`, earlier records are dropped, or the steps of this call are not recorded."""
         if self._joined.plain:
             self._joined.advance(steps, forget)
             return
@@ -80,7 +80,9 @@ class Copies:
         self._signals[index].set(values)
 
     def clear(self, of: Projection | str, which: ArrayLike | None = None) -> None:
-        """Set the states of the synapses of a projection that learns by moves to 0, as at the end of an episode.
+        """Set the states of the synapses of a projection to 0, as at the end of an episode.
+
+        Its rule must learn from the moves of an agent (`learns` is "moves").
 
         Args:
             of: the projection.

@@ -116,7 +116,7 @@ class RunningNetwork:
         self._records.check_room(steps)
 
     def _refuse_changed(self) -> NoReturn:
-        """Raise an error for a part added after compilation, since a file would contain a network that did not run."""
+        """Raise an error for a part added after compilation: it does not run, but files of results would contain it."""
         added = self._net.latest
         subject = f"{added.word} '{added.name}' was" if isinstance(added, Part) else "trials were"
         origin = getattr(added, "origin", self._net.trials_origin)

@@ -252,7 +252,7 @@ class TrialLoop:
         return {q: self.engine.get_synapses(q, "weight") for q in self.by_dopamine}
 
     def _start_on_grid(self, weights: Mapping[int, Floats]) -> None:
-        """Advance to the next step of dopamine's grid, which counts from the beginning of a trial, without learning.
+        """Advance without learning to the next step of dopamine's grid (`deliver_interval`), where a trial may begin.
 
         Args:
             weights: weights to restore in any case, by projection.
@@ -338,7 +338,9 @@ class TrialLoop:
         return array
 
     def _dropout(self, samples: ArrayLike | None, n: int, epoch: int) -> Bools:
-        """Draw the maps that are silenced in each trial. Each sample has a draw, counted over all samples that taught.
+        """Draw the maps that are silenced in each trial. Each sample has a draw.
+
+        The draws are numbered by the samples presented with learning.
 
         A new sample begins where its number or the epoch changes.
         """

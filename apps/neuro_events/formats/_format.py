@@ -103,11 +103,11 @@ class Seeker(Reader, Protocol):
     """A reader that can start at a later time in a file on disk or in memory. For other sources `stream` reads all."""
 
     def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
-        """Yield the pieces of `pieces` without some at the beginning.
+        """Yield pieces as `pieces` does, but omit pieces before a time where the file allows it.
 
         Args:
             block: see `pieces`.
-            start_us: in an intact file all events of the omitted pieces are earlier than this time, us.
+            start_us: the time, us. In an intact file all omitted events are earlier.
 
         Raises:
             Damage: see `pieces`, for the part that is read.
@@ -320,7 +320,7 @@ class Limits(NamedTuple):
     """Range of times and positions that a format can store.
 
     Attributes:
-        times: end of the range of times, us, exclusive; the range begins at 0. 0: no end.
+        times: first time that is too late, us; 0 if there is none. Times below 0 cannot be stored.
         columns: number of columns.
         rows: number of rows; 0: as many as columns.
         reserved: a row with another meaning; -1: none.

@@ -94,7 +94,7 @@ class _Bag:
                     yield buffer.piece()
                     n_bytes = 0
         except Damage as original:
-            damage = Damage(original.what, original.offset)  # a copy without frames, which would keep the file open
+            damage = Damage(original.what, original.offset)  # a copy without traceback, which would keep the file open
         yield buffer.piece()
         self.metadata["topics"] = sorted(others)
         if damage is not None:
@@ -220,7 +220,7 @@ def _unpacked(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
 
 
 class Ros2Bag(_Bag):
-    """A reader of ROS 2 bags. Bytes of messages are unknown, since another library reads the file."""
+    """A reader of ROS 2 bags. Positions of messages in the file are unknown, since another library reads it."""
 
     cdr = True
 

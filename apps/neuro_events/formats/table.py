@@ -7,16 +7,16 @@ the columns and may state the unit of time, as in `_columns`. Polarities may als
 
 A comma is a decimal point if semicolons separate the columns, or if spaces or tabs separate numbers with commas.
 
-Without names the first 64 KiB decide the order of the columns: coordinates are whole, polarities are 0 or 1 (or -1
-and 1), x precedes y, and the most likely of the possible orders is chosen, t x y p first. For a time that runs back or
-is constant in that order, see `_columns.order_of`.
+Without names the first 64 KiB decide the order of the columns. An order is possible if coordinates are whole,
+polarities are 0 or 1 (or -1 and 1), and x precedes y. Of several possible orders the most likely is chosen, t x y p
+before all others. For a time that runs back or is constant in that order, see `_columns.order_of`.
 
 Times are us if all of them are whole in the first 64 KiB. Times with a fraction are seconds (as in the RPG's
 ``events.txt``), and so are times with a decimal point or an exponent if the coordinates have none. Seconds are rounded
-to the nearest us. A fraction after whole us is an error.
+to the nearest us. If these times are whole, a later time with a fraction is an error.
 
-A place in the file's format states what the file does not: ``csv:xytp`` the order of the four columns, ``csv:s`` the
-unit of time (s, ms, us, ns), ``csv:xytp:ms`` both.
+The user may state what the file does not, after a colon in the name of the format (the "place"): ``csv:xytp`` states
+the order of the four columns, ``csv:s`` the unit of time (s, ms, us, ns), ``csv:xytp:ms`` both.
 
 The writers produce a comment with the sensor, the names, and lines ``t,x,y,p`` in us. In TXT the names are a comment,
 and spaces separate the columns, so that ``numpy.loadtxt`` reads the file. Metadata are not stored.

@@ -99,7 +99,7 @@ MARK = "Written by neuro for a microcontroller"
 
 _POINTER = 4
 _INPUTS = -1
-"""Key of the sums of all inputs, which are poured together."""
+"""Key of the sums of all inputs, which are added to the rings together. Other keys are indices of populations."""
 _STEP = "uint32_t NAME_step(const NAME_event *events, uint32_t n, NAME_event *out)"
 
 _TRIAL = "/* Begin a trial: drop spikes that have not arrived, and reset the states of the output. */"
@@ -112,7 +112,7 @@ class Dopamine(NamedTuple):
         call: C function that sets the signal.
         one: integer that stands for 1/ms.
         size: number of neurons that receive the signal.
-        largest: an integer beyond the largest dopamine.
+        largest: integer beyond the largest level of dopamine of all projections.
     """
 
     call: str
@@ -132,7 +132,8 @@ class Source:
         flash: bytes of the constant tables.
         ram: bytes of the states.
         firsts: index of the first neuron of each population among all neurons, then the number of all neurons.
-        states: registers in the digest of all states, by population or plastic projection, in order.
+        states: names of the registers that the digest of all states reads, by population or plastic projection. The
+            digest has this order.
         signals: signals that a program sets, by name.
     """
 
@@ -302,7 +303,7 @@ class _Writer:
         return delivery.lines(self._learning[q].word if q in self._learning else "")
 
     def _sum_offsets(self) -> dict[int, int]:
-        """Return the offsets in the array `sums` of projections whose sums are shifted or wrapped as a whole.
+        """Return the offsets in the C array `sums`, for projections whose sum over a step is shifted or wrapped as one.
 
         Sources are stepped one after the other, so all use the same part of the array.
         """
@@ -417,7 +418,7 @@ class _Writer:
         return signals, code, declarations
 
     def _digest(self, stepped: dict[int, StepCode]) -> list[str]:
-        """Return the function that tests call: digests of all states after a step, and of its spikes."""
+        """Return the C function for tests of the export, which returns digests of states and spikes after a step."""
         lines = ["uint64_t sum = 0;", "uint32_t place = 0;"]
         for k, part in stepped.items():
             size = self._cells[k].size

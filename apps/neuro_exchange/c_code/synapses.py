@@ -1,7 +1,8 @@
 """Projections as C: a function that sends a spike of neuron i, and the products of Loihi's learning engine.
 
-At the end of an epoch all plastic synapses are visited that a spike or a product with u_k may change. Random rounding
-draws by the same keys as the emulated chip, see `backends/neuro_chip/learning.py`.
+At the end of an epoch, the code visits each plastic synapse that may change: by a spike of the epoch, or by a product
+of the rule that needs no spike (u_k). Random rounding draws by the same keys as the emulated chip, see
+`backends/neuro_chip/learning.py`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from neuro_exchange.c_code.arrays import TYPES, Memory, narrowest, number, scale
 from neuro_exchange.c_code.cells import Cells, function, indented
 
 _LEVELS = 256
-"""Upper bound of a signal's integers per unit of a trace, for the projection with the finest unit."""
+"""Upper bound of the integers of a signal that stand for one unit of a trace. If several projections learn from the
+signal, the bound is that of the smallest unit."""
 
 
 class Delivery:
@@ -266,8 +268,8 @@ class Learning:
     def dopamine_statements(self, one: int) -> list[str]:
         """Return the statements that set the dopamine of neuron i to values[i] / `one` in 1/ms.
 
-        A table with the smallest integer that is rounded to each of the 127 values of a trace gives the rounding of the
-        emulator without a division.
+        The emulator divides and rounds. Here a table has, for each value 1 to 127 of a trace, the smallest integer that
+        is rounded to it, so no division is needed.
         """
         scale, q, n, most = self._wires.n_scale, self._q, self._targets, loihi_rule.TRACE_MAX
         units = np.rint(np.arange(math.ceil(most * scale * one) + 1) / one / scale)
