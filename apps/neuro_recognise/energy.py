@@ -125,7 +125,7 @@ def bills(result: Tried, targets: Iterable[str]) -> Priced:
 
 
 def counted(priced: Priced) -> dict[str, float]:
-    """Return the mean counts per recording, which do not depend on the target; frames if recordings run as trials."""
+    """Return the mean counts per recording, which do not depend on the target. Trials are counted as `frames`."""
     sim, trials = priced.run
     counts = trials.counts
     inputs = [name for name, part in sim.network().populations.items() if isinstance(part.model, neuro.spike_generator)]

@@ -28,7 +28,7 @@ PAGE = sealed("a page of 'neuro train'", '<meta name="generator" content="neuro 
 HEAD = ("runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">first spike")
 TARGETS = ("runs on", ">R2", ">largest difference")
 SHARE = "right", "R2"
-"""Names of the curve "right" with labels, and with targets."""
+"""Titles of the curve "right": of a training with labels, and of a training with targets."""
 BILLS = ("runs on", *COLUMNS)
 JOULES = (
     "Joules and chip time are means over recordings: counts times published figures, with the range of the figures in "

@@ -57,7 +57,7 @@ def chip_of(target: str) -> Chip | None:
 def rooms(net: neuro.Network, target: str, samples: BatchData, plan: TrainingPlan) -> list[MemoryRoom]:
     """Return the room in a chip's registers, with scales that leave some.
 
-    A chip chooses the finest scale that its threshold allows, with which the sum of all synapses may overflow. Here
+    By default the scale is the finest that the threshold allows, but then the sum of all synapses may overflow. Here
     the scale is halved until the largest sum of the learnt recordings fits `MARGIN` times, or a weight would lose a
     bit.
 

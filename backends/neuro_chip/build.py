@@ -175,7 +175,7 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
         if kind >= t.RELAY:
             slots = slots_of(fixed, k)
             pops[k, [t.RING, t.SLOTS, t.ARRIVED, t.LATE]] = ring, slots, arrived, _extra_steps(fixed, k)
-            # A relay needs one slot, but has two for the sake of snapshots of earlier versions.
+            # A relay needs one ring, but has two, so that snapshots of earlier versions fit.
             ring += slots * part.size * (2 if kind == t.RELAY else arithmetic.receptors)
             arrived += slots
             pops[k, t.PLANES] = len(planes)

@@ -105,8 +105,8 @@ class Stepper:
     Gradients flow to `weights`, `parameters`, inputs that require them, and, through time, to all spikes. The gradient
     of a spike is derivative(x) / (V_th - V_reset) per mV, at x = (V_m - V_th) / (V_th - V_reset) before the reset. V_m
     and V_th are the values that the model compares, also if a threshold adapts. The gradient is 0 while the neuron is
-    refractory. A reset has no gradient, since V_m before the spike no longer matters. Poisson generators and neurons
-    that draw are keyed by step, so all recordings of a batch share one draw.
+    refractory. A reset has no gradient, since V_m before the spike no longer matters. Random numbers of
+    generators and neurons depend on the step, not on the recording, so all recordings of a batch share them.
 
     Attributes:
         now: the last finished step.
@@ -239,7 +239,7 @@ class Stepper:
         return self.versions[projection][-1][1]
 
     def set_weights(self, projection: int, weights: Tensor) -> None:
-        """Replace the weights of spikes not yet sent; neurons send the spikes of the last step with the new weights."""
+        """Set the weights of spikes that are not sent yet. These include the spikes of neurons in the last step."""
         part = self.program.projections[projection]
         since = self.now + 1 if self.now and self.program.sends_at_once(part) else self.now
         versions = [version for version in self.versions[projection] if version[0] < since]
@@ -348,11 +348,11 @@ class Stepper:
 
 
 Versions = list[tuple[int, Tensor]]
-"""Pairs of the first step whose spikes are sent with some weights, and the weights."""
+"""Weights over time: pairs of a first step, and the weights of all spikes that are sent from this step on."""
 
 
 def _intervals(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
-    """Yield the first step whose spikes are sent with some weights, the first that are not, and the weights."""
+    """Yield for each version the first step of its use, the first step after its use, and the weights."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
 

@@ -10,7 +10,7 @@ after that register. The spikes of each pair are therefore one step further apar
 Dopamine of 1/tau_n becomes a synapse of concentration k 2^-11, and an eligibility of 1 becomes m units of a word. The
 rule determines the product k m, but not its factors. Events round both factors down. Rounding of dopamine moves weights
 down; rounding of the eligibility slows learning. For a signal, whose sources are chosen here, k is therefore as large
-as possible and m is small. For dopamine by spikes, which release one concentration, k and m are equal.
+as possible and m is small. For dopamine by spikes, which release one concentration, k and m are about equal.
 """
 
 from __future__ import annotations

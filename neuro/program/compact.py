@@ -42,8 +42,8 @@ class SynapseBlock:
     """Synapses of a projection onto some neighbouring targets.
 
     Attributes:
-        row_ends: source i has the synapses row_ends[i] : row_ends[i + 1], with targets ascending. The single block of a
-            projection has the order of the projection.
+        row_ends: source i has the synapses row_ends[i] : row_ends[i + 1], with targets ascending. If a projection has
+            only one block, the block has the order of the projection.
         targets, weight, delay: as in `Projection`, in the types in which they are stored.
     """
 
@@ -94,7 +94,7 @@ class CompactProjection(Projection):
         """Return a projection whose synapses stay in blocks until the first read in order.
 
         Args:
-            part: the other properties. Its targets and delays are empty, and its weights unless shared.
+            part: the other properties. Its targets and delays are empty. Its weights are empty, too, unless shared.
             blocks: the synapses, in the order of their targets.
             join: function that joins blocks and puts the synapses in order.
         """
@@ -120,7 +120,7 @@ class CompactProjection(Projection):
 
     @property
     def blocks(self) -> tuple[SynapseBlock, ...]:
-        """The synapses in blocks as drawn, or in order as one block."""
+        """The synapses: the blocks as drawn until the first read, afterwards one block in the projection's order."""
         return self._blocks or (SynapseBlock(self.row_ends, *self.stored()),)
 
     def stored(self) -> StoredSynapses:
@@ -169,7 +169,7 @@ class CompactProjection(Projection):
 
 
 class SharedProjection(Projection):
-    """A projection of one of several shares, with the number of synapses of each source in the smallest type.
+    """The share of a projection in one of several processes, with the synapses per source counted in the smallest type.
 
     A share has few synapses of each source but a row for each source. `row_ends` returns a new array of the usual type
     at each access.

@@ -145,7 +145,7 @@ def dopamine_by_signal(start: Start) -> Found:
 
 @case
 def dopamine_by_spikes(start: Start) -> Found:
-    """stdp_dopa with the spikes of a population, with a baseline that n crosses; weights reach both bounds."""
+    """stdp_dopa with the spikes of a population, with a baseline that n crosses, and weights clipped to bounds."""
     rule = stdp_dopa(dopamine="dopa", b=0.02, tau_c=300.0, tau_n=40.0, Wmin=40.0, Wmax=80.0, dopamine_delay=1.2)
     net = learner(rule, fixed_indegree(n=4), uniform(low=0.5, high=3.0))
     net.population("dopa", 2, poisson_generator(rate=40.0))

@@ -12,8 +12,8 @@ from neuro_exchange.nir.cells import SNNTORCH_STEP, Unsupported
 from neuro_exchange.nir.graph import Floats
 
 ENDLESS = 1e12
-"""Time constant in seconds that stands for no leak in tools without IF. In double
-precision, 1 - step / ENDLESS is 1."""
+"""Time constant in seconds that stands for no leak in tools without IF. A step of 1 ms is 1e-15 of it,
+near the rounding error of a double."""
 
 READOUT = "Output"
 """Type of neurons that have no memory and never fire."""
@@ -34,8 +34,7 @@ class ScaledNode:
         fields: fields of the node, one element per neuron.
         factor: factor from a weight here to a weight of NIR, one element per neuron.
         bias: bias of NIR that equals the population's own constant current `I_e`.
-        per_pa: bias of NIR per pA. None for CubaLIF: its bias passes through the synapse, but
-            currents of generators here do not.
+        per_pa: bias of NIR per pA. None for CubaLIF: its bias passes through the synapse, but currents here do not.
         how: description for the verdict.
     """
 

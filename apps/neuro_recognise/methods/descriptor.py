@@ -180,9 +180,9 @@ def last_surfaces(
 ) -> None:
     """Add time surfaces to cells: exp(-age / tau) of the last event of the same polarity at each pixel around an event.
 
-    t: int64[n]; x, y: uint16[n]; p: uint8[n]; last: int64[2, height + 2 radius, width + 2 radius], long ago without an
-    event; sums: float64[rows, columns, 2, side, side]; counts: int64[rows, columns]. The surface of an event includes
-    the event itself.
+    t: int64[n]; x, y: uint16[n]; p: uint8[n]; last: int64[2, height + 2 radius, width + 2 radius], time of the last
+    event, or `NEVER`; sums: float64[rows, columns, 2, side, side]; counts: int64[rows, columns]. The surface of an
+    event includes the event itself.
     """
     side = sums.shape[3]
     radius = side // 2

@@ -473,8 +473,9 @@ class HFirst(Method, HFirstSettings):
     def host(self, features: Features, spikes: int) -> tuple[HostWork, ...]:
         """Return the operations outside of the network.
 
-        The noise filter takes the newest of 8 neighbours, a difference and a comparison for each event, and a tick 3
-        operations. The potentials of all classes are added up at each C1 spike, S2 spikes only if they are the score.
+        For each event the noise filter takes 7 comparisons for the newest of 8 neighbours, a difference and a
+        comparison, and the conversion to a tick takes 3 operations. At each C1 spike the potentials of all classes are
+        added up. S2 spikes are counted only if the score needs them.
 
         Args:
             features: evidence of the recordings.

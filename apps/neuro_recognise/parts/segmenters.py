@@ -179,8 +179,8 @@ class Ses(Segmenter):
     def work(self, size: FrameSize) -> Works:
         """Return the operations of an event.
 
-        A difference of times, two leaks of 3, their difference, a difference and a comparison for the candidate and
-        for the first of the queue, two comparisons for a new candidate, and two for the end of the queue.
+        1 for the difference of times, 3 for each of two leaks, 1 for the difference of the leaks, 2 for the candidate
+        and 2 for the first of the queue (a difference and a comparison), 2 for a new candidate, 2 for the queue's end.
         """
         return {"event": on_numbers(1 + 2 * 3 + 1 + 2 * 2 + 2 + 2, 9)}
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 OWN = "own"
-"""Name of the vote of a method with a single one."""
+"""Name of the vote of a method that has only one vote."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +74,8 @@ class Predicted:
         path: the file.
         label: index of the class, -1 for none.
         scores: (classes,) score of each class.
-        decided_ms: time of the decision since the first event, ms. With an allowed error: when the error was met, else
-            the end. Without: the earliest moment from which on the decision did not change. None without a decision.
+        decided_ms: time of the decision since the first event, ms. With an allowed error: the time at which the rule
+            decided, or the end. Without: the earliest moment after which the decision did not change. None if silent.
         length_ms: duration of the recording, ms.
         settled: whether an allowed error was met.
     """
@@ -266,7 +266,7 @@ def show(recogniser: Recogniser, result: Tried) -> None:
 def show_predicted(
     recogniser: Recogniser, predicted: list[Predicted], as_json: bool, allow: float | None = None
 ) -> None:
-    """Print decisions as a table or as JSON. A table with an allowed error includes the assumption of its bound."""
+    """Print decisions as a table or as JSON. With an allowed error, the assumption behind it follows the table."""
     if as_json:
         words = []
         for one in predicted:
@@ -341,7 +341,7 @@ def write_pictures(recogniser: Recogniser, folder: Path) -> None:
 
 
 NEAR = 0.03
-"""Labels count as relearnt once accuracy is within this distance of that before the permutation."""
+"""Difference from the accuracy before the permutation, below which labels count as relearnt."""
 
 
 def show_relearnt(accuracies: Mapping[str, Floats], before: int, classes: int, file: Path) -> None:

@@ -29,10 +29,11 @@ FREED_AT_ONCE = 1 << 21
 """Number of synapses whose memory is returned to the system at a time."""
 
 MOST = 2**32 - 1
-"""Largest number of entries of a joined row (synapses and steps between them), because run ends have 32 bits."""
+"""Largest number of entries of a joined row (synapses and steps between them). A run holds the entries of one source
+with one delay; its end has 32 bits."""
 
 _RECEPTORS = 2
-"""Largest number of receptors of a target, so that the block of a neuron follows from the place of its input."""
+"""Largest number of receptors of a target. With more, the place of an input would not determine a neuron's block."""
 
 MEAN_INTERVAL = 200.0
 """Interval between two spikes of a neuron that the comparison of rows and rings assumes, ms."""
@@ -49,10 +50,10 @@ Row = list[int]
 
 
 def choose(program: Program) -> frozenset[int]:
-    """Choose the projections that share rows: those with several delays whose order of summation does not change.
+    """Choose projections with several delays to share rows; targets still add their inputs in the same order.
 
-    Projections whose rows have mostly empty runs get rings, unless this takes longer in total. Where such a projection
-    is missing, other rows are cut, because a row holds projections that are neighbours in the order of a target's sum.
+    Projections whose rows have mostly empty runs get rings, unless this takes longer in total. It may take longer,
+    because only projections that are neighbours in the sum of a target share rows, and a ring may lie between them.
     """
     candidates = set()
     for q, p in enumerate(program.projections):
@@ -232,7 +233,7 @@ def _row_runs(arrays: EventArrays, columns: Ints) -> NDArray[np.uint32]:
 
 
 def _lay_runs(arrays: EventArrays, columns: Ints, row: Row) -> int:
-    """Compute the ends of the runs of a joined row; return the number of entries, with steps without a synapse."""
+    """Compute the ends of the runs of a joined row. Return the number of entries, including those without a synapse."""
     runs = _row_runs(arrays, columns)
     # The first place of each thread among the targets of the row.
     bases = np.full(_threads(arrays), np.iinfo(np.int64).max)

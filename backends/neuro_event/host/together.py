@@ -79,7 +79,7 @@ class EventEngines:
 
         Args:
             lists: (population, offsets, ticks after the present step, ids), sorted by engine, tick, id; `offsets` are
-                the first entries of each engine. No id occurs twice in a tick. Spikes injected before stay.
+                the first entries of each engine. No id occurs twice in a tick. Spikes injected earlier are kept.
         """
         step, at_once = self._engines[0]._step, []
         for each in lists:

@@ -60,8 +60,8 @@ class Synapses:
         sizes: number of neurons of source and target.
         shape: shape of the weights in `neuro_torch.Module.weights`.
         dense: whether the synapses are a matrix with one delay; then `row_ends`, `targets` and `slot` are empty.
-        row_ends, targets, slot, delay: synapses by source: target, index of the weight, delay in steps. The synapses of
-            source j are `row_ends[j] : row_ends[j + 1]`.
+        row_ends: the synapses of source j are `row_ends[j] : row_ends[j + 1]`.
+        targets, slot, delay: of each synapse the target, the index of the weight, and the delay in steps.
         least: the smallest delay in steps.
     """
 

@@ -28,7 +28,7 @@ MANTISSA_BITS = 4
 """Bits of a scale's mantissa, which is -8..7."""
 LARGEST_MANTISSA = 7
 LEVEL = 8
-"""Step between two values that a target sends. With a mantissa of 4 the product is 2^5, the bits that Loihi 2 drops."""
+"""Factor on values that a target sends as y2 and y3. Times a mantissa of 4 it is 2^5, the bits that Loihi 2 drops."""
 LARGEST_EXPONENT = 9
 LARGEST_CONSTANT = 255
 LONGEST_EPOCH = 63
@@ -141,7 +141,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """Program by which a target sends n - baseline, as y2 for n above the baseline and as y3 for n below.
+    """Program by which a target sends its third factor n minus a baseline: as y2 if positive, else its size as y3.
 
     The difference in units of n is divided by 2^shift, rounded stochastically to at most 15, and multiplied by `LEVEL`.
 
@@ -162,8 +162,9 @@ class LearningRule:
         dw, dt: products that change the weight and the tag. Either may be empty.
         traces: all traces that the products read, by name.
         epoch: number of steps between two applications of the rule.
-        rounding: "stochastic": the part below the resolution of a weight is rounded randomly. "away": to whole
-            mantissas away from 0, then to the resolution towards 0, as Brian2Loihi does for products of spikes.
+        rounding: "stochastic": the part below the resolution of a weight is rounded randomly. "away": a
+            change is rounded away from 0 to a whole mantissa, and then towards 0 to the resolution of a weight.
+            Brian2Loihi rounds products of spikes in this way.
         outgoing: for three factors on Loihi 2, where the target sends y1, y2 and y3: the program that computes y2 and
             y3 from n.
 
