@@ -75,7 +75,8 @@ def network(control: str = "loop", left: Left | None = None, **parameters: float
         baseline = parameters.get("baseline", yaml.safe_load(text)["parameters"]["baseline"])
         for axis in "xy":
             for eta in ("$eta", "$eta_critic"):
-                values = f"population: {{population: snc_{axis}, tau: 50.0, baseline: $baseline, scale: {eta}}}"
+                scaled = f"tau: 50.0, baseline: $baseline, scale: {eta}, largest: $largest"
+                values = f"population: {{population: snc_{axis}, {scaled}}}"
                 assert text.count(values) == 1
                 text = text.replace(values, LATE.format(snc=f"snc_{axis}", base=baseline, eta=eta))
     if control == "reward elsewhere":

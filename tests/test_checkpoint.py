@@ -48,7 +48,7 @@ def test_another_file_is_neither_read_nor_replaced(kept):
     kept.path.unlink()
     with h5py.File(kept.path, "w") as file:
         file.attrs["format"] = "another 1"
-    assert "not a my training 1\n  hint: it has no digest" in refused(kept.resume)
+    assert "not a my training 1\n  hint: the file has no digest" in refused(kept.resume)
     assert "expected a new name" in refused(kept.keep, history=np.zeros(1))
 
 

@@ -173,7 +173,7 @@ def test_several_simulations_run_in_as_many_threads():
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda sim: pickle.loads(pickle.dumps(sim))])
 def test_a_copy_is_refused(again: Callable[[neuro.Simulation], Any]):
     with pytest.raises(
-        neuro.ModelError, match=r"^a simulation cannot be copied or pickled, .*\n  hint: sim\.save\(path\)"
+        neuro.ModelError, match=r"^a simulation cannot be copied or pickled, .*\n  hint: use sim\.save\(path\)"
     ):
         again(neuro.compile(network(10)))
 

@@ -405,7 +405,9 @@ def test_a_damaged_recording_of_an_hdf5_file_is_named(stored):
     """In a file of another library; one of ours has a digest, and is refused as a whole."""
     whole = Path(stored).read_bytes()
     Path(stored).write_bytes(whole[:-9] + b"\xff" + whole[-8:])
-    told = "damaged neuro event data set 1: the content does not match the digest\n  hint: make it again"
+    told = (
+        "damaged neuro event data set 1: the content does not match the digest\n  hint: write it again, or use a backup"
+    )
     assert refused(stored).startswith(told)
     Path(stored).write_bytes(whole[FRONT:])
     with h5py.File(stored) as file:

@@ -244,7 +244,10 @@ def test_a_model_file_and_others(letters, model, tmp_path):
 
 
 def test_recordings_without_frames(letters, small, train, model):
-    nothing = "no recording is long enough for a frame: expected some to learn from"
+    nothing = (
+        "no recording is long enough for a frame: expected some to learn from\n  hint: the settings of the segmenter, "
+        "as neuro recognise list METHOD shows them, decide where frames end"
+    )
     assert refused(train, letters.take([24, 25]), small) == nothing
     for scores in model.method.answer(model.learnt, letters).votes.values():
         assert (choose(scores)[:24] >= 0).all()
