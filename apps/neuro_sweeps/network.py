@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
@@ -36,9 +36,6 @@ from neuro.apps import (
     word_of,
 )
 from neuro_sweeps.function import UNITS, check_metrics, measure, report_step
-
-if TYPE_CHECKING:
-    pass
 
 _FOR = Quantity("ms", "duration of the run", above=0.0)
 Fill = Callable[[Path], None]

@@ -250,8 +250,7 @@ class Dataset(Sequence[tuple[Any, int]]):
     ) -> StoredDataSet:
         """Write all samples to one HDF5 file as ``/<class>/<sample>``, with several processes.
 
-        After an interruption, the same call resumes: finished samples are in a folder beside the file, and the file
-            appears
+        After an interruption, the same call resumes: finished samples are in a folder beside the file, which appears
         when it is complete. A script that calls this method needs ``if __name__ == "__main__":``, as any that starts
         processes.
 

@@ -312,10 +312,9 @@ class TARSurfaces(Sieve):
         """Return the averaged surfaces so far. Call before `finish`, which resets them.
 
         Returns:
-            (rows, columns, 2, 2 radius + 1, 2 radius + 1): for each cell, and for OFF and ON, the sum of the surfaces
-                of
-            the events that passed, by rows and columns relative to the event, divided by the number of these events of
-            either polarity. 0 for cells without such events.
+            (rows, columns, 2, 2 radius + 1, 2 radius + 1): for each cell, and for OFF and ON, the mean surface of the
+            events of either polarity that passed, by rows and columns relative to the event. 0 for cells without such
+            events.
         """
         _, _, counts, sums = self._state
         averages: npt.NDArray[np.float64] = sums / np.maximum(counts, 1)[:, :, None, None, None]

@@ -79,18 +79,15 @@ def first_synapse_onto(net, row, source, first, end, target):
 @subkernel
 def activate(plastic, k, thread, source):
     """Add a source, whose traces are 0, to both lists."""
-    place = plastic.move_table[k, t.MOVE_SOURCE] + source
+    first = plastic.move_table[k, t.MOVE_SOURCE]
+    place = first + source
     if plastic.move_is_lit[thread, place] == 0:
         plastic.move_is_lit[thread, place] = 1
-        plastic.move_lists[thread, LIT, plastic.move_table[k, t.MOVE_SOURCE] + plastic.move_count[thread, k, LIT]] = (
-            source
-        )
+        plastic.move_lists[thread, LIT, first + plastic.move_count[thread, k, LIT]] = source
         plastic.move_count[thread, k, LIT] += 1
     if plastic.move_is_live[thread, place] == 0:
         plastic.move_is_live[thread, place] = 1
-        plastic.move_lists[thread, LIVE, plastic.move_table[k, t.MOVE_SOURCE] + plastic.move_count[thread, k, LIVE]] = (
-            source
-        )
+        plastic.move_lists[thread, LIVE, first + plastic.move_count[thread, k, LIVE]] = source
         plastic.move_count[thread, k, LIVE] += 1
 
 
