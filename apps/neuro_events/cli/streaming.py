@@ -123,6 +123,7 @@ def _received_parts(stopped: threading.Event, stream: Listener, end: float, bar:
             yield stream.take()
             report(stream.counts.events)
             stopped.wait(0.01)
+    stream.close()
     yield stream.take()
 
 

@@ -27,7 +27,9 @@ ENTRIES = 1 << 16
 LEAST = 1 << 18
 """Size of the smallest ring, bytes; four of the largest datagrams fit."""
 PATIENCE = 0.02
-"""Timeout of a receiving call, s, and thus the longest duration of `Receiver.close`."""
+"""Timeout of a receiving call, s: the thread sees `Receiver.close` at most so much later."""
+DRAIN_S = 1.0
+"""Longest wait of `Receiver.close` for the datagrams in the system's queue, s: a sender may never stop."""
 QUEUE = 1 << 25
 """Requested size of the system's queue, bytes. The system limits the size (Linux: sysctl net.core.rmem_max)."""
 _OVERFLOW, _MEMINFO = 40, 55
@@ -172,12 +174,17 @@ class Receiver:
         return bool(self._state[kernels.STOP, 0])
 
     def close(self) -> None:
-        """Stop receiving. The entries in the ring can still be read."""
+        """Receive the datagrams in the system's queue, then stop. The entries in the ring can still be read."""
         if threading.current_thread() is self._thread:  # garbage collection may call `close` in this thread
             threading.Thread(target=self.close).start()
             return
         if self.closed:
             return
+        if self._reconnect is None:
+            deadline, queue = time.monotonic() + DRAIN_S, select.poll()
+            queue.register(self._sock, select.POLLIN)
+            while time.monotonic() < deadline and queue.poll(0):
+                time.sleep(0.001)
         _ = self.overflown
         self._state[kernels.STOP] = 1
         self._thread.join()
