@@ -160,7 +160,7 @@ class Drone(WorldPart):
 
     Source: thesis, figure 63 (2.4 m); drag: Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor
     dynamics subject to rotor drag", IEEE RA-L 3(2), 2018 (about 0.5 forward and 0.4 sideways); the other values are
-    measured choices, see docs/how-to/drone.md.
+    measured choices, see docs/reference/drone.md.
     """
 
     _place = "drone"
