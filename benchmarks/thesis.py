@@ -4,7 +4,7 @@ The rows are those of docs/reference/thesis.yaml. A row is checked by `run`, a c
 number (or last match of `find`) must lie in `range`, or by `test`, a test that must pass; `$TMP` is a folder of the
 row, `$ROOT` that of the project. Without `--full` only the rows marked `quick` are checked. A row that needs a file of
 ../shared/data is skipped where that is missing. The exit status is 1 if a number left its range. `--page` writes
-docs/reference/thesis.md.
+docs/reference/thesis.md and the page of each chapter.
 """
 
 from __future__ import annotations
@@ -111,16 +111,28 @@ def line(cells: Iterable[str]) -> list[str]:
     return [*(f"{cell[: width - 1]:<{width}}" for cell, width in zip(fixed, WIDTHS, strict=True)), last]
 
 
-def page() -> str:
-    """The page, from the ledger."""
+def pages() -> dict[Path, str]:
+    """The page of the whole ledger and the page of each chapter, by file."""
     ledger = yaml.safe_load(LEDGER.read_text("utf-8"))
-    counted, quick = Counter(row["verdict"] for row in rows()), sum(bool(row.get("quick")) for row in rows())
-    verdicts = ", ".join(f"{counted[verdict]} {verdict}" for verdict in VERDICTS)
-    lines = [ledger["head"], f"The ledger has {len(rows())} rows: {verdicts}. {quick} are quick.\n"]
+    quick, texts, lines = sum(bool(row.get("quick")) for row in rows()), {}, [ledger["head"]]
+    lines += [f"The ledger has {len(rows())} rows: {verdicts_of(rows())}. {quick} are quick.\n"]
+    lines += ["| chapter | rows | verdicts |", "| --- | ---: | --- |"]
     for chapter, content in ledger["rows"].items():
-        lines += [f"## {chapter}", "| lines | the thesis | its figure | ours | verdict | checked by |"]
-        lines += ["| --- | --- | --- | --- | --- | --- |", *map(cells_of, content), ""]
-    return "\n".join(lines).rstrip() + "\n"
+        file = PAGE.with_suffix("") / ("-".join(re.findall(r"\w+", chapter.lower())) + ".md")
+        lines.append(f"| [{chapter}](thesis/{file.name}) | {len(content)} | {verdicts_of(content)} |")
+        heads = [
+            "| lines | the thesis | its figure | ours | verdict | checked by |",
+            "| --- | --- | --- | --- | --- | --- |",
+        ]
+        texts[file] = "\n".join([f"# The thesis: {chapter}\n", *heads, *map(cells_of, content)]) + "\n"
+    toctree = ["\n```{toctree}", ":hidden:", "", *(f"thesis/{file.stem}" for file in texts), "```\n"]
+    return {PAGE: "\n".join([*lines, *toctree]), **texts}
+
+
+def verdicts_of(content: Sequence[Row]) -> str:
+    """The numbers of rows by verdict."""
+    counted = Counter(row["verdict"] for row in content)
+    return ", ".join(f"{counted[verdict]} {verdict}" for verdict in VERDICTS if counted[verdict])
 
 
 def cells_of(row: Row) -> str:
@@ -140,10 +152,11 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("names", nargs="*", metavar="ROW", help="only these, quick or not")
     options.add_argument("--full", action="store_true", help="all rows that have a check")
-    options.add_argument("--page", action="store_true", help="write the page and check nothing")
+    options.add_argument("--page", action="store_true", help="write the pages and check nothing")
     asked = options.parse_args()
     if asked.page:
-        PAGE.write_text(page(), "utf-8")
+        for file, text in pages().items():
+            file.write_text(text, "utf-8")
         return 0
     every = {row["name"]: row for row in rows()}
     if unknown := [name for name in asked.names if name not in every]:

@@ -7,26 +7,43 @@ from pathlib import Path
 
 import neuro
 from beside import beside
-from neuro.cli.catalogue import body, bounds, catalogue, default_text
+from neuro.cli.catalogue import body, bounds, catalogue, default_text, sentence
 from neuro.model.language.including import SECTIONS
 from neuro.model.parts import Trials
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
-(HEAD,) = beside(__file__, "HEAD")
+HEAD, PAGES = beside(__file__, "HEAD", "PAGES")
 
 
-def page() -> str:
-    """The whole page, from the definitions."""
-    lines = [HEAD]
-    for title, section in {**catalogue(), "The section `trials`": {"trials": Trials}}.items():
-        lines.append(f"## {title}\n")
-        for name, choice in section.items():
-            lines += [f"### {name}", *map(wrapped, body(choice).replace("\n\n", "\n").split("\n")), ""]
-            if getattr(choice, "equation", ""):
-                lines.append(wrapped(f"- equation: `{choice.equation}`"))
-            if getattr(choice, "source", ""):
-                lines.append(wrapped(f"- source: {choice.source}"))
-            lines += ["", *parameters(choice), *states(choice)]
+def pages() -> dict[str, str]:
+    """The list of all models and the page of each kind, from the definitions, by path."""
+    sections = {**catalogue(), "The section `trials`": {"trials": Trials}}
+    index, texts = {title: [] for title in sections}, {}
+    for file, page in PAGES.items():
+        lines = [f"# {page['title']}\n", "`python tests/test_reference.py` writes this page.\n"]
+        for title, modules in page["sections"].items():
+            lines.append(f"## {title}\n")
+            for name, choice in sections[title].items():
+                if not modules or choice.__module__.rpartition(".")[2] in modules:
+                    lines += described(name, choice)
+                    index[title].append(wrapped(f"- [`{name}`](models/{file}.md#{name}): {sentence(choice)}"))
+        texts[f"models/{file}.md"] = joined(lines)
+    toctree = "\n".join(["```{toctree}", ":hidden:", "", *(f"models/{file}" for file in PAGES), "```"])
+    lists = (line for title, rows in index.items() for line in (f"## {title}\n", *rows, ""))
+    texts["models.md"] = joined([HEAD, *lists, toctree])
+    return texts
+
+
+def described(name, choice) -> list[str]:
+    lines = [f"### {name}", *map(wrapped, body(choice).replace("\n\n", "\n").split("\n")), ""]
+    if getattr(choice, "equation", ""):
+        lines.append(wrapped(f"- equation: `{choice.equation}`"))
+    if getattr(choice, "source", ""):
+        lines.append(wrapped(f"- source: {choice.source}"))
+    return [*lines, "", *parameters(choice), *states(choice)]
+
+
+def joined(lines) -> str:
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
 
 
@@ -67,7 +84,11 @@ def table(head, rows) -> list[str]:
 
 
 def test_the_tables_of_models_are_those_of_the_code():
-    assert (REFERENCE / "models.md").read_text() == page(), "python tests/test_reference.py writes it anew"
+    kept = {str(file.relative_to(REFERENCE)): file.read_text() for file in REFERENCE.glob("models/*.md")}
+    kept["models.md"] = (REFERENCE / "models.md").read_text()
+    assert kept == pages(), "python tests/test_reference.py writes them anew"
+    names = [name for section in catalogue().values() for name in section]
+    assert sorted(re.findall(r"^- \[`(\w+)`\]", kept["models.md"], re.M)) == sorted([*names, "trials"])
 
 
 def test_the_page_of_the_language_names_every_section_and_word():
@@ -89,4 +110,5 @@ def test_the_page_of_python_names_every_public_name():
 
 
 if __name__ == "__main__":
-    (REFERENCE / "models.md").write_text(page())
+    for path, text in pages().items():
+        (REFERENCE / path).write_text(text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 
 from docutils import nodes
 from sphinx.addnodes import pending_xref
@@ -22,8 +23,8 @@ HOMES = (
     "neuro.apps",
 )
 """Modules that share names: each name is described by the first that has it."""
-MODELS = "reference/models"
-"""The page of the parts of networks, with all their parameters."""
+MODELS = Path(__file__).parents[1] / "reference" / "models"
+"""The pages of the parts of networks, with all their parameters."""
 
 _CODE = re.compile(r"(``[^`]*``|`[^`]*`)")
 _SPECIAL = re.compile(r"([*|\\]|_(?!\w))")
@@ -89,12 +90,19 @@ def described_elsewhere(app: Sphinx, what: str, name: str, obj: object, skip: bo
     return None
 
 
+@cache
+def page_of() -> dict[str, str]:
+    """The page that describes each part, by the part's name."""
+    pages = {page: re.findall(r"^### (\w+)$", page.read_text("utf-8"), re.M) for page in sorted(MODELS.glob("*.md"))}
+    return {name: f"reference/models/{page.stem}" for page, names in pages.items() for name in names}
+
+
 def to_models(app: Sphinx, env: BuildEnvironment, node: pending_xref, text: nodes.Node) -> nodes.Node | None:
-    """Link the name of a part to its heading on the page of models."""
+    """Link the name of a part to its heading on a page of models."""
     name = node["reftarget"].removeprefix("neuro.")
     if node.get("refdomain") != "py" or name not in parts():
         return None
-    return make_refnode(app.builder, node["refdoc"], MODELS, name.replace("_", "-"), text, name)
+    return make_refnode(app.builder, node["refdoc"], page_of()[name], name.replace("_", "-"), text, name)
 
 
 def setup(app: Sphinx) -> dict[str, object]:
