@@ -44,7 +44,7 @@ MOMENTS = 40
 
 EDGE = 92
 """Width of the labels beside drawings, px."""
-COLOURS = ("a", "b", "d", "c", "e", "f")
+COLOURS = ("item2", "item1", "item4", "item3", "item5", "soft")
 """Colours of circuits."""
 
 Floats = npt.NDArray[np.float64]
@@ -286,7 +286,7 @@ def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
         label="step ",
         readouts=[player.Readout(name, values) for name, values in series.items()],
     )
-    names = ["a", "e", "d"]
+    names = ["item2", "item5", "item4"]
     lanes = [
         {"name": name, "low": min(0.0, np.nanmin(each)), "high": max(0.0, np.nanmax(each)), "marks": 4,
          "lines": [{"y": each, "colour": colour}]}

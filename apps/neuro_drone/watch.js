@@ -94,5 +94,5 @@ draws.stick = ({actions, axes, motors}, k) => {
   const c = actions[axes * k + 2], x = m + r - 9;  // up is up, as a bar at the right edge
   pen.strokeStyle = C.e; pen.lineWidth = 6;
   stroke(pen, [x, m], [x, m - c * (r - 6)]);
-  words(pen, climbing[c < 0 ? 1 : 0], x - 8, m - r + 14, "e");
+  words(pen, climbing[c < 0 ? 1 : 0], x - 8, m - r + 14, "item5");
 };

@@ -32,15 +32,15 @@ PAGE = sealed(
 
 TALL, EDGE = 216, 86
 """Height of the raster and width of the names beside it, px."""
-COLOURS = ("a", "b", "c", "d", "e", "f")
+COLOURS = ("item2", "item1", "item3", "item4", "item5", "soft")
 """Colours of the motors, names of the page's style."""
 CAMERA = html.Html(
     '<i style="background:var(--on)"></i>brighter <i style="background:var(--off);margin-left:4px"></i>darker '
-    '<i style="border:1.5px solid var(--target);border-radius:50%;margin-left:6px"></i>true position'
+    '<i style="border:1.5px solid var(--bad);border-radius:50%;margin-left:6px"></i>true position'
 )
 TRAINING = html.Html(
-    'by steps: <i style="background:var(--d)"></i>error with frozen weights in short flights from far starts '
-    '<b style="color:var(--target);margin-left:6px">×</b> target lost in one of them '
+    'by steps: <i style="background:var(--item4)"></i>error with frozen weights in short flights from far starts '
+    '<b style="color:var(--bad);margin-left:6px">×</b> target lost in one of them '
     '<i style="background:var(--soft);margin-left:4px"></i>mean reward per step of episodes with learning on, '
     "where the dopamine also steers and exploration disturbs"
 )
@@ -376,8 +376,8 @@ def _training(model: Model) -> player.Track:
     test_steps, frozen, lost = (np.asarray(curve.get(name, ()), float) for name in ("steps", "error_px", "lost"))
     rewards = {"x": history["steps"], "y": history["returns"] / history["lengths"], "style": "dots", "colour": "soft"}
     lines = [
-        {"x": test_steps, "y": frozen, "style": "rings", "colour": "d", "width": 1.8},
-        {"x": test_steps[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "target", "width": 1.8},
+        {"x": test_steps, "y": frozen, "style": "rings", "colour": "item4", "width": 1.8},
+        {"x": test_steps[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "bad", "width": 1.8},
     ]
     lanes = [
         {"low": 0, "high": max(10.0, frozen.max(initial=0.0)), "marks": 3, "unit": " px", "lines": lines},

@@ -282,6 +282,7 @@ def page(events: Events, title: str, total: int, step: int) -> str:
     template = Template(files("neuro_events").joinpath("view.html").read_text("utf-8"))
     return template.substitute(
         head=html.head("neuro events view", title),
+        style=html.style_sheets(),
         script=html.player_script(),
         title=escape(title),
         summary=escape(summary),

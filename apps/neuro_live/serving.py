@@ -128,7 +128,7 @@ class Server:
         self._clients: dict[int, Client] = {}
         self._messages: dict[str, str] = {}
         self._number = 0
-        style = html.player_style() + "\n" + (_FOLDER / "page.css").read_text("utf-8")
+        style = html.style_sheets("player.css") + "\n" + (_FOLDER / "page.css").read_text("utf-8")
         self._files = {
             "": ("text/html", (_FOLDER / "page.html").read_bytes()),
             "page.css": ("text/css", style.encode()),

@@ -44,7 +44,7 @@ def page(
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template.substitute(
         head=head(generator, title, f"'sha256-{digest}'" if script else "'none'", record),
-        style=(_FOLDER / "page.css").read_text("utf-8").strip(),
+        style=style_sheets("page.css"),
         body=join(parts),
         script=tag("script", Html(script)) if script else "",
     )
@@ -73,9 +73,13 @@ def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: M
     )
 
 
-def player_style() -> str:
-    """Return the style that pages with a player share: panels, buttons and a time slider."""
-    return (_FOLDER / "player.css").read_text("utf-8").strip()
+def style_sheets(*names: str) -> str:
+    """Return the tokens of all pages (colours, fonts, space), followed by style sheets.
+
+    Args:
+        names: file names; "player.css" has panels, buttons and a time slider.
+    """
+    return "\n".join((_FOLDER / name).read_text("utf-8").strip() for name in ("tokens.css", *names))
 
 
 def player_script() -> str:
@@ -162,7 +166,7 @@ _COLOURS = {
     "#e69f00": "item1",
     "#56b4e9": "item6",
 }
-"""Colours of `neuro.plots`, and the style colours of the page that replace them."""
+"""Colours of `neuro.plots`, and the tokens of tokens.css that replace them."""
 _SPACE, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
 
 

@@ -174,8 +174,7 @@ def page(
 <head>
 {html.head(generator, title)}
 <style>
-{html.player_style()}
-{_text("tracks.css")}
+{html.style_sheets("player.css", "tracks.css")}
 </style>
 </head>
 <body>

@@ -4,7 +4,7 @@ const data = JSON.parse(get("data").textContent, (_, value) => {  // {"f4": "...
   const [type, ...others] = value && typeof value === "object" ? Object.keys(value) : [];
   return type in TYPES && !others.length ? new TYPES[type](Uint8Array.from(atob(value[type]), c => c.charCodeAt(0)).buffer) : value;
 });
-const {clock, tracks} = data, GAP = 8, COLOURS = {};
+const {clock, tracks} = data, GAP = 8, COLOURS = {}, FONT = getComputedStyle(document.body).fontFamily;
 const moments = clock.moments || Float32Array.from({length: clock.end + 1}, (_, k) => k);
 let now = clock.begin, playing = false, last = 0, asked = false;
 const C = new Proxy(COLOURS, {get: (known, name) => known[name] ??= getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim()});
@@ -31,7 +31,7 @@ function sheet(name, tall) {  // a canvas with as many pixels as the screen has;
   const pen = canvas.getContext("2d");
   pen.setTransform(many, 0, 0, many, 0, 0);
   pen.clearRect(0, 0, w, h);
-  pen.lineJoin = pen.lineCap = "round"; pen.font = "11px sans-serif"; pen.lineWidth = 1;
+  pen.lineJoin = pen.lineCap = "round"; pen.font = "11px " + FONT; pen.lineWidth = 1;
   return [pen, w, h];
 }
 const stroke = (pen, ...points) => { pen.beginPath(); for (const [x, y] of points) pen.lineTo(x, y); pen.stroke(); };
@@ -192,7 +192,7 @@ const draws = {
     labels.forEach((label, c) => {
       const value = k < 0 ? NaN : values[many * k + c], on = k >= 0 && lit && lit[many * k + c], y = c * row, least = low[c % low.length], most = high[c % high.length];
       const X = v => room + (most > least ? clamp(0, (v - least) / (most - least), 1) : 0.5) * (end - room), zero = X(clamp(least, 0, most));
-      pen.font = (on ? "bold " : "") + size + "px sans-serif";
+      pen.font = (on ? "bold " : "") + size + "px " + FONT;
       if (row >= 11 || c % 2 === 0) words(pen, label, room - GAP, y + row / 2 + 4, on ? colours[c % colours.length] : "soft");
       pen.fillStyle = C.faint; pen.fillRect(room, y + 2, end - room, row - 4);
       if (!Number.isFinite(value)) return;

@@ -28,7 +28,8 @@ def shown(head, row):
 def test_pages_of_several_widths(chromium, tmp_path):
     """Each in a frame of its width: ten columns fit, or are a list; two stay a table; titles of panels wrap."""
     fits, listed = "true table-header-group", "true none"
-    panel = f"<title>x</title><style>{html.player_style()}</style>{PANEL}<script>{TITLE}</script>"
+    style = html.style_sheets("player.css")
+    panel = f"<title>x</title><style>{style}</style>{PANEL}<script>{TITLE}</script>"
     cases = [
         *((width, shown(HEAD.split("|"), ROW), fits) for width in (800, 960, 1120, 1400)),
         (600, shown(HEAD.split("|"), ROW), listed),

@@ -2,7 +2,7 @@
 draws.objects = (track, k, time) => {
   const [pen, x, y, w] = draws.events(track, k, time), scale = w / track.width, rows = get("rows");
   rows.replaceChildren();
-  pen.font = "bold 14px sans-serif"; pen.lineWidth = 2;
+  pen.font = "bold 14px " + FONT; pen.lineWidth = 2;
   for (const {id, kind, name, score, box} of track.boxes.filter(b => b.start <= time && time < b.until)) {
     const [left, top, right, bottom] = box.map(side => side * scale), high = y + top > 20;
     pen.strokeStyle = track.colours[id % track.colours.length];
