@@ -49,7 +49,7 @@ class Linear(Framewise):
         Raises:
             ModelError: there are no frames to learn from.
         """
-        frames, state = frames_to_learn_from(features), course.resume()
+        frames, state = frames_to_learn_from(features, self.segmenter), course.resume()
         labels, values = features.labels[frames.recording], self._values(frames)
         weights = state.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(features.classes))))
         history = [*state.get("history", ())]

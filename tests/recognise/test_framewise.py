@@ -3,6 +3,7 @@
 import hashlib
 import json
 import pickle
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -21,12 +22,12 @@ from neuro_models import names, path
 from neuro_recognise.energy import bills
 from neuro_recognise.method import METHODS, SILENT, choose
 from neuro_recognise.methods.frame_networks import Remus
-from neuro_recognise.methods.framewise import Framewise, Inputs, Layer, Shares
+from neuro_recognise.methods.framewise import Framewise, Inputs, Layer, Shares, frames_to_learn_from
 from neuro_recognise.observations import observe
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.recogniser import AT_MOST, Ready, Recogniser, learn, method_of
 from neuro_recognise.shown import Features
-from neuro_recognise.telling.report import Tried
+from neuro_recognise.telling.report import Tried, training_summary
 from refused import refused
 
 FRONT_END = {"segmenter": "msd", "bank": "gabors", "pool": "max", "encoder": "log_latency"}
@@ -225,6 +226,27 @@ def test_the_same_bits_after_kills():
     subprocess.run([sys.executable, script, "remus", "3", "0"], check=True)
 
 
+@pytest.mark.parametrize("segmenter", ["msd", "counts", "hes"])
+def test_the_proposed_setting_gives_frames(shapes_folder, segmenter):
+    """A segmenter that never cuts proposes a value of its setting with which the same recordings have some frames."""
+    none = {"msd": {"threshold": 1e6}, "counts": {"count": 1 << 30}, "hes": {"segmenter.window": 1e6}}[segmenter]
+    events = recordings(shapes_folder)[0].load()
+    method = method_of("remus", "", {"segmenter": segmenter, "size": list(events.sensor_size), **none})
+    features = Features([method.observe(events)], np.array([0]), ("shape",), ("shape",))
+    with pytest.raises(neuro.ModelError, match="long enough for a frame: found") as error:
+        frames_to_learn_from(features, method.segmenter)
+    name, value = re.match(r"--set segmenter\.(\w+)=(\S+) gives", error.value.hint).groups()
+    better = method.changed({f"segmenter.{name}": type(getattr(method.segmenter, name))(value)})
+    assert 2 <= len(Frames.of(replace(features, evidence=[better.observe(events)]))) <= 8
+
+
+def test_a_training_that_stays_at_chance_is_named(model):
+    assert "chance" not in training_summary(model)
+    learnt = {**model.learnt, "history": np.array([0.9, 0.3])}
+    text = training_summary(Recogniser(model.method, model.classes, learnt, model.training))
+    assert "\nwarning: 30.0% of the frames were decided rightly in the last epoch; chance is 33.3%" in text
+
+
 def test_a_model_file_and_others(letters, model, tmp_path):
     model.save(tmp_path / "model.h5")
     again = Recogniser.load(tmp_path / "model.h5")
@@ -245,7 +267,8 @@ def test_a_model_file_and_others(letters, model, tmp_path):
 
 def test_recordings_without_frames(letters, small, train, model):
     nothing = (
-        "no recording is long enough for a frame: expected some to learn from\n  hint: the settings of the segmenter, "
+        "no recording is long enough for a frame: found 0 events in 0 ms (median); segmenter msd, tau = 0.02, "
+        "threshold = 150: expected a frame\n  hint: the settings of the segmenter, "
         "as neuro recognise list METHOD shows them, decide where frames end"
     )
     assert refused(train, letters.take([24, 25]), small) == nothing

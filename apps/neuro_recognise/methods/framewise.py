@@ -362,7 +362,7 @@ class Framewise(Method):
         Raises:
             ModelError: a value is outside of the network's bounds, or there is nothing to learn from.
         """
-        frames = frames_to_learn_from(features)
+        frames = frames_to_learn_from(features, self.segmenter)
         net = self.layer.network(self.inputs, len(features.classes))
         codes = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
@@ -553,18 +553,35 @@ class Framewise(Method):
         return figures
 
 
-def frames_to_learn_from(features: Features) -> Frames:
-    """Return all frames of recordings.
+def frames_to_learn_from(features: Features, segmenter: Segmenter) -> Frames:
+    """Return all frames of recordings. Warn if some recordings have events, but no frame.
+
+    Args:
+        features: evidence of the recordings.
+        segmenter: rule that cut the recordings into frames.
 
     Raises:
         ModelError: there are no frames.
     """
     frames = Frames.of(features)
+    without = np.setdiff1d(np.arange(len(features)), frames.recording)
+    sizes = [(seen["events"][0], seen["lasts"][0]) for k in without if (seen := features.evidence[k])["events"][0]]
+    if len(frames) and not sizes:
+        return frames
+    events, us = np.median(sizes, axis=0) if sizes else (0.0, 0.0)
+    values = ", ".join(f"{row.name} = {row.value:g}" for row in segmenter.rows() if not isinstance(row.value, str))
+    proposed = segmenter.proposal(events, us) if events else {}
+    hint = " ".join(f"--set segmenter.{name}={value:g}" for name, value in proposed.items())
+    hint = (
+        f"{hint} gives a recording about four frames"
+        if hint
+        else ("the settings of the segmenter, as neuro recognise list METHOD shows them, decide where frames end")
+    )
+    what = f"{events:,.0f} events in {us / 1000:,.0f} ms (median); segmenter {segmenter.called()}, {values}"
     if not len(frames):
-        raise ModelError(
-            "no recording is long enough for a frame: expected some to learn from",
-            hint="the settings of the segmenter, as neuro recognise list METHOD shows them, decide where frames end",
-        )
+        raise ModelError(f"no recording is long enough for a frame: found {what}: expected a frame", hint=hint)
+    message = f"{len(sizes)} of {len(features)} recordings are too short for a frame, so not learnt: {what}: {hint}"
+    warnings.warn(message, neuro.ModelWarning, stacklevel=3)
     return frames
 
 

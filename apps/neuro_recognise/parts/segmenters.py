@@ -99,6 +99,15 @@ class Segmenter(FrontEndPart):
         """
         return t[bounds[1:] - 1]
 
+    def proposal(self, events: float, us: float) -> dict[str, float]:
+        """Return settings with which a recording has about four segments; nothing if no setting is known.
+
+        Args:
+            events: number of events of the recording.
+            us: duration of the recording, us.
+        """
+        return {}
+
 
 @dataclass(frozen=True)
 class Msd(Segmenter):
@@ -112,6 +121,12 @@ class Msd(Segmenter):
     def cutter(self) -> segmentation.Cutter:
         """Return a motion symbol detector."""
         return segmentation.MSD(self.tau, self.threshold)
+
+    def proposal(self, events: float, us: float) -> dict[str, float]:
+        """Return the potential after a quarter of a recording whose events come at equal intervals."""
+        quarter_us, tau_us = us / 4, 1e6 * self.tau
+        potential = events / us * tau_us * -np.expm1(-quarter_us / tau_us) if us else events / 4
+        return {"threshold": max(1, int(potential))}
 
     def work(self, size: FrameSize) -> Works:
         """Return the operations of a leak: a difference, a division, exp, a product with a sum, and a comparison."""
@@ -129,6 +144,10 @@ class Hes(Segmenter):
     def cutter(self) -> segmentation.Cutter:
         """Return a cutter by time."""
         return segmentation.TimeWindows(max(1, round(1000.0 * self.window)))
+
+    def proposal(self, events: float, us: float) -> dict[str, float]:
+        """Return a quarter of the duration, ms."""
+        return {"window": us / 4000}
 
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
         """Return the time of the first event after each window."""
@@ -150,6 +169,10 @@ class Counts(Segmenter):
     def cutter(self) -> segmentation.Cutter:
         """Return a cutter by number of events."""
         return segmentation.Counts(self.count)
+
+    def proposal(self, events: float, us: float) -> dict[str, float]:
+        """Return a quarter of the events."""
+        return {"count": max(1, int(events / 4))}
 
     def work(self, size: FrameSize) -> Works:
         """Return the addition and the comparison of a counter."""

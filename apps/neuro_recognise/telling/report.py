@@ -224,9 +224,17 @@ def show_settings(name: str) -> None:
 
 
 def training_summary(recogniser: Recogniser) -> str:
-    """Return a line with the method, the number of classes and of training recordings."""
+    """Return a line with the method, the number of classes and of training recordings, and whether it learnt nothing.
+
+    The accuracy on frames in the last epoch is compared with chance, if the method has a learning curve.
+    """
+    chance, history = 1 / len(recogniser.classes), np.ravel(recogniser.learnt.get("history", 1.0))
     message = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
-    return f"{message}, learnt from {recogniser.training['recordings']} recordings"
+    message += f", learnt from {recogniser.training['recordings']} recordings"
+    if not history.size or not history[-1] <= chance:
+        return message
+    below = f"warning: {history[-1]:.1%} of the frames were decided rightly in the last epoch; chance is {chance:.1%}"
+    return f"{message}\n{below}\n  hint: --set with other settings of 'neuro recognise list', or more recordings"
 
 
 def describe(recogniser: Recogniser) -> None:
