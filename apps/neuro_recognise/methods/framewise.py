@@ -565,7 +565,8 @@ def frames_to_learn_from(features: Features, segmenter: Segmenter) -> Frames:
     """
     frames = Frames.of(features)
     without = np.setdiff1d(np.arange(len(features)), frames.recording)
-    sizes = [(seen["events"][0], seen["lasts"][0]) for k in without if (seen := features.evidence[k])["events"][0]]
+    short = [features.evidence[k] for k in without]
+    sizes = [(evidence["events"][0], evidence["lasts"][0]) for evidence in short if evidence["events"][0]]
     if len(frames) and not sizes:
         return frames
     events, us = np.median(sizes, axis=0) if sizes else (0.0, 0.0)
