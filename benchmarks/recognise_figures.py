@@ -4,7 +4,7 @@ Draws the accuracies of all methods from what benchmarks/measured/recognisers.js
 The arguments are folders of `neuro recognise compare`, whose commands that page names: what they have of all recordings
 is counted and kept first, and confusion matrices are drawn beside those of the thesis' figures 85 (BOE without and with
 TAR) and 86 (TAR-HATS). `conv`, `dense`, `learnt_delays` and `recurrent` on N-MNIST are of `neuro train --folds 5`, of
-seeds 1 to 3, the last two of one: docs/how-to/train.md has their folds.
+seeds 1 to 3, the last two of one: docs/reference/learning.md has their folds.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def test_the_first_table_of_the_page_has_each_rule():
 
 
 def test_the_page_of_nest_has_all_that_maps_to_it():
-    maps = (PAGES / "run-on-nest.md").read_text().partition("## What is refused")[0]
+    maps = (PAGES / "run-on-nest.md").read_text().partition("## Limits")[0]
     assert [name for name in (*NODES, *NEST_SYNAPSES) if f"`{name}`" not in maps] == []
 
 

@@ -290,7 +290,7 @@ def test_an_output_of_nir_that_never_fires_decides_by_potential(tmp_path):
 
 
 def test_the_convolutional_network_of_nir_reads_digits(tmp_path):
-    """98.8 % of all 1000 recordings on event, see docs/how-to/exchange-networks.md."""
+    """98.8 % of all 1000 recordings on event, see docs/reference/learning.md."""
     pytest.importorskip("nir", reason="nir is not installed")
     file, data = SHARED / "reference/nir/cnn_sinabs.nir", SHARED / "data/nmnist/nmnist_train1000_bin.zip"
     if not (file.exists() and data.exists()):

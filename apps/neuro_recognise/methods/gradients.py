@@ -30,9 +30,9 @@ from neuro_train.data import BatchData as Taught
 from neuro_train.plan import TrainingPlan
 
 INPUT, OUTPUT = "pixels", "out"
-ON_FOLDS = "folds of N-MNIST's training recordings, the same as for its accuracy, docs/how-to/train.md"
+ON_FOLDS = "folds of N-MNIST's training recordings, the same as for its accuracy, docs/reference/learning.md"
 GUESS = "prototype, one fold of N-MNIST's training recordings"
-CHOSEN = "two folds of N-MNIST's training recordings, another seed than for its accuracy; docs/how-to/train.md"
+CHOSEN = "two folds of N-MNIST's training recordings, another seed than for its accuracy; docs/reference/learning.md"
 TRAINER = "neuro train, docs/how-to/train.md"
 POKER = {"size": [34, 34], "step": 1.0, "duration": 20.0, "epochs": 120, "warp": 0.0, "mirror": 0.5}
 """Tuned on folds of POKER-DVS with other seeds (10 to 12) than those of its accuracy, but on the same recordings."""
