@@ -3,6 +3,7 @@
 import sys
 import weakref
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from neuro.core.memory import discard
 from neuro.kernels.jit import kernel
 from neuro.model.network import Network
 from neuro.program.compact import CompactProjection
-from neuro.program.program import Program
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences, run_on
@@ -75,11 +75,6 @@ def joined(sim: Simulation) -> set[str]:
     return {sim.program.projections[q].name for q in arrays.joined}
 
 
-def nothing(program: Program) -> frozenset[int]:
-    """In place of `joined_rows.choose`: each projection is delivered by itself."""
-    return frozenset()
-
-
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """No projection is delivered in runs by itself, as in large networks with few synapses."""
@@ -111,12 +106,13 @@ def test_threads_change_no_bit(order: list[tuple[int, int]], seed: int, threads:
 @given(order=orders(), seed=st.integers(0, 3))
 def test_rows_by_themselves_have_the_same_bits(order: list[tuple[int, int]], seed: int):
     found = []
-    for choose in (joined_rows.choose, nothing):
+    for series in (joined_rows._longest_series, lambda *given: []):
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(joined_rows, "choose", choose)
+            patched.setattr(joined_rows, "_longest_series", series)
             sim = neuro.compile(network(order), "event", seed=seed)
-            assert bool(joined(sim)) == (choose is not nothing)
             run_on(sim, 8.0)
+            alone = sim._engine._arrays.net["projections"][3:, t.JOINED_ROW] >= 0  # type: ignore[attr-defined]
+            assert alone.all() == bool(found), "else all are by themselves only if no series is joined"
             found.append(observe(sim))
     assert differences(*found, exact=True) == []
 
@@ -134,7 +130,7 @@ def test_a_state_of_before_there_were_joined_rows(tmp_path: Path):
     choose = joined_rows.choose
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(layout, "_FEW_RUNS", 0)
-        patched.setattr(joined_rows, "choose", nothing)
+        patched.setattr(joined_rows, "choose", lambda program: frozenset())
         old = neuro.compile(network(EVERY), "event", seed=1)
         run_on(old, 3.0)
         old.save(tmp_path / "state.h5")
@@ -185,13 +181,16 @@ def test_models_that_collect_their_input():
 
 
 def test_which_projections_are_joined():
-    for net, expected in (
-        (network(EVERY), range(3, 12)),  # behind the noise
-        (network([(target, source) for source, target in EVERY]), range(3, 12)),
-        (network([(0, 0), (1, 1), (2, 2)]), (3, 4, 5)),  # also alone
-        (network(EVERY, plain=4), (3, 4, 5, 6, 9, 10, 11)),  # one delay stays in its place among sums
+    for net, expected, by_itself in (
+        (network(EVERY), range(3, 12), []),  # behind the noise
+        (network([(target, source) for source, target in EVERY]), range(3, 12), []),
+        (network([(0, 0), (1, 1), (2, 2)]), (3, 4, 5), []),  # also alone
+        (network(EVERY, plain=4), (3, 4, 5, 6, 9, 10, 11), [8]),  # one delay stays in its place among sums
     ):
-        assert sorted(joined_rows.choose(compile_network(net, 1))) == list(expected)
+        engine: Any = neuro.compile(net, seed=1)._engine
+        engine.run(0)
+        alone = np.flatnonzero(engine._arrays.net["projections"][:, t.JOINED_ROW] >= 0).tolist()
+        assert (sorted(engine._arrays.joined.difference(alone)), alone) == (list(expected), by_itself)
 
 
 @pytest.mark.usefixtures("few")
@@ -224,9 +223,7 @@ def test_a_silent_network_looks_once_a_source_and_kind_of_input():
     sim = neuro.compile(network(EVERY), "event", seed=1)
     sim.run(1.0)
     arrays = sim._engine._arrays  # type: ignore[attr-defined]
-    assert len(arrays.net["joined"]) == 6, "by sign, and onto one receptor"
-    assert (arrays.net["projections"][3:, t.RUN] < 0).all()
-    assert arrays.net["runs"].size == 0
+    assert arrays.net["joined"][:, t.TARGET].tolist() == 6 * [t.NONE], "by sign, and onto one receptor"
 
 
 SINGLE = neuro.normal(mean=60.0, std=20.0, low=0.0, single=True)

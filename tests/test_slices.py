@@ -99,7 +99,7 @@ def test_delays_of_their_own(
         monkeypatch.setattr(module, "MANY", many)
     if few >= 0:
         monkeypatch.setattr(layout, "_FEW_RUNS", few)
-        monkeypatch.setattr(joined_rows, "choose", lambda program: frozenset())
+        monkeypatch.setattr(joined_rows, "_longest_series", lambda *given: [])
     net = neuro.Network("own", resolution=0.1)
     cell = neuro.iaf_psc_exp(tau_syn_ex=0.5, tau_syn_in=0.5, I_e=450.0)
     net.population("cells", 1500, cell, initial={"V_m": neuro.uniform(low=-70.0, high=-55.0)})
@@ -108,8 +108,9 @@ def test_delays_of_their_own(
     weight = neuro.normal(mean=200.0, std=90.0)
     net.connect("cells", "others", neuro.fixed_total_number(n=9000), weight=weight, delay=late)
     net.connect("others", "cells", neuro.fixed_indegree(n=5), weight=80.0, delay=late)
-    columns = neuro.compile(net, "event", seed=1)._engine._arrays.net["projections"]  # type: ignore[attr-defined]
-    assert (columns[:, t.RUN] >= 0).all() == (few > 0)
+    engine: Any = neuro.compile(net, "event", seed=1)._engine
+    engine.run(0)
+    assert (engine._arrays.net["projections"][:, t.JOINED_ROW] >= 0).all() == (few > 0)
     alone = ran(net, 1, [20.0])
     assert alone["spikes of others: steps"].size > 100
     with monkeypatch.context() as patched:

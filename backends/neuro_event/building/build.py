@@ -316,13 +316,12 @@ def link(arrays: EventArrays) -> None:
 def _needed(arrays: EventArrays) -> Iterator[str]:
     """Yield the names of the stages that the network may call."""
     net, plastic = arrays.net, arrays.plastic["table"]
-    arriving, at_emission = (net["projections"][net[name]] for name in ("incoming", "at_emission"))
-    on_arrival = arriving[arriving[:, t.LAG] != 0]
-    counted = on_arrival[:, t.DENSE_COUNTS] == 1
+    arriving = net["projections"][net["incoming"]]
+    counted = arriving[arriving[:, t.LAG] != 0, t.DENSE_COUNTS] == 1
     callers: dict[str, Any] = {
-        "arrive": on_arrival[:, t.RUN] >= 0,
-        "at_emission": len(at_emission),
-        "deliver_log": np.append(on_arrival[~counted, t.RUN], at_emission[:, t.RUN]) < 0,
+        "add_row": bool(arrays.joined),
+        "at_emission": len(net["at_emission"]),
+        "deliver_log": len(net["at_emission"]) or ~counted,
         "add_counts": counted,
         "draw_counts": net["pops"][:, t.COUNTS] >= 0,
         "drive": len(net["lines"]),
@@ -333,7 +332,7 @@ def _needed(arrays: EventArrays) -> Iterator[str]:
         "dopamine_arrivals": plastic[:, t.DOPAMINE] >= 0,
         "note": plastic[:, t.NOTED] == 1,
         "gather_moves": net["pops"][:, t.GATHERS] == 1,
-        "deliver_joined": len(net["joined"]),
+        "deliver_joined": bool(arrays.joined),
         "learn_kernels": len(arrays.plastic["shared_table"]),
     }
     yield from (name for name, places in callers.items() if np.any(places))

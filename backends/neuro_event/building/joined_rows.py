@@ -1,8 +1,8 @@
-"""Choice and layout of joined rows: rows of synapses of several projections with the same source."""
+"""Choice and layout of joined rows: rows of synapses of one projection, or of several with the same source."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -20,20 +20,13 @@ from neuro.program.program import Floats, Ints, Program, StoredSynapses
 from neuro_event.building import layout
 from neuro_event.building.layout import EventArrays
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import Listed, lay_joined, list_joined
+from neuro_event.loop.arrivals import MOST, Listed, lay_joined, list_joined
 
 AT_ONCE = 1 << 17
 """Number of synapses that are laid out at a time, so that they stay in the second-level cache."""
 
 FREED_AT_ONCE = 1 << 21
 """Number of synapses whose memory is returned to the system at a time."""
-
-MOST = 2**32 - 1
-"""Largest number of entries of a joined row (synapses and steps between them). A run holds the entries of one source
-with one delay; its end has 32 bits."""
-
-_RECEPTORS = 2
-"""Largest number of receptors of a target. With more, the place of an input would not determine a neuron's block."""
 
 MEAN_INTERVAL = 200.0
 """Interval between two spikes of a neuron that the comparison of rows and rings assumes, ms."""
@@ -50,22 +43,19 @@ Row = list[int]
 
 
 def choose(program: Program) -> frozenset[int]:
-    """Choose projections with several delays to share rows; targets still add their inputs in the same order.
+    """Choose projections with several delays for joined rows; targets still add their inputs in the same order.
 
     Projections whose rows have mostly empty runs get rings, unless this takes longer in total. It may take longer,
     because only projections that are neighbours in the sum of a target share rows, and a ring may lie between them.
     """
-    candidates = set()
-    for q, p in enumerate(program.projections):
-        model = program.populations[p.target].model
-        if p.size and layout.is_timed(p) and isinstance(model, Neuron) and model.receptors <= _RECEPTORS:
-            candidates.add(q)
+    candidates = {q for q, p in enumerate(program.projections) if p.size and layout.is_timed(p)}
+    alone = {q for q in candidates if _in_runs(program, q)}
     attempts = [_group_rows(program, _series(program, candidates))]
     while unfit := {q for row in attempts[-1] if _is_sparse(program, row) for q in row if not _in_runs(program, q)}:
         candidates -= unfit
         attempts.append(_group_rows(program, _series(program, candidates)))
     best = attempts[0] if len(attempts) == 1 else min(attempts, key=partial(_expected_ns, program))
-    return frozenset(q for row in best for q in row)
+    return frozenset(q for row in best for q in row) | alone
 
 
 def _expected_ns(program: Program, rows: list[Row]) -> float:
@@ -87,20 +77,22 @@ def _expected_ns(program: Program, rows: list[Row]) -> float:
 
 
 def _series(program: Program, candidates: set[int]) -> list[Row]:
-    """Return for each target its longest series of candidates that are neighbours in the order of the target's sum.
-
-    Inputs are added in the order of projections, so all other projections must come before or after the joined ones.
-    """
+    """Return the longest series of each target, see `_longest_series`."""
     arriving: dict[int, Row] = {}
     for q, p in enumerate(program.projections):
         ringed = layout.learns_from_pairs(p) or (layout.has_own_delays(p) and not layout.in_runs(program, p))
         if p.size and p.carries == "spikes" and (q in candidates or not ringed):
             arriving.setdefault(p.target, []).append(q)
-    all_series = (
-        [list(few) for joined, few in groupby(arriving_at, candidates.__contains__) if joined]
-        for arriving_at in arriving.values()
-    )
-    return [max(series, key=len) for series in all_series if series]
+    return [series for arriving_at in arriving.values() if (series := _longest_series(arriving_at, candidates))]
+
+
+def _longest_series(arriving: Row, candidates: Collection[int]) -> Row:
+    """Return the longest series of candidates that are neighbours in the order of a target's sum.
+
+    Inputs are added in the order of projections, so all other projections must come before or after a row of several.
+    """
+    series = (list(few) for joined, few in groupby(arriving, candidates.__contains__) if joined)
+    return max(series, key=len, default=[])
 
 
 def _group_rows(program: Program, series: list[Row]) -> list[Row]:
@@ -121,7 +113,7 @@ def _by_sign(program: Program, q: int) -> bool:
     """Return whether negative weights go to a second receptor."""
     p = program.projections[q]
     model = program.populations[p.target].model
-    return p.receptor is None and isinstance(model, Neuron) and model.receptors == _RECEPTORS
+    return p.receptor is None and isinstance(model, Neuron) and model.receptors == 2
 
 
 def _is_sparse(program: Program, row: Row) -> bool:
@@ -146,14 +138,19 @@ def join(arrays: EventArrays) -> None:
     In a network of very many synapses the rows are the only copy: the program's arrays are freed row by row.
     """
     layout.clear_joined_rows(arrays)
-    series = []
+    series: list[Row] = []
+    alone: Row = []
     for pop in arrays.net["pops"]:
-        arriving = arrays.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()
-        places = [pop[t.ARRIVALS] + k for k, q in enumerate(arriving) if q in arrays.joined]
-        if places:
-            pop[t.JOINED], pop[t.JOINED_END] = places[0], places[-1] + 1
-            series.append([q for q in arriving if q in arrays.joined])
-    rows = _group_rows(arrays.program, series)
+        incoming = arrays.net["incoming"][pop[t.ARRIVALS] : pop[t.ARRIVALS_END]].tolist()
+        arriving = [q for q in incoming if arrays.program.projections[q].size]
+        if neighbours := _longest_series(arriving, arrays.joined):
+            pop[t.JOINED] = pop[t.ARRIVALS] + incoming.index(neighbours[0])
+            pop[t.JOINED_END] = pop[t.ARRIVALS] + incoming.index(neighbours[-1]) + 1
+            series.append(neighbours)
+        alone += [q for q in arriving if q in arrays.joined and q not in neighbours]
+    shared_rows = _group_rows(arrays.program, series)
+    arrays.net["projections"][alone, t.JOINED_ROW] = np.arange(len(alone)) + len(shared_rows)
+    rows = [*shared_rows, *([q] for q in alone)]
     shared = _SHARED_ROWS.get(arrays.program)
     unchanged = as_described(arrays).issuperset(q for row in rows for q in row)
     if shared is not None and unchanged and shared.rows == rows and np.array_equal(shared.edges, arrays.net["edges"]):
@@ -167,9 +164,12 @@ def join(arrays: EventArrays) -> None:
         parts = [arrays.program.projections[q] for q in row]
         spans = np.array([part.delay_span for part in parts])
         columns[[t.ROW, t.SOURCE, t.RUN]] = k, parts[0].source, n_runs
+        columns[t.TARGET] = t.NONE if k < len(shared_rows) else parts[0].target
         columns[t.SHORTEST], columns[t.DELAYS] = spans[:, 0].min(), np.ptp(spans) + 1
         own = [block.weight for q in row for block in synapse_blocks(arrays, q)]
         columns[t.SINGLE] = all(map(is_single, own))
+        # A row whose synapses all have one weight stores it once.
+        columns[t.WEIGHT_STRIDE] = int(any(each.size > 1 for each in own) or len({each.tobytes() for each in own}) > 1)
         signs = {layout.sign(each) for each in own if each.size} if _by_sign(arrays.program, row[0]) else {t.POSITIVE}
         del own
         columns[t.SIGN] = signs.pop() if len(signs) == 1 else t.MIXED
@@ -186,7 +186,7 @@ def join(arrays: EventArrays) -> None:
     )
     table[:, t.SYNAPSE] = np.cumsum(sizes) - sizes
     for single, name, kind in ((1, "joined_singles", np.float32), (0, "joined_weights", np.float64)):
-        own = sizes * (table[:, t.SINGLE] == single)
+        own = np.where(table[:, t.WEIGHT_STRIDE] == 1, sizes, 1) * (table[:, t.SINGLE] == single)
         table[table[:, t.SINGLE] == single, t.WEIGHT] = (np.cumsum(own) - own)[table[:, t.SINGLE] == single]
         arrays.net[name] = np.empty(own.sum(), dtype=kind)
     arrays.net["joined_steps"] = np.empty(sizes.sum(), dtype=np.uint16)
@@ -220,7 +220,7 @@ def _threads(arrays: EventArrays) -> int:
 def _first_place(arrays: EventArrays, q: int) -> int:
     """Return the place in the input of the first target of a projection.
 
-    Places of a second receptor, for negative weights, follow the places of the first receptor.
+    Places of a further receptor follow the places of the one before.
     """
     receptor = max(int(arrays.net["projections"][q, t.RECEPTOR]), 0)
     return arrays.places[arrays.program.projections[q].target].begin + receptor * int(arrays.net["x"].shape[1])
@@ -254,6 +254,7 @@ def _lay_row(arrays: EventArrays, columns: Ints, row: Row) -> None:
     """Lay out a joined row, which replaces the program's arrays if these are compact."""
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
     steps, row_weights = arrays.net["joined_steps"][columns[t.SYNAPSE] :], arrays.net[weights_of][columns[t.WEIGHT] :]
+    row_weights = row_weights if columns[t.WEIGHT_STRIDE] else row_weights[:1]
     following, replaced = _row_runs(arrays, columns)[:-1].copy(), _replaced_projections(arrays, row)
     try:
         _lay_synapses(arrays, columns, row, following, steps, row_weights, [*replaced.values()])

@@ -14,7 +14,6 @@ from neuro.kernels.address import Declared, Entry
 from neuro.model.neurons import Model, Neuron
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import by_delay
 
 WORD = t.BLOCK * t.GROUPED
 """Number of neurons in a group of blocks. Each population begins at a multiple of `WORD`."""
@@ -133,7 +132,7 @@ def is_timed(p: Projection) -> bool:
 
 
 def in_runs(program: Program, p: Projection) -> bool:
-    """Return whether a projection with different delays is delivered at arrival: it is static and has enough synapses.
+    """Return whether a projection with different delays is worth a joined row of its own.
 
     There must be at least as many synapses as runs (sources x delays), if there are more than `_FEW_RUNS`.
     """
@@ -153,8 +152,7 @@ def arrange(
 ) -> ArrangedSynapses:
     """Arrange a projection for the kernels: as CSR if it learns, has several delays, or has a permuted population.
 
-    Synapses are sorted by source, then target. Synapses that are delivered in runs are sorted by source, delay, target.
-    Joined rows have their own order.
+    Synapses are sorted by source, then target. Joined rows have their own order.
     """
     part = program.projections[index]
     source, target = where[part.source], where[part.target]
@@ -168,13 +166,12 @@ def arrange(
         return ArrangedSynapses(t.DENSE if part.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
     if index in joined and part.layout == "csr" and not permuted:
         return ArrangedSynapses(t.CSR, part.row_ends, _NO_TARGETS, None)
-    timed = in_runs(program, part) and index not in joined
-    if part.layout == "csr" and not permuted and (not timed or by_delay(part.row_ends, part.targets, part.delay)):
+    if part.layout == "csr" and not permuted:
         return ArrangedSynapses(t.CSR, part.row_ends, part.targets, None)
     pre, post = program.connections(index)
     pre = pre if source.inside is None else source.inside[pre]
     post = post if target.inside is None else target.inside[post]
-    order = np.lexsort((post, part.delay, pre)) if timed else np.lexsort((post, pre)) if permuted else None
+    order = np.lexsort((post, pre)) if permuted else None
     if order is not None:
         pre, post = pre[order], post[order]
     n = program.populations[part.source].size
@@ -330,6 +327,7 @@ def clear_joined_rows(arrays: EventArrays) -> None:
     arrays.rows_outdated = bool(arrays.joined)
     pops = arrays.net["pops"]
     pops[:, t.JOINED] = pops[:, t.JOINED_END] = pops[:, t.ARRIVALS]
+    arrays.net["projections"][:, t.JOINED_ROW] = t.NONE
     empty = [array for array in t.NET_ARRAYS if array.name in (*JOINED_ARRAYS, *JOINED_TABLES)]
     arrays.net |= zeros(
         empty, {"threads": arrays.net["edges"].shape[1] - 1, "populations": len(arrays.program.populations)}

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
-from neuro.core.system import mapped
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Ints
 from neuro_event.building import joined_rows, layout
 from neuro_event.building.layout import EventArrays, aligned_zeros
 from neuro_event.building.shared_kernels import learns_shared
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import fill_runs
 from neuro_event.loop.operations import NEURONS
 
 
@@ -33,24 +30,20 @@ def add_projections(arrays: EventArrays) -> None:
         return ends[name] - values.size
 
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    n_runs, ring = 0, layout.input_rows(program) * arrays.net["empty_input"].shape[1]
+    ring = layout.input_rows(program) * arrays.net["empty_input"].shape[1]
     at_emission = []
     for q, (part, arranged, row) in enumerate(zip(program.projections, arrays.synapses, table, strict=True)):
-        shortest, longest = part.delay_range(h)
-        in_runs, own_delays = layout.in_runs(program, part), layout.has_own_delays(part)
+        longest = part.delay_range(h)[1]
+        own_delays = layout.has_own_delays(part)
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = part.source, part.target, arranged.layout
         row[t.RECEPTOR] = t.NONE if part.receptor is None else part.receptor.index
         row[t.LAG], row[t.WAKE_ALL], row[t.DENSE_COUNTS] = longest, NEVER, 0
         if q in arrays.joined:
             continue
         if arranged.layout == t.CSR:
-            edges = layout.edges_of(arrays, q)
             row[t.SYNAPSE] = put("targets", arranged.targets)
-            if in_runs:
-                row[t.RUN], row[t.SHORTEST], row[t.DELAYS] = n_runs, shortest, longest - shortest + 1
-                n_runs += program.populations[part.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
-            else:
-                row[t.ROW] = put("rows", layout.split_rows(arranged.row_ends, arranged.targets, edges) + row[t.SYNAPSE])
+            row_ends = layout.split_rows(arranged.row_ends, arranged.targets, layout.edges_of(arrays, q))
+            row[t.ROW] = put("rows", row_ends + row[t.SYNAPSE])
         part_w = layout.internal_weights(program, q, arranged.order) if part.weight.size else np.zeros(1)
         row[t.WEIGHT] = put("weights", part_w)
         learns = part.synapse.learns == "moves" or learns_shared(part)
@@ -58,9 +51,7 @@ def add_projections(arrays: EventArrays) -> None:
         delay = part.delay[arranged.order] if part.delay.size > 1 and arranged.order is not None else part.delay
         if delay.size == 0:
             delay = np.ones(1, dtype=np.int32)
-        if in_runs:
-            delay = delay[:0]
-        elif not own_delays:
+        if not own_delays:
             delay = delay[:1]
         elif delay.size != part.size:
             delay = np.broadcast_to(delay, max(1, part.size))
@@ -81,18 +72,16 @@ def add_projections(arrays: EventArrays) -> None:
             row[t.CHANNELS_INSIDE] = g.channels if arrays.places[part.source].inside is not None else 0
         elif arranged.targets.size:
             row[t.WAKE_ALL] = 1 + 2 * blocks * (arranged.row_ends.size - 1) // arranged.targets.size
-        if not in_runs and (q in arrays.plastic_of or learns_shared(part) or own_delays):
+        if q in arrays.plastic_of or learns_shared(part) or own_delays:
             ring = _place_ring(arrays, row, longest, ring)
             if q not in arrays.plastic_of:
                 at_emission.append(q)
-        elif not in_runs:
+        else:
             row[t.LAG] = int(delay[0]) if delay.size else 1
     kinds = {array.name: array.kind for array in t.NET_ARRAYS}
     arrays.net |= {name: _concatenated(values, np.dtype(kinds[name])) for name, values in parts.items()}
-    arrays.net |= {"projections": table, "runs": np.zeros(n_runs, dtype=np.uint32)}
+    arrays.net["projections"] = table
     arrays.net["set_out"][:] = t.NONE
-    threads = arrays.net["edges"].shape[1] - 1
-    list(mapped(partial(_fill_runs, arrays), np.flatnonzero(table[:, t.RUN] >= 0).tolist(), threads))
     if any(part.synapse.learns in ("moves", "trials") or learns_shared(part) for part in program.projections):
         copy_shared_weights(arrays)
     if any(part.synapse.delays and part.synapse.learns == "trials" for part in program.projections):
@@ -100,20 +89,6 @@ def add_projections(arrays: EventArrays) -> None:
     arrays.net["at_emission"] = np.array(at_emission, dtype=np.int64)
     set_buffer(arrays, np.full(ring, -0.0))
     list_incoming(arrays)
-
-
-def _fill_runs(arrays: EventArrays, q: int) -> None:
-    """Compute where the runs of a projection end."""
-    p, s, row, edges = (
-        arrays.program.projections[q],
-        arrays.synapses[q],
-        arrays.net["projections"][q],
-        layout.edges_of(arrays, q),
-    )
-    n = arrays.program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
-    delay = p.delay if s.order is None else p.delay[s.order]
-    runs = arrays.net["runs"][row[t.RUN] : row[t.RUN] + n]
-    fill_runs(s.row_ends, s.targets, delay, edges, int(row[t.SHORTEST]), int(row[t.DELAYS]), runs)
 
 
 def copy_shared_weights(arrays: EventArrays) -> bool:
@@ -200,7 +175,7 @@ def list_incoming(arrays: EventArrays) -> None:
         # mark the few blocks where input arrives.
         model = population.model
         is_alone = pops[k, t.GROUP] < 0 and pops[k, t.CARRIED] != 1 and arrays.joined.isdisjoint(arriving)
-        is_listed = (rows[arriving, t.LAYOUT] == t.CSR) & (rows[arriving, t.LAG] > 0) & (rows[arriving, t.RUN] < 0)
+        is_listed = (rows[arriving, t.LAYOUT] == t.CSR) & (rows[arriving, t.LAG] > 0)
         pops[k, t.COLLECTS] = t.NONE
         can_collect = is_alone and bool(np.all(is_listed & (rows[arriving, t.WAKE_ALL] > 1)))
         if can_collect and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:

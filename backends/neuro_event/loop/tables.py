@@ -100,12 +100,13 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     REACH,  # maps that a channel reaches
     CHANNELS_INSIDE,  # channels of a source with the channels innermost, else 0
     RECEPTOR,  # named receptor, or NONE
-    RUN,  # place in `runs`, or NONE
+    JOINED_ROW,  # row of `joined` that holds this projection alone, or NONE
+    RUN,  # this and the next columns: a joined row; its place in `joined_runs`
     SHORTEST,  # shortest delay of the runs
     DELAYS,  # number of delays of the runs
-    SINGLE,  # 1: the weights of a joined row have 32 bits
+    SINGLE,  # 1: the weights have 32 bits
     PROJECTION_COLUMNS,
-) = range(35)
+) = range(36)
 
 # plastic projections
 (
@@ -289,13 +290,12 @@ projections    i8 0,0               columns columns of `tables`, a row per proje
 incoming       i8 0                 program projections by target: those delivered on arrival, then those with a ring
 at_emission    i8 0                 program static projections that are delivered into a ring at emission
 set_out        i8 projections       run     step whose spikes are last in the ring, with the weights at emission
-joined         i8 0,PROJECTION_COLUMNS program columns of `tables`, a row per joined row
+joined         i8 0,PROJECTION_COLUMNS program columns of `tables`; TARGET is NONE for a row of several projections
 joined_reach   u1 0,populations     program 1 if a joined row has synapses onto a population
 queue          i8 threads,queue,3   step    runs to be added: first synapse, end, multiplicity
 # synapses
 rows           i8 0                 program ends of the CSR rows, cut at the threads' edges
-runs           u4 0                 program ends of the runs of each source and delay, see `arrivals`
-joined_runs    u4 0                 program ends of the runs of joined rows, as in `runs`
+joined_runs    u4 0                 program ends of the runs of each source and delay of joined rows, see `arrivals`
 joined_steps   u2 0                 program distance in x of each synapse of joined rows to the one before in its run
 joined_weights f8 0                 program weights of joined rows
 joined_singles f4 0                 program weights of joined rows whose weights all fit into 32 bits
@@ -464,7 +464,7 @@ Destination = namedtuple("Destination", "out receptors receptor_stride mark spot
 # address. So a network compiles only the stages that it needs, and compiled stages are cached for other networks.
 # `building.build.link` writes the addresses to `stages`; stages that a network does not need have address 0.
 STAGES = {
-    "arrive": ("arrivals", "view, q, step, thread", types.void),
+    "add_row": ("arrivals", "view, k, step, thread", types.void),
     "at_emission": ("arrivals", "view, q, step, after, thread", types.void),
     "deliver_log": ("deliver", "view, q, sent_step, now, begin, stop, ring", types.void),
     "add_counts": ("generators", "view, thread, q, step, n_all, slots, blocks", types.void),
@@ -510,7 +510,7 @@ def _stage(name: str) -> Any:
     return inlined(space[name])
 
 
-arrive, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _STAGED[:7])
+add_row, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _STAGED[:7])
 step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves, deliver_joined, learn_kernels = map(
     _stage, _STAGED[7:]
 )
