@@ -14,6 +14,7 @@ import pytest
 
 import neuro
 from beside import beside
+import neuro.events.formats
 from neuro import events
 from neuro.core import outputs
 from neuro.core.hdf5 import new_file, writing
