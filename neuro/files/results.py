@@ -35,7 +35,7 @@ from __future__ import annotations
 
 import fcntl
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import takewhile
 from os import PathLike
@@ -72,6 +72,8 @@ SECTIONS = ("populations", "projections", "traces")
 YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
+PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+"""Options of compressed arrays."""
 RECORDING = "recording."
 """Prefix of the attributes with the path of the recording of an event camera."""
 
@@ -352,28 +354,29 @@ def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[s
         weights: weights of projections by name, one at a time, if the results have none.
     """
     with new_file(Path(path), FORMAT) as file:
-        write_head(file, results.about, results.files)
-        for section in SECTIONS:
-            for name, part in getattr(results, section).items():
-                write_part(file[section].create_group(name), part)
+        write_results(file, results)
         for name, projection in weights:
-            write_part(file["projections"][name], projection)
-        for name, values in results.world.items():
-            file[f"world/{name}"] = np.asarray(values)
-        if results.live:
-            file.create_group("live").attrs.update(results.live)
+            write_values(file["projections"][name], values_of(projection))
 
 
-def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-    """Write attributes and network files, and create the groups of the parts."""
-    file.attrs["format"] = FORMAT
-    file.attrs.update(about)
-    file["network"] = files[YAML].decode()
-    for name, content in files.items():
+def write_results(
+    file: h5py.File, results: Results, prepare: Callable[[h5py.Group, Any], None] = lambda group, part: None
+) -> None:
+    """Write results into an open, empty file. `prepare` is called with each group and its part before it is written."""
+    write_values(file, {"format": FORMAT, **results.about})
+    file["network"] = results.files[YAML].decode()
+    for name, content in results.files.items():
         if name != YAML:
             file[f"network_files/{name}"] = np.frombuffer(content, np.uint8)
     for section in SECTIONS:
-        file.create_group(section, track_order=True)
+        groups = file.create_group(section, track_order=True)
+        for name, part in getattr(results, section).items():
+            prepare(groups.create_group(name), part)
+            write_values(groups[name], values_of(part))
+    for name, values in results.world.items():
+        file[f"world/{name}"] = np.asarray(values)
+    if results.live:
+        write_values(file.create_group("live"), results.live)
 
 
 def read(path: str | PathLike[str]) -> Results:
@@ -452,21 +455,24 @@ def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Resu
 P = TypeVar("P", Train, Weights, Trace, Fed)
 
 
-def write_part(group: h5py.Group, part: Any) -> None:
-    """Write the arrays and attributes of a part that the group does not have yet."""
-    for f in fields(part):
-        value = getattr(part, f.name)
-        if f.name in group:
-            continue
-        if isinstance(value, np.ndarray):
-            # Counts are rewritten during a run; each rewrite of compressed data would enlarge the file.
-            compresses = value.size > _LARGE and not f.name.endswith("_counts")
-            options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compresses else {}
-            group.create_dataset(f.name, data=value, **options)
-        elif isinstance(value, dict):
-            group.attrs.update({_COUNT + name: number for name, number in value.items()})
+def values_of(part: Any) -> dict[str, Any]:
+    """Return the fields of a population, projection or trace by name."""
+    return {f.name: getattr(part, f.name) for f in fields(part)}
+
+
+def write_values(group: h5py.Group, values: Mapping[str, Any]) -> None:
+    """Write values by name: arrays as data sets, dictionaries of counts and all others but None as attributes."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            group.attrs.update({_COUNT + count: number for count, number in value.items()})
+        elif value is not None and not isinstance(value, np.ndarray):
+            group.attrs[name] = value
+        elif value is not None and name in group:
+            group[name][...] = value
         elif value is not None:
-            group.attrs[f.name] = value
+            # Counts are rewritten during a run; each rewrite of compressed data would enlarge the file.
+            compresses = value.size > _LARGE and not name.endswith("_counts")
+            group.create_dataset(name, data=value, **(PACKED if compresses else {}))
 
 
 def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:

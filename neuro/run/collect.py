@@ -26,13 +26,13 @@ from neuro.core.provenance import ATTRIBUTE, provenance
 from neuro.core.version import VERSION
 from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SMALL
-from neuro.files.results import KIND, RECORDING, YAML, Results, is_kept
+from neuro.files.results import KIND, RECORDING, YAML, Results, is_kept, values_of
 from neuro.files.state import fingerprint
 from neuro.model.language import save
 from neuro.model.network import Network
 from neuro.program.backend import Engine
-from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
-from neuro.program.program import Ints, Population, Probe, Projection, SynapseProbe
+from neuro.program.counts import Counts
+from neuro.program.program import Ints, Population, Probe, Program, Projection, SynapseProbe
 from neuro.run.recorder import Recorder, columns, is_single
 from neuro.run.results_file import RemoteFile, ResultsFile
 
@@ -45,6 +45,7 @@ def collect(
     record: Collection[str] = (),
     all_weights: bool = False,
     weights: bool = True,
+    records: bool = True,
 ) -> Results:
     """Return the results of a simulation.
 
@@ -56,6 +57,7 @@ def collect(
         all_weights: whether to include the weights of static projections above a million synapses, too. They follow
             from network and seed.
         weights: whether to include weights at all; `all_weights_of` yields them one projection after the other.
+        records: whether to include spikes and traces; without them the arrays are empty.
     """
     program, counts, raw = sim.program, sim.counts(), sim.taken().raw_counts
     included = record or [part.name for part in program.populations]
@@ -64,26 +66,31 @@ def collect(
             **about(sim, threads),
             **recordings_of(net),
             ATTRIBUTE: origin(sim, net, threads, record, all_weights),
-            "finished": True,
+            "finished": records,
         },
         files_of(net),
         {
-            p.name: replace(train_of(sim, p, p.name in included, counts), spike_counts=spikes, event_counts=events)
+            p.name: replace(
+                train_of(sim, p, p.name in included, counts, records), spike_counts=spikes, event_counts=events
+            )
             for p, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
         },
         {
             p.name: weights_of(sim, p, counts, all_weights=all_weights, includes_weights=weights)
             for p in program.projections
         },
-        traces(sim),
+        traces(sim) if records else {probe.name: trace_of(sim, probe) for probe in _probes_of_states(program)},
     )
+
+
+def _probes_of_states(program: Program) -> list[Probe | SynapseProbe]:
+    return [*(probe for probe in program.probes if probe.record != "spikes"), *program.synapse_probes]
 
 
 def traces(sim: Any) -> dict[str, Trace]:
     """Return the traces that the probes of states have recorded, by name."""
     traces_by_name: dict[str, Trace] = {}
-    probes: list[Probe | SynapseProbe] = [probe for probe in sim.program.probes if probe.record != "spikes"]
-    for probe in [*probes, *sim.program.synapse_probes]:
+    for probe in _probes_of_states(sim.program):
         times, values = sim.trace(probe.name)
         ends = {}
         if isinstance(values, dict):
@@ -146,18 +153,18 @@ def files_of(net: Network) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def train_of(sim: Any, part: Population, includes_spikes: bool, counts: Counts, empty: bool = False) -> Train:
+def train_of(sim: Any, part: Population, includes_spikes: bool, counts: Counts, records: bool = True) -> Train:
     """Return the results of a population, without spike counts.
 
-    Spikes are included if `includes_spikes` is true and `empty` is false.
+    The population counts as recorded if `includes_spikes` is true. Without `records` it has no spikes yet.
     """
     none, zeros = np.zeros(0, np.int64), np.zeros(part.size, np.int64)
-    fields = (part.model_name, part.shape, asdict(counts.populations[part.name]), includes_spikes and part.records)
-    steps, ids, multiplicity = none, none, none
-    payloads = none.astype(np.int32) if part.model.graded else None
-    if includes_spikes and part.records and not empty:
-        steps, ids, multiplicity, carried = sim._records.train(sim.handles.neurons(part.name))
-        payloads = None if carried is None else carried.astype(np.int32)
+    is_recorded = includes_spikes and part.records
+    fields = (part.model_name, part.shape, asdict(counts.populations[part.name]), is_recorded)
+    steps, ids, multiplicity, payloads = none, none, none, none if part.model.graded else None
+    if is_recorded and records:
+        steps, ids, multiplicity, payloads = sim._records.train(sim.handles.neurons(part.name))
+    payloads = None if payloads is None else payloads.astype(np.int32)
     emits = "current" if part.kind == "current" else "spikes"
     return Train(*fields, sim.program.resolution, steps, ids, multiplicity, zeros, zeros, emits, payloads)
 
@@ -214,11 +221,6 @@ def trace_of(sim: Any, probe: Probe | SynapseProbe) -> Trace:
     return Trace("", probe.record, unit, np.zeros(0), none, pre=ends[0], post=ends[1], **fields)
 
 
-def counts_of(part: PopulationCounts | ProjectionCounts) -> dict[str, int]:
-    """Return counts as attributes of a file."""
-    return {f"counts.{name}": count for name, count in asdict(part).items()}
-
-
 COMMIT_S = 1.0
 """Seconds between commits. A run that is killed loses the records after the last commit."""
 
@@ -272,45 +274,23 @@ class ResultsWriter:
         self.part = free_part(self.path, is_kept)
         for output in (self.path, self.part):
             check_output(output, KIND)
-        files = files_of(net)
+        results = collect(
+            sim, net, threads=threads, record=record, all_weights=all_weights, weights=False, records=False
+        )
+        self._origin = results.about[ATTRIBUTE]
+        self._recorded = [
+            index for index, part in enumerate(sim.program.populations) if results.populations[part.name].recorded
+        ]
         self.live, self.drained, self._finished = live, engine.step, False
         self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
-        self._origin = origin(sim, net, threads, record, all_weights)
-        head = {**about(sim, threads), **recordings_of(net), ATTRIBUTE: self._origin}
-        self._recorded = [
-            index
-            for index, part in enumerate(sim.program.populations)
-            if part.records and (not record or part.name in record)
-        ]
         self._fed: dict[str, list[tuple[Ints, Ints, NDArray[np.uint32]]]] = {}
         self._stretch = 1
         try:
-            self._file.begin({**head, "finished": False}, files)
-            self._create_groups()
-            self.commit()
-            if isinstance(self._file, RemoteFile):
-                self._file.wait()
+            self._file.do("begin", results, not live)  # compression would take processor time from a live run
+            self.commit(wait=True)
         except BaseException:
             self._file.close()
             raise
-
-    def _create_groups(self) -> None:
-        """Create the groups of the file, still without content."""
-        program, counts = self._sim.program, self._sim.counts()
-        for index, part in enumerate(program.populations):
-            includes_spikes = index in self._recorded
-            train = train_of(self._sim, part, includes_spikes, counts, empty=True)
-            grows = ("steps", "ids", "multiplicity", *(("payloads",) if part.model.graded else ()))
-            self._file.add(f"populations/{part.name}", train, grows, includes_spikes)
-        for projection in program.projections:
-            weights = weights_of(self._sim, projection, counts, includes_weights=False)
-            self._file.add(f"projections/{projection.name}", weights, ())
-        probes: list[Probe | SynapseProbe] = [*program.probes, *program.synapse_probes]
-        for probe in probes:
-            if probe.record != "spikes":
-                at_pre = ("pre", "post") if probe.every == 0 else ()
-                trace = trace_of(self._sim, probe)
-                self._file.add(f"traces/{probe.name}", trace, ("times_ms", "values", *at_pre))
 
     def feed(self, population: str, steps: Ints, ids: Ints) -> None:
         """Store the events that an event camera was fed, so that the run can be repeated."""
@@ -363,31 +343,32 @@ class ResultsWriter:
 
     def _append(self, group: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         if any(len(array) for array in arrays.values()):
-            self._file.append(group, arrays)
+            self._file.do("append", group, arrays)
 
-    def commit(self) -> None:
+    def commit(self, wait: bool = False) -> None:
         """Write all records to disk, where they survive a crash of this process.
+
+        Args:
+            wait: whether to wait until another process has written them.
 
         Raises:
             Unwritable: the file cannot be written.
         """
         self.drain()
         self._write_counts()
-        self._file.commit()
+        self._file.do("commit", wait=wait)
         self._committed = time.perf_counter()
 
-    def _write_counts(self) -> None:
-        """Write the present time and counts."""
+    def _write_counts(self, **more: Any) -> None:
+        """Write the present time and counts, and further attributes of the file."""
         program, counts, raw = self._sim.program, self._sim.counts(), self._engine.counts()
-        origin = steered_since(self._origin, self._sim)
-        attributes: dict[str, dict[str, Any]] = {"/": {**about(self._sim, self._threads), ATTRIBUTE: origin}}
+        about_run = about(self._sim, self._threads) | {ATTRIBUTE: steered_since(self._origin, self._sim)} | more
+        values: dict[str, dict[str, Any]] = {"/": about_run}
         for section, counted in (("populations", counts.populations), ("projections", counts.projections)):
-            attributes |= {f"{section}/{name}": counts_of(numbers) for name, numbers in counted.items()}
-        arrays = {
-            f"populations/{population.name}": {"spike_counts": spikes, "event_counts": events}
-            for population, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True)
-        }
-        self._file.update(attributes, arrays)
+            values |= {f"{section}/{name}": {"counts": asdict(numbers)} for name, numbers in counted.items()}
+        for population, spikes, events in zip(program.populations, raw.spikes, raw.events, strict=True):
+            values[f"populations/{population.name}"] |= {"spike_counts": spikes, "event_counts": events}
+        self._file.do("update", values)
 
     @property
     def results(self) -> Results:
@@ -399,7 +380,7 @@ class ResultsWriter:
 
     def note(self, place: str, numbers: Mapping[str, Any]) -> None:
         """Write additional numbers as attributes of a group."""
-        self._file.update({place: numbers}, {})
+        self._file.do("update", {place: numbers})
 
     def finish(self) -> None:
         """Write the weights, and give the file its final name.
@@ -407,14 +388,11 @@ class ResultsWriter:
         Raises:
             Unwritable: the file cannot be written.
         """
-        counts = self._sim.counts()
-        for part in self._sim.program.projections:
-            weights = weights_of(self._sim, part, counts, all_weights=self._all_weights)
-            self._file.complete(f"projections/{part.name}", weights)
+        for name, weights in all_weights_of(self._sim, self._all_weights):
+            self._file.do("update", {f"projections/{name}": values_of(weights)})
         self.drain()
-        self._write_counts()
-        self._file.update({"/": {"finished": True}}, {})
-        self._file.finish(self.path)
+        self._write_counts(finished=True)
+        self._file.do("finish", self.path, wait=True)
         self._finished = True
 
     def close(self) -> None:

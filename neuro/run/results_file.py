@@ -11,12 +11,11 @@ import os
 import pickle
 import signal
 import socket
-import struct
 import subprocess
 import sys
-from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +27,10 @@ from neuro.core.errors import ModelError
 from neuro.core.growing import JournaledFile
 from neuro.core.hdf5 import FRONT
 from neuro.core.outputs import Unwritable
-from neuro.files.results import FORMAT, Results, read, read_file, recorded_in, write_head, write_part
+from neuro.files.parts import Trace, Train
+from neuro.files.results import FORMAT, PACKED, Results, read, read_file, recorded_in, write_results, write_values
 
 _CHUNK = 1 << 16
-
-Arrays = Mapping[str, NDArray[Any]]
 
 
 class ResultsFile:
@@ -51,72 +49,56 @@ class ResultsFile:
             self._disk = JournaledFile(part, FORMAT)
         self._file = h5py.File(self._disk, "w", userblock_size=FRONT)
 
-    def begin(self, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Write the attributes of the run and the files of the network."""
-        with self._reporting():
-            write_head(self._file, about, files)
+    def do(self, call: str, *arguments: Any, wait: bool = True) -> None:
+        """Execute one of the calls below.
 
-    def add(self, place: str, part: Any, growing: tuple[str, ...], gzip: bool = False) -> None:
-        """Create the group of a part; `growing` are the names of its extensible arrays."""
-        with self._reporting():
-            group = self._file.create_group(place)
-            for word in growing:
-                _create_extensible(group, word, getattr(part, word), gzip)
-            write_part(group, part)
-
-    def append(self, place: str, arrays: Arrays) -> None:
-        """Append to arrays of a part; create missing arrays."""
-        with self._reporting():
-            group = self._file.require_group(place)
-            for word, array in arrays.items():
-                if word not in group:
-                    _create_extensible(group, word, array[:0])
-                if len(array):
-                    data = group[word]
-                    n = data.shape[0]
-                    data.resize(n + len(array), axis=0)
-                    data[n:] = array
-
-    def update(self, attributes: Mapping[str, Mapping[str, Any]], arrays: Mapping[str, Arrays]) -> None:
-        """Overwrite attributes and whole arrays of parts."""
-        with self._reporting():
-            for place, by_name in attributes.items():
-                self._file.require_group(place).attrs.update(by_name)
-            for place, arrays_of_part in arrays.items():
-                for word, array in arrays_of_part.items():
-                    self._file[place][word][...] = array
-
-    def complete(self, place: str, part: Any) -> None:
-        """Write the fields of a part that were missing at `add`."""
-        with self._reporting():
-            write_part(self._file.require_group(place), part)
-
-    def commit(self) -> None:
-        """Write everything to disk, where it survives a crash of this process.
+        Args:
+            call: name of the method.
+            arguments: its arguments.
+            wait: whether to wait until the call is executed; a `RemoteFile` may execute it later.
 
         Raises:
             Unwritable: the file cannot be written.
         """
         with self._reporting():
-            self._file.flush()
-            self._disk.commit()
+            getattr(self, call)(*arguments)
+
+    def begin(self, results: Results, gzip: bool) -> None:
+        """Write results whose arrays of spikes and traces are empty and grow later; `gzip` compresses the spikes."""
+        write_results(self._file, results, partial(_make_extensible, gzip=gzip))
+
+    def append(self, place: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Append to arrays of a part; create missing arrays."""
+        group = self._file.require_group(place)
+        for word, array in arrays.items():
+            if word not in group:
+                _create_extensible(group, word, array)
+            data = group[word]
+            n = data.shape[0]
+            data.resize(n + len(array), axis=0)
+            data[n:] = array
+
+    def update(self, values: Mapping[str, Mapping[str, Any]]) -> None:
+        """Overwrite attributes and whole arrays, by place and name; create missing ones."""
+        for place, by_name in values.items():
+            write_values(self._file.require_group(place), by_name)
+
+    def commit(self) -> None:
+        """Write everything to disk, where it survives a crash of this process."""
+        self._file.flush()
+        self._disk.commit()
+
+    def finish(self, path: Path) -> None:
+        """Commit, and give the file its final name."""
+        self.commit()
+        self._file.close()
+        self._disk.commit()
+        self._part.replace(path)
 
     @property
     def results(self) -> Results:
         """Results so far."""
         return read_file(self._file, lambda: nullcontext(self._file))
-
-    def finish(self, path: Path) -> None:
-        """Commit, and give the file its final name.
-
-        Raises:
-            Unwritable: the file cannot be written.
-        """
-        self.commit()
-        with self._reporting():
-            self._file.close()
-            self._disk.commit()
-            self._part.replace(path)
 
     def close(self) -> None:
         """Close the file. An unfinished file stays as last committed."""
@@ -138,15 +120,28 @@ class ResultsFile:
             raise Unwritable(self._part, problem, recorded_in(self._part)) from None
 
 
-def _create_extensible(group: h5py.Group, word: str, empty: NDArray[Any], gzip: bool = False) -> None:
-    chunk = (max(1, _CHUNK // max(1, int(np.prod(empty.shape[1:])))), *empty.shape[1:])
-    packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if gzip else {}
-    group.create_dataset(
-        word, shape=empty.shape, maxshape=(None, *empty.shape[1:]), chunks=chunk, dtype=empty.dtype, **packing
-    )
+def _make_extensible(group: h5py.Group, part: Any, gzip: bool) -> None:
+    """Create the arrays of a part that grow while the network runs."""
+    if isinstance(part, Train):
+        words: tuple[str, ...] = ("steps", "ids", "multiplicity", "payloads")
+        gzip = gzip and part.recorded
+    elif isinstance(part, Trace):
+        words, gzip = ("times_ms", "values", *(("pre", "post") if part.at_pre_spikes else ())), False
+    else:
+        return
+    for word in words:
+        if (empty := getattr(part, word)) is not None:
+            _create_extensible(group, word, empty, gzip)
 
 
-_LENGTH = struct.Struct("<Q")
+def _create_extensible(group: h5py.Group, word: str, like: NDArray[Any], gzip: bool = False) -> None:
+    """Create an empty array of this type and these columns."""
+    columns = like.shape[1:]
+    chunks = (max(1, _CHUNK // max(1, int(np.prod(columns)))), *columns)
+    shapes: dict[str, Any] = {"shape": (0, *columns), "maxshape": (None, *columns), "chunks": chunks}
+    group.create_dataset(word, dtype=like.dtype, **shapes, **(PACKED if gzip else {}))
+
+
 _BUFFER = 1 << 22
 _MOST = 1 << 28
 """Largest number of bytes in the queue to the other process. Above it the run waits, so that memory does not grow."""
@@ -176,102 +171,53 @@ class RemoteFile:
                 env=env,
                 start_new_session=True,  # Ctrl-C is for the run
             )
-        self._queue: deque[memoryview] = deque()
-        self._here.setblocking(False)
+        self._queue = bytearray()
         try:
-            self.wait()
+            self._wait()
         except BaseException:
             self.close()
             raise
 
-    def wait(self) -> None:
-        """Wait until all calls are executed."""
-        self._ask("wait")
-
-    def begin(self, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Write the attributes of the run and the files of the network."""
-        self._send("begin", about, files)
-
-    def add(self, place: str, part: Any, growing: tuple[str, ...], gzip: bool = False) -> None:
-        """Create the group of a part, without compression, which would take processor time from the run."""
-        self._send("add", place, part, growing)
-
-    def append(self, place: str, arrays: Arrays) -> None:
-        """Append to arrays of a part."""
-        self._send("append", place, arrays)
-
-    def update(self, attributes: Mapping[str, Mapping[str, Any]], arrays: Mapping[str, Arrays]) -> None:
-        """Overwrite attributes and whole arrays of parts."""
-        self._send("update", attributes, arrays)
-
-    def complete(self, place: str, part: Any) -> None:
-        """Write the fields of a part that were missing at `add`."""
-        self._send("complete", place, part)
-
-    def commit(self) -> None:
-        """Write everything to disk soon."""
-        self._send("commit")
+    def do(self, call: str, *arguments: Any, wait: bool = False) -> None:
+        """Send one of the calls of `ResultsFile`; see there."""
+        self._queue += pickle.dumps((call, arguments, wait), protocol=5)
+        self._push(blocking=wait or len(self._queue) > _MOST)
+        if wait:
+            self._wait()
 
     @property
     def results(self) -> Results:
         """Results so far."""
-        self._ask("commit")
+        self.do("commit", wait=True)
         return read(self._part)
-
-    def finish(self, path: Path) -> None:
-        """Commit, and give the file its final name.
-
-        Raises:
-            Unwritable: the file cannot be written.
-        """
-        self._ask("finish", path)
 
     def close(self) -> None:
         """Let the process execute all calls, and end it."""
         with suppress(OSError, ModelError):
-            self._flush()
+            self._push(blocking=True)
         self._here.close()
         self._process.wait()
 
-    def _send(self, call: str, *arguments: Any, answer: bool = False) -> None:
-        message = pickle.dumps((call, arguments, answer), protocol=5)
-        self._queue.append(memoryview(_LENGTH.pack(len(message)) + message))
-        self.push()
-        if sum(item.nbytes for item in self._queue) > _MOST:
-            self._flush()
-
-    def push(self) -> None:
-        """Send as many calls as the socket accepts at once.
+    def _push(self, blocking: bool) -> None:
+        """Send the calls in the queue; without `blocking` as many as the socket accepts at once.
 
         Raises:
             Unwritable: the other process could not write.
         """
+        self._here.setblocking(blocking)
         while self._queue:
             try:
-                n_sent = self._here.send(self._queue[0])
+                n_sent = self._here.send(self._queue)
             except BlockingIOError:
                 return
             except OSError:
                 raise self._failure() from None
-            remainder = self._queue.popleft()[n_sent:]
-            if remainder:
-                self._queue.appendleft(remainder)
+            del self._queue[:n_sent]
 
-    def _flush(self) -> None:
+    def _wait(self) -> None:
+        """Wait until the other process has executed all calls that were sent."""
         self._here.setblocking(True)
-        try:
-            self.push()
-        finally:
-            self._here.setblocking(False)
-
-    def _ask(self, call: str, *arguments: Any) -> None:
-        """Send a call, and wait until it is executed."""
-        self._send(call, *arguments, answer=True)
-        self._flush()
-        self._here.setblocking(True)
-        answer = self._here.recv(1)
-        self._here.setblocking(False)
-        if answer != b"+":
+        if self._here.recv(1) != b"+":
             raise self._failure()
 
     def _failure(self) -> Unwritable:
@@ -281,9 +227,7 @@ class RemoteFile:
         with suppress(OSError):
             while block := self._here.recv(1 << 16):
                 report += block
-        self._here.setblocking(False)
-        report = report.removeprefix(b"-")
-        reason, _, hint = report.decode("utf-8", "replace").partition("\0")
+        reason, _, hint = report.removeprefix(b"-").decode("utf-8", "replace").partition("\0")
         if not reason:
             reason, hint = "the process that writes it has ended", recorded_in(self._part)
         return Unwritable(self._part, reason, hint)
@@ -296,15 +240,14 @@ def main(number: str, part: str) -> None:
         file = None
         try:
             file = ResultsFile(Path(part))
-            while len(head := calls.read(_LENGTH.size)) == _LENGTH.size:
-                message = calls.read(*_LENGTH.unpack(head))
-                if len(message) < _LENGTH.unpack(head)[0]:
-                    break
-                call, arguments, answer = pickle.loads(message)
-                if call != "wait":
-                    getattr(file, call)(*arguments)
+            pipe.sendall(b"+")
+            while True:
+                call, arguments, answer = pickle.load(calls)
+                file.do(call, *arguments)
                 if answer:
                     pipe.sendall(b"+")
+        except (EOFError, pickle.UnpicklingError):  # the run has ended, or was killed within a call
+            pass
         except Unwritable as error:
             with suppress(OSError):
                 pipe.sendall(f"-{error.what}\0{error.hint}".encode())
