@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 import neuro
 from neuro import plots
 from neuro.files.parts import Trace, Train, Weights
-from neuro.files.recorded import SpikeTrain as Spikes, intervals, recorded, trains, variation
+from neuro.files.recorded import Recorded, SpikeTrain as Spikes, intervals, trains, variation
 from neuro.files.results import Results
 from neuro.plots import _spikes, _traces
 from refused import refusals_of
@@ -72,7 +72,7 @@ def test_edges_bins_and_windows(sim):
     told = plots.rate(sim, "in", bin="5 ms", window=("0.01 s", "30 ms")).axes[0].patches[0].get_data()
     assert told[1].tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
     assert sim.plot(window=("10 ms", 30.0)).axes[0].get_xlim() == (10.0, 30.0)
-    (train,) = trains(recorded(sim), "in", (10.0, 30.0))
+    (train,) = trains(Recorded(sim), "in", (10.0, 30.0))
     assert (train.times_ms.tolist(), train.ids.tolist()) == ([20.0, 20.0, 30.0, 30.0], [0, 3, 1, 3])
     axis = plots.raster(sim, "in", window=(10.0, 30.0)).axes[0]
     assert (axis.get_xlim(), axis.get_title("left")) == ((10.0, 30.0), "in: 4 neurons, 50 Hz")
@@ -123,11 +123,11 @@ def test_a_simulation_is_drawn_as_its_results(sim):
 
     left = collect(sim, sim.network())
     for of in ("in", ["out", "in"], None):
-        for mine, theirs in zip(trains(recorded(sim), of), trains(recorded(left), of), strict=True):
+        for mine, theirs in zip(trains(Recorded(sim), of), trains(Recorded(left), of), strict=True):
             assert mine.population == theirs.population
             for word in ("neurons", "times_ms", "ids", "window"):
                 assert np.array_equal(getattr(mine, word), getattr(theirs, word)), word
-    mine, theirs = recorded(sim).trace("v"), recorded(left).trace("v")
+    mine, theirs = Recorded(sim).trace("v"), Recorded(left).trace("v")
     assert (mine.of, mine.state, mine.unit) == (theirs.of, theirs.state, theirs.unit)
     assert np.array_equal(mine.values, theirs.values)
 
@@ -136,7 +136,7 @@ def test_a_simulation_is_drawn_as_its_results(sim):
 def test_bins_are_on_the_grid(resolution):
     run = results()
     run.about["resolution_ms"] = resolution
-    _, width = _spikes._edges(recorded(run), trains(recorded(run))[0], None)
+    _, width = _spikes._edges(Recorded(run), trains(Recorded(run))[0], None)
     assert width >= 5.0
     assert width / resolution == pytest.approx(round(width / resolution), abs=1e-9)
 
@@ -144,7 +144,7 @@ def test_bins_are_on_the_grid(resolution):
 def test_populations_by_name_by_part_and_by_view(sim):
     part = sim.network().populations["in"]
     assert plots.raster(sim, part).axes[0].get_title("left") == "in: 4 neurons, 35 Hz"
-    (train,) = trains(recorded(sim), part[[3, 1]])
+    (train,) = trains(Recorded(sim), part[[3, 1]])
     assert (train.neurons.tolist(), train.ids.tolist(), train.rate_hz) == ([1, 3], [3, 3, 1, 3], 40.0)
     assert plots.raster(sim, [part[[3, 1]]]).axes[0].get_title("left") == "in: 2 neurons, 40 Hz"
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import neuro
+from refused import refused
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,13 @@ def test_spikes_between_any_two_of_them(both):
         assert kept[0].min() > since
         assert kept[0].max() == until
         equal(kept, left.spikes("drive", since=since, until=until))
+
+
+def test_an_end_before_the_begin_is_refused_also_as_text(both):
+    _, live, left = both
+    for run in (live, left):
+        expected = "since = 50 ms and until = 3 ms: expected an end after the begin"
+        assert refused(run.spikes, "drive", since="0.05 s", until="3 ms") == expected
 
 
 @pytest.mark.parametrize("words", [{}, {"delays": True}, {"pre": [0, 3]}, {"post": 2, "delays": True}, {"post": [5]}])

@@ -79,16 +79,6 @@ def check_fields(part: Any, place: str = "") -> None:
             object.__setattr__(part, entry.name, check(q, getattr(part, entry.name), ".".join(words), words))
 
 
-def check_span(after: int, to: int, since: float | None, until: float | None) -> None:
-    """Raise an error if a range of steps ends before it begins. The message has the times in ms.
-
-    Raises:
-        ModelError: the end is before the begin.
-    """
-    if since is not None and until is not None and after > to:
-        raise ModelError(f"since = {since:g} ms and until = {until:g} ms: expected an end after the begin")
-
-
 def _within(q: Quantity, x: float) -> bool:
     return not (
         math.isnan(x)

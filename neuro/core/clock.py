@@ -63,6 +63,19 @@ class Clock:
             return NEVER if ms > 0 else -1
         return math.floor(float(ms) / self.resolution + TOLERANCE)
 
+    def between(self, since: Any, until: Any) -> tuple[int, int]:
+        """Return the steps of a time after which and of one up to which records are read; None for no bound.
+
+        Raises:
+            ModelError: a value is not a time, or the end is before the begin.
+        """
+        after = -1 if since is None else self.floor(since, "since")
+        to = NEVER if until is None else self.floor(until, "until")
+        if since is not None and until is not None and after > to:
+            message = f"since = {in_ms(since, 'since'):g} ms and until = {in_ms(until, 'until'):g} ms"
+            raise ModelError(f"{message}: expected an end after the begin")
+        return after, to
+
     def floors(self, times: NDArray[np.float64], what: str) -> NDArray[np.int64]:
         """Return the last step at or before each of many finite times.
 

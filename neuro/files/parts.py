@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER, Clock
 from neuro.program.program import Floats, Ints, Stretch
+from neuro.program.spikes import one_by_one
 
 __all__ = ["Fed", "Trace", "Train", "Weights"]
 
@@ -53,6 +55,31 @@ def span(times: Any, after: float, to: float) -> slice:
     if isinstance(times, Stored):
         return times.span(after, to)
     return slice(*(int(np.searchsorted(times, bound, side="right")) for bound in (after, to)))
+
+
+def entries(columns: Sequence[Any], after: int, to: int, is_selected: NDArray[np.bool_] | None) -> tuple[Any, ...]:
+    """Return the entries of spikes with after < step <= to.
+
+    Args:
+        columns: steps, neurons, multiplicities and payloads (None for no payloads); arrays or `Stored`.
+        after: the last step to leave out.
+        to: the last step to return.
+        is_selected: for each neuron whether its spikes are returned; None for all neurons.
+    """
+    rows = span(columns[0], after, to)
+    parts = tuple(None if column is None else column[rows] for column in columns)
+    if is_selected is None:
+        return parts
+    is_chosen = is_selected[parts[1]]
+    return tuple(None if part is None else part[is_chosen] for part in parts)
+
+
+def spikes_in_ms(
+    name: str, clock: Clock, steps: Ints, ids: Ints, multiplicity: Ints, payloads: NDArray[Any] | None
+) -> tuple[Floats, Ints, Ints | None]:
+    """Return time in ms, neuron and payload of each spike of a population, from its entries."""
+    steps, ids = one_by_one(name, multiplicity, steps, ids)
+    return clock.array_ms(steps), ids, None if payloads is None else payloads.astype(np.int64)
 
 
 def _first_above(data: Any, bound: float, length: int) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,6 @@ from neuro.core.values import shown
 from neuro.model.parts import Part
 from neuro.model.views import NameAndShape, View, view_of_index
 from neuro.program.program import Floats, Ints, Program
-from neuro.program.spikes import one_by_one
 
 if TYPE_CHECKING:
     import neo
@@ -127,9 +126,11 @@ class SynapseWeights:
     weight: Floats
 
 
-@dataclass(frozen=True, eq=False)
 class Recorded:
-    """The recording of a run, from a simulation or from results.
+    """The recording of a run, read in the same way from a simulation and from results.
+
+    Args:
+        run: a `neuro.Simulation`, or results.
 
     Attributes:
         network, backend: names of the network and the backend.
@@ -139,27 +140,53 @@ class Recorded:
         with_spikes: names of the populations with recorded spikes.
         held_ms: the recording up to this time has been forgotten.
         with_weights: names of the projections with stored weights.
-        spikes: function of a population and a time; returns times in ms after it and neurons, sorted by time.
-        weights: function of a projection; returns its weights.
-        traces_of_run: function that returns all traces; a simulation copies its recording.
+
+    Raises:
+        ModelError: `run` is neither.
     """
 
-    network: str
-    backend: str
-    seed: int
-    duration_ms: float
-    resolution_ms: float
-    shapes: dict[str, tuple[int, ...]]
-    with_spikes: list[str]
-    held_ms: float
-    with_weights: list[str]
-    spikes: Callable[[str, float], tuple[Floats, Ints]]
-    weights: Callable[[str], SynapseWeights]
-    traces_of_run: Callable[[], Mapping[str, Any]]
+    def __init__(self, run: Any) -> None:
+        self._run = run
+        if hasattr(run, "program") and hasattr(run, "spikes"):
+            program: Program = run.program
+            self.network, self.backend, self.seed = program.name, str(run.backend), program.seed
+            self.resolution_ms = program.resolution
+            self.shapes = {part.name: part.shape for part in program.populations}
+            self.with_spikes = [part.name for part in program.populations if part.records]
+            self.with_weights = [p.name for p in program.projections if p.synapse.learns or p.size <= SMALL]
+            names = [*self.shapes]
+            self._ends = {part.name: (names[part.source], names[part.target]) for part in program.projections}
+        elif hasattr(run, "traces") and hasattr(run, "populations"):
+            about = run.about
+            self.network, self.backend, self.seed = (
+                str(about["network"]),
+                str(about.get("backend", "")),
+                int(about.get("seed", 0)),
+            )
+            self.resolution_ms = float(about["resolution_ms"])
+            self.shapes = {name: tuple(part.shape) for name, part in run.populations.items()}
+            self.with_spikes = [name for name, part in run.populations.items() if part.recorded]
+            self.with_weights = [name for name, part in run.projections.items() if part.weight is not None]
+            self._ends = {name: (part.source, part.target) for name, part in run.projections.items()}
+        else:
+            hint = "neuro.compile(net) gives a simulation" if hasattr(run, "populations") else ""
+            raise ModelError(f"found {shown(run)}: expected a simulation, or results of a run", hint=hint)
+        self.duration_ms, self.held_ms = float(run.time), float(run.held)
+
+    def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
+        """Return times in ms after a time and neurons, sorted by time."""
+        times_and_ids: tuple[Floats, Ints] = self._run.spikes(population, since=since)
+        return times_and_ids
+
+    def weights(self, name: str) -> SynapseWeights:
+        """Return the weights of a projection."""
+        values, ends = self._run.weights(name), self._ends[name]
+        shape = (math.prod(self.shapes[ends[0]]), math.prod(self.shapes[ends[1]]))
+        return SynapseWeights(shape, *(values if isinstance(values, tuple) else (None, None, values)))
 
     @cached_property
     def _traces(self) -> Mapping[str, Any]:
-        return self.traces_of_run()
+        return dict(self._run.traces)  # a simulation copies its recording
 
     @property
     def probes(self) -> dict[str, str]:
@@ -174,88 +201,6 @@ class Recorded:
         values = part.values[:, None] if part.single else part.values
         fields = (part.state, part.unit, noun, columns, part.times_ms, values)
         return StateTrace(part.projection or part.population, *fields, part.pre, part.post)
-
-
-def recorded(run: Any) -> Recorded:
-    """Return the recording of a run.
-
-    Args:
-        run: a `neuro.Simulation`, or results.
-
-    Raises:
-        ModelError: `run` is neither.
-    """
-    if hasattr(run, "program") and hasattr(run, "spikes"):
-        return _of_simulation(run)
-    if hasattr(run, "traces") and hasattr(run, "populations"):
-        return _of_results(run)
-    hint = "neuro.compile(net) gives a simulation" if hasattr(run, "populations") else ""
-    raise ModelError(f"found {shown(run)}: expected a simulation, or results of a run", hint=hint)
-
-
-def _of_simulation(run: Any) -> Recorded:
-    program: Program = run.program
-    sizes = [part.size for part in program.populations]
-
-    def weights(name: str) -> SynapseWeights:
-        part = next((p for p in program.projections if p.name == name), None)
-        if part is None:
-            raise unknown("projection", name, [p.name for p in program.projections])
-        values, shape = run.weights(name), (sizes[part.source], sizes[part.target])
-        return SynapseWeights(shape, *values) if part.grid is None else SynapseWeights(shape, None, None, values)
-
-    return Recorded(
-        program.name,
-        run.backend,
-        program.seed,
-        run.time,
-        program.resolution,
-        {part.name: part.shape for part in program.populations},
-        [part.name for part in program.populations if part.records],
-        run.held,
-        [part.name for part in program.projections if part.synapse.learns or part.size <= SMALL],
-        lambda population, since: run.spikes(population, since=since),
-        weights,
-        lambda: run.traces,
-    )
-
-
-def _of_results(run: Any) -> Recorded:
-    shapes = {name: tuple(part.shape) for name, part in run.populations.items()}
-
-    def spikes(population: str, since: float) -> tuple[Floats, Ints]:
-        part = run.populations.get(population)
-        if part is None or not part.recorded:
-            hint = f"'neuro run --record {population}' keeps them"
-            raise ModelError(f"spikes of '{population}' were not kept", hint=hint)
-        times = part.times_ms
-        begin = up_to(times, since) if since > 0 else 0
-        times, ids = one_by_one(population, part.multiplicity[begin:], times[begin:], part.ids[begin:])
-        return times, ids
-
-    def weights(name: str) -> SynapseWeights:
-        if name not in run.projections:
-            raise unknown("projection", name, run.projections)
-        part = run.projections[name]
-        if part.weight is None:
-            raise ModelError(f"weights of '{name}' were not kept", hint="'neuro run --all-weights' keeps them")
-        shape = (math.prod(shapes[part.source]), math.prod(shapes[part.target]))
-        return SynapseWeights(shape, part.pre, part.post, part.weight)
-
-    return Recorded(
-        str(run.about["network"]),
-        str(run.about.get("backend", "")),
-        int(run.about.get("seed", 0)),
-        float(run.about["duration_ms"]),
-        float(run.about["resolution_ms"]),
-        shapes,
-        [name for name, part in run.populations.items() if part.recorded],
-        0.0,
-        [name for name, part in run.projections.items() if part.weight is not None],
-        spikes,
-        weights,
-        lambda: run.traces,
-    )
 
 
 def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain]:
@@ -351,7 +296,7 @@ def to_pandas(run: object) -> DataFrames:
         ModelError: the package pandas is not installed.
     """
     pandas = needed("pandas", "pandas", "to_pandas: the package pandas is not installed")
-    source = recorded(run)
+    source = Recorded(run)
     every = trains(source) if source.with_spikes else []
     times = np.concatenate([np.zeros(0), *(train.times_ms for train in every)])
     ids = np.concatenate([np.zeros(0, np.int64), *(train.ids for train in every)])
@@ -412,7 +357,7 @@ def to_neo(run: object) -> neo.Block:
         ModelError: the package neo is not installed.
     """
     neo = needed("neo", "neo", "to_neo: the package neo is not installed")
-    source = recorded(run)
+    source = Recorded(run)
     annotations = {
         "simulator": "neuro",
         "backend": source.backend,

@@ -45,7 +45,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import h5py
 import numpy as np
 
-from neuro.core.checks import check_span
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, a, unknown
 from neuro.core.growing import JournalReader
@@ -54,13 +53,12 @@ from neuro.core.inputs import existing, record_input
 from neuro.core.outputs import Kind, kept_parts
 from neuro.core.tables import Table, as_html, as_text
 from neuro.files.finished_runs import RecordingSearch, native_counts, one_each, weights
-from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, span, unread
+from neuro.files.parts import Fed, Opener, Stored, Trace, Train, Weights, entries, spikes_in_ms, unread
 from neuro.model.network import Network
 from neuro.model.parts import Part
 from neuro.model.views import NameAndShape, View, view_of_index
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
-from neuro.program.spikes import one_by_one
 
 if TYPE_CHECKING:
     import neo
@@ -206,20 +204,14 @@ class Results:
         """Return the spikes of some neurons of a population, None for all, with payloads if the spikes have any."""
         train = self.populations[name]
         if not train.recorded:
-            raise ModelError(f"spikes of '{name}', {a(train.model)}, are not recorded")
+            hint = f"'neuro run --record {name}' records them" if train.emits == "spikes" else ""
+            raise ModelError(f"spikes of '{name}', {a(train.model)}, are not recorded", hint=hint)
         clock = Clock(float(self.about["resolution_ms"]))
-        bounds = (-1.0 if since is None else since, np.inf if until is None else until)
-        since_step, until_step = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))
-        check_span(since_step, until_step, since, until)
-        part = span(unread(train, "steps"), since_step, until_step)
-        steps, neurons, multiplicity = (unread(train, word)[part] for word in ("steps", "ids", "multiplicity"))
-        payloads = None if unread(train, "payloads") is None else unread(train, "payloads")[part].astype(np.int64)
-        if ids is not None:
-            is_selected = np.isin(neurons, ids)
-            steps, neurons, multiplicity = steps[is_selected], neurons[is_selected], multiplicity[is_selected]
-            payloads = None if payloads is None else payloads[is_selected]
-        steps, neurons = one_by_one(name, multiplicity, steps, neurons)
-        return clock.array_ms(steps), neurons, payloads
+        after, to = clock.between(since, until)
+        words = ("steps", "ids", "multiplicity", "payloads")
+        columns = [getattr(train, word) if after <= 0 and until is None else unread(train, word) for word in words]
+        is_selected = None if ids is None else np.isin(np.arange(train.size), ids)
+        return spikes_in_ms(name, clock, *entries(columns, after, to, is_selected))
 
     def trace(self, of: Any) -> tuple[Floats, Any]:
         """Return the recording of a probe, in the form of `Simulation.trace`.

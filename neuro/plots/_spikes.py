@@ -15,7 +15,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.quantities import in_ms
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Recorded, SpikeTrain, intervals, recorded, trains, up_to, variation
+from neuro.files.recorded import Recorded, SpikeTrain, intervals, trains, up_to, variation
 from neuro.plots._canvas import about, checked_axes, colours, label, legend, over_time, panels, whole_numbers
 from neuro.program.program import Floats, Ints
 
@@ -42,7 +42,7 @@ def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -
     Raises:
         ModelError: no spikes of these populations were recorded.
     """
-    source = recorded(run)
+    source = Recorded(run)
     spike_trains = trains(source, of, window)
     if ax is not None:
         return _stacked(spike_trains, checked_axes(ax))
@@ -113,7 +113,7 @@ def rate(run: object, of: Any = None, *, bin: float | str | None = None, window:
     Raises:
         ModelError: no spikes of these populations were recorded, or the bin is invalid.
     """
-    source = recorded(run)
+    source = Recorded(run)
     spike_trains = trains(source, of, window)
     edges, width = _edges(source, spike_trains[0], bin)
     if ax is not None:
@@ -194,7 +194,7 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
     Raises:
         ModelError: no spikes of these populations were recorded.
     """
-    step = recorded(run).resolution_ms
+    step = Recorded(run).resolution_ms
 
     def draw(axis: Any, train: SpikeTrain, colour: str) -> str:
         lengths, _ = intervals(train.times_ms, train.ids)
@@ -243,7 +243,7 @@ def cv(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Fi
 
 def _distributions(run: object, of: Any, window: Any, ax: Any, draw: Any, title: str, names: tuple[str, str]) -> Figure:
     """Draw each population with a label, in a panel per population, or all in `ax`."""
-    source = recorded(run)
+    source = Recorded(run)
     spike_trains = trains(source, of, window)
     if ax is None:
         figure, axes = panels(f"{source.network}: {title}", len(spike_trains))

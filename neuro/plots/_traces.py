@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Recorded, StateTrace, SynapseWeights, Window, checked_window, recorded, trains
+from neuro.files.recorded import Recorded, StateTrace, SynapseWeights, Window, checked_window, trains
 from neuro.model.views import View
 from neuro.plots._canvas import (
     COLOURS,
@@ -54,7 +54,7 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
     Raises:
         ModelError: the probe does not exist, or recorded no values.
     """
-    source = recorded(run)
+    source = Recorded(run)
     span = checked_window(source, window)
     all_traces = _traces(source, probe)
     selected = [(name, part) for name, whole in all_traces if (part := among(whole, of)) is not None]
@@ -189,7 +189,7 @@ def overview(run: object, of: Any = None, *, window: Any = None) -> Figure:
     Raises:
         ModelError: no spikes of these populations were recorded.
     """
-    source = recorded(run)
+    source = Recorded(run)
     spike_trains = trains(source, of, window)
     probes = list(source.probes) if of is None else []
     first_probes = [name for name in probes if source.trace(name).times_ms.size][:MOST_TRACES]
@@ -233,7 +233,7 @@ def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = 
     Raises:
         ModelError: the projection does not exist, its weights were not stored, or `kind` is another word.
     """
-    source = recorded(run)
+    source = Recorded(run)
     name = getattr(projection, "name", projection)
     if kind not in KINDS:
         hint = nearest(str(kind), KINDS)

@@ -9,16 +9,14 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.checks import check_span
-from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, a
+from neuro.core.quantities import in_ms
+from neuro.files.parts import entries, spikes_in_ms
 from neuro.model.neurons import Generator
 from neuro.model.parts import Probe
 from neuro.program.program import Floats, Ints
-from neuro.program.spikes import one_by_one
 from neuro.run.handles import Neurons, Run
 from neuro.run.turn import Turn, hold
 
@@ -150,32 +148,20 @@ class Records:
     def _spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints, Ints | None]:
         if (results := self._results_in_file()) is not None and of.part.records:
             return results.graded_spikes_of(of.part.name, of.ids, since, until)
-        steps, ids, multiplicity, payloads = self.train(of, since, until)
-        steps, ids = one_by_one(of.part.name, multiplicity, steps, ids)
-        return self._clock.array_ms(steps), ids, payloads
+        return spikes_in_ms(of.part.name, self._clock, *self.train(of, since, until))
 
-    def train(
-        self, of: Neurons, since: float | None = None, until: float | None = None
-    ) -> tuple[Ints, Ints, Ints, Ints | None]:
-        """Return steps, neurons, multiplicities and payloads of the spikes in memory, by step, then neuron."""
+    def train(self, of: Neurons, since: float | None = None, until: float | None = None) -> tuple[Any, ...]:
+        """Return steps, neurons, multiplicities and payloads or None of the spikes in memory, by step, then neuron."""
         part = of.part
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{part.name}', {a(part.model_name)}, are not recorded", hint=hint)
         self._update_held()
-        since_step = -1 if since is None else self._clock.floor(since, "since")
-        until_step = NEVER if until is None else self._clock.floor(until, "until")
-        check_span(since_step, until_step, since, until)
+        after, to = self._clock.between(since, until)
         self._check_held(part.name, since, until)
-        recorded = self._engine.spikes(of.index, since_step)
-        end = None if until is None else np.searchsorted(recorded.steps, until_step, side="right")
-        steps, ids, multiplicity = recorded.steps[:end], recorded.ids[:end], recorded.multiplicity[:end]
-        payloads = None if recorded.payloads is None else recorded.payloads[:end].astype(np.int64)
-        if of.ids is not None:
-            is_selected = of.mask()[ids]
-            steps, ids, multiplicity = steps[is_selected], ids[is_selected], multiplicity[is_selected]
-            payloads = None if payloads is None else payloads[is_selected]
-        return steps, ids, multiplicity, payloads
+        spikes = self._engine.spikes(of.index, after)
+        columns = (spikes.steps, spikes.ids, spikes.multiplicity, spikes.payloads)
+        return entries(columns, after, to, None if of.ids is None else of.mask())
 
     def _update_held(self) -> None:
         """Advance `held` by the records that a live run has sent to its file."""
@@ -189,7 +175,8 @@ class Records:
         for word, ms in (("since", since), ("until", until)):
             if ms is None or self._clock.floor(ms, word) >= self.held + (word == "until"):
                 continue
-            oldest, subject = f"{self._clock.ms(self.held):g} ms", f"spikes of '{name}': {word} = {ms:g} ms"
+            oldest = f"{self._clock.ms(self.held):g} ms"
+            subject = f"spikes of '{name}': {word} = {in_ms(ms, word):g} ms"
             expected = f"expected {word} {'>=' if word == 'since' else '>'} {oldest}"
             if self._finished_file is not None and self._finished_file[0] == self.held:
                 path = str(self._finished_file[1])
