@@ -149,6 +149,9 @@ class Train:
     emits: str = "spikes"
     payloads: Lazy = Lazy(None)
 
+    growing: ClassVar[tuple[str, ...]] = ("steps", "ids", "multiplicity", "payloads")
+    """Names of the arrays that grow while a network runs."""
+
     @property
     def times_ms(self) -> Floats:
         """Time of each entry in ms."""
@@ -238,6 +241,9 @@ class Weights:
     delay_ms: Lazy = Lazy(None)
     drawn_by: str | None = None
 
+    growing: ClassVar[tuple[str, ...]] = ()
+    """Names of the arrays that grow while a network runs."""
+
     @property
     def synapse_text(self) -> str:
         """The synapse model and, if a backend drew the synapses, the name of that backend."""
@@ -278,6 +284,11 @@ class Trace:
     def at_pre_spikes(self) -> bool:
         """True if the probe recorded synapses at each pre spike instead of at regular times."""
         return not self.single and bool(self.values.ndim == 1)
+
+    @property
+    def growing(self) -> tuple[str, ...]:
+        """Names of the arrays that grow while a network runs."""
+        return ("times_ms", "values", "pre", "post") if self.at_pre_spikes else ("times_ms", "values")
 
     @property
     def single(self) -> bool:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
 from neuro.core.inputs import file_path
@@ -266,9 +265,6 @@ class ResultsWriter:
         live: bool = False,
     ) -> None:
         self._sim, self._engine, self._recorder = sim, engine, recorder
-        self._clock = Clock(sim.program.resolution)
-        probed = {probe.projection for probe in sim.program.synapse_probes if not probe.every}
-        self._ends = {index: sim.program.connections(index) for index in probed}
         self._threads, self._all_weights = threads, all_weights
         self.path = Path(os.path.realpath(file_path(path, "path")))
         self.part = free_part(self.path, is_kept)
@@ -314,7 +310,7 @@ class ResultsWriter:
 
     def drain(self) -> None:
         """Move the records from memory to the file."""
-        clock, step = self._clock, self._engine.step
+        step = self._engine.step
         for index in self._recorded:
             recorded_spikes = self._engine.spikes(index, -1)
             end = int(np.searchsorted(recorded_spikes.steps, step, side="right"))
@@ -327,14 +323,8 @@ class ResultsWriter:
             self._sim._signals.listen()
         self._engine.forget(step)
         self.drained = step
-        for name, series in self._recorder.series.items():
-            steps, values = series.take()
-            self._append(f"traces/{name}", {"times_ms": clock.array_ms(steps), "values": values})
-        for name, recorded in self._recorder.pre_spikes.items():
-            records, (pre, post) = recorded.take(), self._ends[recorded.probe.projection]
-            ends = {"pre": pre[records.synapses], "post": post[records.synapses]}
-            sent_at: dict[str, NDArray[Any]] = {"times_ms": clock.array_ms(records.steps), "values": records.values}
-            self._append(f"traces/{name}", sent_at | ends)
+        for name, trace in self._recorder.take():
+            self._append(f"traces/{name}", trace)
         for name, batches in self._fed.items():
             if batches:
                 columns = (np.concatenate(column) for column in zip(*batches, strict=True))

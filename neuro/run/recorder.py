@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.memory import LEAST, Need, check_room
-from neuro.core.clock import NEVER
+from neuro.core.clock import NEVER, Clock
 from neuro.program.backend import Engine, Notes, Samples, Sent
 from neuro.program.program import Floats, Ints, Probe, Program, SynapseProbe
 from neuro.program.spikes import one_by_one
@@ -21,12 +21,17 @@ class Series:
     """The records of one probe, by step.
 
     Args:
+        clock: clock of the network.
         columns: number of values per record.
         single: whether the value is one number for all neurons or synapses, such as a rate or a mean.
     """
 
-    def __init__(self, columns: int, single: bool = False) -> None:
-        self._columns, self.single = columns, single
+    def __init__(self, clock: Clock, columns: int, single: bool = False) -> None:
+        self._clock, self._columns, self._single = clock, columns, single
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all records."""
         self._steps: list[int] = []
         self._values: list[Floats] = []
 
@@ -40,11 +45,6 @@ class Series:
         self._steps += steps.tolist()
         self._values += list(values)
 
-    def read(self) -> tuple[Ints, Floats]:
-        """Return steps and values, shape (steps, columns)."""
-        steps = np.array(self._steps, dtype=np.int64)
-        return steps, np.array(self._values, dtype=np.float64).reshape(len(steps), self._columns)
-
     def after(self, step: int, most: int) -> tuple[Ints, Floats]:
         """Return steps and values after a step. If there are more than `most` records, every n-th is returned.
 
@@ -55,25 +55,23 @@ class Series:
         steps = np.array(self._steps[begin::interval], dtype=np.int64)
         return steps, np.array(self._values[begin::interval], dtype=np.float64).reshape(len(steps), self._columns)
 
-    def recorded(self) -> tuple[Ints, Floats]:
-        """Return steps and values; a single number per record has the shape (steps,)."""
-        steps, values = self.read()
-        return steps, values[:, 0] if self.single else values
-
-    def take(self) -> tuple[Ints, Floats]:
-        """Return `recorded` and forget the records."""
-        records = self.recorded()
-        self._steps, self._values = [], []
-        return records
-
-    def put(self, steps: Ints, values: Floats) -> None:
-        """Replace the records."""
-        self._steps, self._values = steps.tolist(), list(values)
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the trace; a single number per record has the shape (times,)."""
+        steps, values = self.after(-1, len(self._steps) + 1)
+        return {"times_ms": self._clock.array_ms(steps), "values": values[:, 0] if self._single else values}
 
     def forget(self, before: int) -> None:
         """Drop the records up to a step."""
-        begin = int(np.searchsorted(self._steps, before, side="right"))
+        begin = bisect_right(self._steps, before)
         del self._steps[:begin], self._values[:begin]
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all records."""
+        return dict(zip(("steps", "values"), self.after(-1, len(self._steps) + 1), strict=True))
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Replace the records by those of a snapshot."""
+        self._steps, self._values = arrays["steps"].tolist(), list(arrays["values"])
 
 
 class Recorder:
@@ -82,23 +80,30 @@ class Recorder:
     Args:
         program: the program with the probes.
         engine: the engine that runs the program.
+        ends: function that returns source and target of every synapse of a projection, by its index.
 
     Attributes:
         series: records at intervals, by name.
-        pre_spikes: records at presynaptic spikes, by name.
+        records: all records by name, those at presynaptic spikes last.
     """
 
-    def __init__(self, program: Program, engine: Engine) -> None:
+    def __init__(self, program: Program, engine: Engine, ends: Callable[[int], tuple[Ints, Ints]]) -> None:
         self._engine = engine
         probes = [p for p in program.probes if p.record != "spikes"]
         self._to_read: dict[str, Probe | SynapseProbe] = {p.name: p for p in probes}
         self._to_read |= {p.name: p for p in program.synapse_probes if p.every}
         self._probes, self._program = tuple(self._to_read.values()), program
         self._sampled: dict[str, int] = {}
-        self.series = {name: Series(columns(program, probe), is_single(probe)) for name, probe in self._to_read.items()}
-        self.pre_spikes = {
-            p.name: PreSpikes(program, index) for index, p in enumerate(program.synapse_probes) if not p.every
+        clock = Clock(program.resolution)
+        self.series = {
+            name: Series(clock, columns(program, probe), is_single(probe)) for name, probe in self._to_read.items()
         }
+        self._pre_spikes = {
+            p.name: PreSpikes(program, index, clock, ends)
+            for index, p in enumerate(program.synapse_probes)
+            if not p.every
+        }
+        self.records: dict[str, Series | PreSpikes] = {**self.series, **self._pre_spikes}
         self._samples = engine if isinstance(engine, Samples) else None
         if isinstance(engine, Samples):
             self._sampled = {program.probes[number].name: number for number in engine.samples}
@@ -122,9 +127,7 @@ class Recorder:
 
     def clear(self) -> None:
         """Forget all records."""
-        for series in self.series.values():
-            series.put(np.zeros(0, dtype=np.int64), np.zeros(0))
-        for records in self.pre_spikes.values():
+        for records in self.records.values():
             records.clear()
         self._last_rate = dict.fromkeys(self._last_rate, (0, 0))
 
@@ -144,7 +147,7 @@ class Recorder:
         if self._samples is not None:
             for name, number in self._sampled.items():
                 self.series[name].extend(*self._samples.sampled(number))
-        for records in self.pre_spikes.values():
+        for records in self._pre_spikes.values():
             records.update(engine)
 
     def _values(self, probe: Probe | SynapseProbe) -> Floats:
@@ -163,32 +166,30 @@ class Recorder:
             values = self._engine.get(probe.population, probe.record, probe.ids)
         return values.mean(keepdims=True) if probe.mean else values
 
+    def take(self) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
+        """Yield the arrays of all traces by name, and forget them."""
+        for name, records in self.records.items():
+            yield name, records.arrays()
+        self.forget(self._engine.step)
+
     def forget(self, before: int) -> None:
         """Drop the records up to a step."""
-        for series in self.series.values():
-            series.forget(before)
-        for records in self.pre_spikes.values():
+        for records in self.records.values():
             records.forget(before)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return all records."""
-        arrays: dict[str, NDArray[Any]] = {}
-        for name, series in self.series.items():
-            arrays[f"{name}/steps"], arrays[f"{name}/values"] = series.read()
-        for name, last_rate in self._last_rate.items():
-            arrays[f"{name}/counted"] = np.array(last_rate)
-        for name, records in self.pre_spikes.items():
+        arrays = {f"{name}/counted": np.array(last_rate) for name, last_rate in self._last_rate.items()}
+        for name, records in self.records.items():
             arrays |= {f"{name}/{word}": array for word, array in records.snapshot().items()}
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Replace all records by those of a snapshot."""
-        for name, series in self.series.items():
-            series.put(arrays[f"{name}/steps"], arrays[f"{name}/values"])
         for name in self._last_rate:
             spikes, step = arrays[f"{name}/counted"].tolist()
             self._last_rate[name] = spikes, step
-        for name, records in self.pre_spikes.items():
+        for name, records in self.records.items():
             words = [key.removeprefix(f"{name}/") for key in arrays if key.startswith(f"{name}/")]
             records.restore({word: arrays[f"{name}/{word}"] for word in words})
 
@@ -220,15 +221,14 @@ class PreSpikes:
     Args:
         program: the whole network.
         index: index of the probe in `synapse_probes`.
-
-    Attributes:
-        probe: the probe.
+        clock: clock of the network.
+        ends: function that returns source and target of every synapse of a projection, by its index.
     """
 
-    def __init__(self, program: Program, index: int) -> None:
-        self._program, self._index = program, index
-        self.probe = program.synapse_probes[index]
-        self._part = program.projections[self.probe.projection]
+    def __init__(self, program: Program, index: int, clock: Clock, ends: Callable[[int], tuple[Ints, Ints]]) -> None:
+        self._program, self._index, self._clock, self._ends = program, index, clock, ends
+        self._probe = program.synapse_probes[index]
+        self._part = program.projections[self._probe.projection]
         self._source = self._part.source
         self.clear()
 
@@ -254,35 +254,36 @@ class PreSpikes:
         has_acted, self._last_step = steps < engine.step, engine.step
         self._pending = steps[~has_acted], ids[~has_acted]
         # The synapses of each neuron that fired, one neuron after the other. Connections are sorted by source.
-        sources, _ = self._program.connections(self.probe.projection)
-        chosen = np.arange(sources.size) if self.probe.synapses is None else np.sort(self.probe.synapses)
+        sources, _ = self._ends(self._probe.projection)
+        chosen = np.arange(sources.size) if self._probe.synapses is None else np.sort(self._probe.synapses)
         begin, end = (np.searchsorted(sources[chosen], ids[has_acted], side=side) for side in ("left", "right"))
         fan_out = end - begin
         indices = np.arange(fan_out.sum()) + np.repeat(begin - np.cumsum(fan_out) + fan_out, fan_out)
         synapses = chosen[indices]
-        values = engine.get_synapses(self.probe.projection, self.probe.record)
+        values = engine.get_synapses(self._probe.projection, self._probe.record)
         return Sent(np.repeat(steps[has_acted], fan_out), synapses, values[synapses])
 
-    def read(self) -> Sent:
+    def _read(self) -> Sent:
         """Return all records, by step, then synapse."""
         none = Sent(_NO_IDS, _NO_IDS, np.zeros(0))
         parts = [none, *self._records]
         return Sent(*(np.concatenate([getattr(part, word) for part in parts]) for word in Sent.__slots__))
 
-    def take(self) -> Sent:
-        """Return all records and forget them."""
-        records, self._records = self.read(), []
-        return records
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the trace."""
+        records, (pre, post) = self._read(), self._ends(self._probe.projection)
+        ends = {"pre": pre[records.synapses], "post": post[records.synapses]}
+        return {"times_ms": self._clock.array_ms(records.steps), "values": records.values, **ends}
 
     def forget(self, before: int) -> None:
         """Drop the records of spikes up to a step."""
-        records = self.take()
+        records = self._read()
         is_later = records.steps > before
         self._records = [Sent(records.steps[is_later], records.synapses[is_later], records.values[is_later])]
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return all records, and the spikes that have not acted yet."""
-        records = self.read()
+        records = self._read()
         steps, ids = self._pending
         pending = {"waiting_steps": steps, "waiting_ids": ids, "seen": np.array(self._last_step)}
         return {**{word: getattr(records, word) for word in Sent.__slots__}, **pending}

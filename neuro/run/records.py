@@ -52,7 +52,7 @@ class Records:
         """Recorder of the probes, made at first use."""
         from neuro.run.recorder import Recorder
 
-        return Recorder(self._program, self._engine)
+        return Recorder(self._program, self._engine, self._handles.ends)
 
     @property
     def held_ms(self) -> float:
@@ -198,18 +198,14 @@ class Records:
 
     def one_trace(self, name: str) -> tuple[Floats, Any]:
         """Return the records of one state, or the spikes."""
-        series, at_pre = self.recorder.series, self.recorder.pre_spikes
-        if (name in series or name in at_pre) and (results := self._results_in_file()) is not None:
+        if name not in self.recorder.records:
+            return self.spikes(self._handles.recorded(self._handles.recording(name)), None, None)
+        if (results := self._results_in_file()) is not None:
             return results.trace(name)
-        if name in series:
-            steps, values = series[name].recorded()
-            return self._clock.array_ms(steps), values
-        if name in at_pre:
-            recorded = at_pre[name]
-            recorded_values, (pre, post) = recorded.read(), self._handles.ends(recorded.probe.projection)
-            ends = {"pre": pre[recorded_values.synapses], "post": post[recorded_values.synapses]}
-            return self._clock.array_ms(recorded_values.steps), {**ends, recorded.probe.record: recorded_values.values}
-        return self.spikes(self._handles.recorded(self._handles.recording(name)), None, None)
+        arrays = self.recorder.records[name].arrays()
+        times, values = arrays.pop("times_ms"), arrays.pop("values")
+        state = next(probe.record for probe in self._program.synapse_probes if probe.name == name) if arrays else ""
+        return times, {**arrays, state: values} if arrays else values
 
     @property
     def _in_file(self) -> bool:

@@ -27,7 +27,7 @@ from neuro.core.errors import ModelError
 from neuro.core.growing import JournaledFile
 from neuro.core.hdf5 import FRONT
 from neuro.core.outputs import Unwritable
-from neuro.files.parts import Trace, Train
+from neuro.files.parts import Train
 from neuro.files.results import FORMAT, PACKED, Results, read, read_file, recorded_in, write_results, write_values
 
 _CHUNK = 1 << 16
@@ -122,16 +122,9 @@ class ResultsFile:
 
 def _make_extensible(group: h5py.Group, part: Any, gzip: bool) -> None:
     """Create the arrays of a part that grow while the network runs."""
-    if isinstance(part, Train):
-        words: tuple[str, ...] = ("steps", "ids", "multiplicity", "payloads")
-        gzip = gzip and part.recorded
-    elif isinstance(part, Trace):
-        words, gzip = ("times_ms", "values", *(("pre", "post") if part.at_pre_spikes else ())), False
-    else:
-        return
-    for word in words:
+    for word in part.growing:
         if (empty := getattr(part, word)) is not None:
-            _create_extensible(group, word, empty, gzip)
+            _create_extensible(group, word, empty, gzip and isinstance(part, Train) and part.recorded)
 
 
 def _create_extensible(group: h5py.Group, word: str, like: NDArray[Any], gzip: bool = False) -> None:
