@@ -69,8 +69,12 @@ class _Paged(io.RawIOBase):
         data = _read(self._disk, offset, max(0, min(n, self._size - offset)))
         if not self._pages:
             return data
-        patched = bytearray(data)
-        _patch(memoryview(patched), offset, self._pages)
+        patched, end = bytearray(data), offset + len(data)
+        for number in range(offset // PAGE, -(-end // PAGE)):
+            start, page = number * PAGE, self._pages.get(number, b"")
+            first, last = max(offset, start), min(end, start + len(page))
+            if first < last:
+                patched[first - offset : last - offset] = page[first - start : last - start]
         return patched
 
 
@@ -283,18 +287,6 @@ def _held_pages(disk: int) -> tuple[dict[int, bytes], int]:
         pages[offset // PAGE] = data[position : position + n]
         position += n
     return pages, begin
-
-
-def _patch(view: memoryview, at: int, pages: Any) -> None:
-    """Replace bytes that were read from offset `at` on by the bytes of pages."""
-    if not pages or not view.nbytes:
-        return
-    for number in range(at // PAGE, (at + view.nbytes - 1) // PAGE + 1):
-        page = pages.get(number)
-        if page is not None:
-            begin, end = max(at, number * PAGE), min(at + view.nbytes, number * PAGE + len(page))
-            if begin < end:
-                view[begin - at : end - at] = page[begin - number * PAGE : end - number * PAGE]
 
 
 def _read(disk: int, at: int, n: int) -> bytes:
