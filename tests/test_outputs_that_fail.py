@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import neuro
-from beside import beside
 import neuro.events.formats
+from beside import beside
 from neuro import events
 from neuro.core import outputs
 from neuro.core.hdf5 import new_file, writing
