@@ -115,7 +115,7 @@ if TYPE_CHECKING:
 
 
 def _registered(name: str) -> object:
-    """Return the third-party model, synapse, rule or distribution of a name, or None."""
+    """Return the third-party model, synapse, rule or distribution with a name, or None."""
     from neuro.model.language.loader import TABLES
 
     return next((table[name] for table in TABLES.values() if name in table), None)

@@ -1,8 +1,8 @@
-"""The public API for applications on this framework: commands, output files, YAML with places, kernels and more.
+"""Public API for applications on this framework: commands, output files, YAML with positions, kernels and more.
 
 from neuro.apps import console, kernel, output, read
 
-Names in this module are stable, wherever they are defined.
+Names in this module are stable, even if the code behind them moves.
 """
 
 from __future__ import annotations

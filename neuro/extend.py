@@ -1,8 +1,8 @@
-"""The public API for extensions: neurons, generators, synapses, rules, distributions, formats, filters and chips.
+"""Public API for extensions: neurons, generators, synapses, rules, distributions, formats, filters and chips.
 
 from neuro.extend import Neuron, State, quantity, register
 
-Names in this module are stable, wherever they are defined.
+Names in this module are stable, even if the code behind them moves.
 """
 
 from __future__ import annotations

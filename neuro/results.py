@@ -1,4 +1,4 @@
-"""Results of finished runs, read from a file, with the same methods to read values as a simulation."""
+"""Results of finished runs, read from a file. The methods for values are those of a simulation."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ __all__ = ["Results", "Trace", "Train", "Weights", "read"]
 class Results(files.Results):
     """Results of a run.
 
-    Spikes, traces and weights are read with the methods of a simulation, see `neuro.files.results.Results`.
+    The methods for spikes, traces and weights are those of a simulation, see `neuro.files.results.Results`.
     """
 
     def plot(self, of: Any = None, window: Any = None) -> Figure:
         """Draw raster, rates and traces of the run, as `neuro.plots.overview` does.
 
         Args:
-            of: a population or a list of populations; default: everything that was recorded.
+            of: a population or a list of populations; default: all recorded ones.
             window: begin and end in ms; default: the whole run.
 
         Raises:
-            ModelError: no spikes of these populations were recorded.
+            ModelError: the file has no spikes of these populations.
         """
         from neuro.plots import overview
 
@@ -55,7 +55,7 @@ class Results(files.Results):
 
 
 def read(path: str | PathLike[str]) -> Results:
-    """Read the results of a run from a file, also of an interrupted run. Arrays are read on first access.
+    """Read the results of a finished or interrupted run from a file. Arrays are read on first access.
 
     Raises:
         ModelError: there is no such file, or the file has another format.

@@ -132,7 +132,7 @@ def refusing():
 @pytest.mark.parametrize(
     ("begin", "told"),
     [
-        (ending, "a process that should do runs ended with 3 before its first: see above"),
+        (ending, "a worker process ended with 3 before its first job: see its output above"),
         (refusing, "not here\n  hint: elsewhere"),
     ],
 )
@@ -186,10 +186,10 @@ def test_a_script_that_starts_processes_wherever_it_is_read_is_told(tmp_path):
     _, told = _script(tmp_path, BARE)
     assert told.returncode == 1
     last = told.stderr.rstrip().splitlines()[-2:]
-    why = "starts processes wherever it is read, and they read it to find what they run"
+    why = "starts processes when it is imported: expected the call in the main block"
     assert last == [
         f"neuro.core.errors.ModelError: {tmp_path}/script.py: {why}",
-        '  hint: write the call below: if __name__ == "__main__":',
+        '  hint: put the call below: if __name__ == "__main__":',
     ]
 
 

@@ -1,4 +1,4 @@
-"""The interface between a chip family and quantising, placing and pricing: everything in which families differ.
+"""Interface between a chip family and quantising, placing and pricing: all differences between families.
 
 `neuro.chips.loihi`, `neuro.chips.loihi2` and `neuro.chips.spinnaker` each define one `Arithmetic`; `neuro.chips.known`
 lists them. Quantising, placing and pricing call its methods and never look at a chip's name. Limits and costs are in
@@ -34,7 +34,7 @@ class Option:
     Attributes:
         name: name of the argument of `neuro.compile`, e.g. "scales".
         of: the kind of parts that have the option.
-        fits: function that returns whether a value is allowed.
+        fits: function that returns True for an allowed value.
         expected: description of an allowed value, for messages.
     """
 
@@ -50,7 +50,7 @@ SIGNALS = Option(
     lambda value: is_positive(value),
     "the largest dopamine that the signal sets in 1/ms, a number > 0",
 )
-"""The option of families on which a signal can set the dopamine of learning."""
+"""Option of families whose learning can take its dopamine from a signal."""
 
 
 class Arithmetic(ABC):
@@ -63,8 +63,8 @@ class Arithmetic(ABC):
         models: neuron models of the language that the family can run.
         options: options that users may set.
         state_limit: largest magnitude of a state register.
-        native_volt: units of the voltage register per mV, for neurons that are described in registers.
-        register_of_one: content of the delay register for a spike that acts one step after its emission.
+        native_volt: units of the voltage register per mV, for neurons described in registers.
+        register_of_one: content of the delay register for a delay of one step.
         one_bit: whether a spike is one bit, so that several spikes of a neuron in a step are merged.
         graded: whether a spike carries a payload.
         in_rows: whether synapses are stored in rows as long as the longest one, otherwise in blocks; see
@@ -96,7 +96,7 @@ class Arithmetic(ABC):
     states: Mapping[str, tuple[str, ...]]
 
     def option(self, name: str) -> Option | None:
-        """Return the option of a name, or None."""
+        """Return the option with a name, or None."""
         return next((option for option in self.options if option.name == name), None)
 
     @abstractmethod
@@ -104,7 +104,7 @@ class Arithmetic(ABC):
         """Quantise a population of `models` and the projections onto it; also return refusals and approximations."""
 
     def native(self, part: Population) -> FixedPopulation:
-        """Return a population that is described in registers: its parameters are the registers."""
+        """Return a population described in registers, which are its parameters."""
         registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
         initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
         return FixedPopulation(part.name, part.model.name, registers, initial, self.native_volt)
@@ -115,7 +115,7 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
-        """Return a projection onto parrots. The host relays every spike, whatever the weight."""
+        """Return a projection onto parrots. The host relays every spike, independent of the weight."""
 
     def give_rules(
         self, program: Program, chip: Chip, cells: list[FixedPopulation], wires: Projections, options: Options
@@ -140,22 +140,22 @@ class Arithmetic(ABC):
         The default implementation accepts only rules in the family's own registers and refuses other learning
         projections.
         """
-        part = program.projections[index]
+        projection = program.projections[index]
         if (problem := foreign(program, chip, index)) is not None:
             yield problem
-        elif part.synapse.delays:
-            why = f"delays do not change while {chip.name} runs"
-            yield refused(part, part.synapse.name, why, LEARN_ELSEWHERE)
-        elif part.synapse.learns in ("pairs", "chip") and (index not in wires or wires[index].rule is None):
+        elif projection.synapse.delays:
+            reason = f"delays do not change while {chip.name} runs"
+            yield refused(projection, projection.synapse.name, reason, LEARN_ELSEWHERE)
+        elif projection.synapse.learns in ("pairs", "chip") and (index not in wires or wires[index].rule is None):
             yield refused(
-                part,
-                part.synapse.name,
+                projection,
+                projection.synapse.name,
                 f"pairwise learning is not emulated on {chip.name}",
                 f"run it on loihi or event, or send static weights: {SAVE_FROZEN}",
             )
 
     def core_bytes(self, program: Program, chip: Chip, population: int, neurons: int) -> int:
-        """Return the bytes of a core's own memory that learning onto some neurons needs, or 0 if none is counted."""
+        """Return the bytes of a core's own memory for learning onto some neurons; 0 if the family counts none."""
         return 0
 
     def learning_notes(
@@ -165,7 +165,7 @@ class Arithmetic(ABC):
         cores: Sequence[Sequence[tuple[int, int, int]]],
         visits: Mapping[int, tuple[float, float]] | None = None,
     ) -> Iterator[str]:
-        """Yield notes on the memory and the time that learning needs on the cores, as far as figures are published.
+        """Yield notes on the memory and time for learning on the cores, if figures are published.
 
         Args:
             program: the whole network.
@@ -181,7 +181,7 @@ class Arithmetic(ABC):
         """Return the options that fix the present scale of a population and of the projections onto it."""
 
     def filled(self, cells: FixedPopulation, arriving: Floats) -> float:
-        """Return the fullest input register of a population as a share of its range, for families with one receptor.
+        """Return the largest input of a population as a share of its register's range, for families with one receptor.
 
         Args:
             cells: the population.
@@ -194,7 +194,7 @@ class Arithmetic(ABC):
         """Return the scale of the weights of a projection onto a population as text for the report."""
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return a hint against lost bits of weights that are described in registers, or "" if no bits can be lost."""
+        """Return a hint that avoids lost bits of weights in registers; "" if no bits can be lost."""
         return ""
 
     def notes(self, program: Program) -> Iterator[str]:
@@ -203,7 +203,7 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def current(self, cells: FixedPopulation, name: str, states: Mapping[str, NDArray[np.int32]]) -> Floats:
-        """Return the synaptic current of a name in pA, from the state registers."""
+        """Return a synaptic current in pA, from the state registers."""
 
     @abstractmethod
     def units(self, cells: FixedPopulation, name: str, values: Floats) -> Floats:
@@ -211,7 +211,7 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
-        """Return the bias that is added in each step: the constant bias plus the bias of an extra current in pA.
+        """Return the bias of each step: the constant bias plus that of an extra current in pA.
 
         Raises:
             ModelError: the bias overflows its register.
@@ -219,11 +219,11 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """Return the words that a spike adds for some mantissas."""
+        """Convert mantissas to words, the amounts that a spike adds."""
 
     @abstractmethod
     def way_out(self, cells: FixedPopulation) -> str:
-        """Return a hint that keeps the registers of a population from overflowing, or "" if none is known."""
+        """Return a hint that prevents overflow of a population's registers; "" for none."""
 
 
 EVERYWHERE = ("strict", "order", "neurons_per_core")

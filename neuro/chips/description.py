@@ -53,7 +53,7 @@ CONDITIONS = {
     "resolution": ("ms", "length of a step of the network"),
     "rate": ("Hz", "spikes of a neuron, the mean of all"),
 }
-"""Properties of a run that may lie outside the range for which a figure is known, each with its unit."""
+"""Properties of a run, with units. A figure may be known for a range of a property only."""
 
 Range = tuple[float, float]
 """The smallest and the largest value."""
@@ -85,7 +85,7 @@ class Figure:
     guess: str = ""
 
     def range(self, extrapolated: bool = False) -> Range:
-        """Return the smallest and the largest possible value; `extrapolated`: the run lies outside `holds`."""
+        """Return the smallest and the largest possible value. For a run outside `holds`, set `extrapolated`."""
         low = self.value if self.low is None else self.low
         high = self.value if self.high is None else self.high
         if extrapolated and self.beyond is not None:
@@ -109,15 +109,15 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Chip:
-    """A target: a chip, or a processor that does the same work as dense multiply-accumulates.
+    """A target: a chip, or a processor that computes the network by dense multiply-accumulates.
 
     Attributes:
         name: name in `neuro.compile(net, backend=name)` and `sim.energy(name)`.
         title: name for readers.
         arithmetic: name of its integer arithmetic (`neuro.chips.known`), "" if only costs or limits are known.
-        limits: limits by name, see `docs/reference/chips.md`. A missing limit means that nothing is bounded.
-        mesh: layout of the cores, None if nothing is placed.
-        step_s: shortest time of one step in s, None if a step lasts as long as its work.
+        limits: limits by name, see `docs/reference/chips.md`. A missing limit is no limit.
+        mesh: layout of the cores; None if cores have no positions.
+        step_s: shortest time of one step in s; None if the work of a step decides.
         costs: joules, watts and seconds by name; empty if none is published.
         path: file of the table, "" for a chip that code defines.
     """

@@ -1,4 +1,4 @@
-"""The bill of a run: the number of operations, the cost of each, and the source of that cost."""
+"""Bill of a run: the number of operations, the costs of operations, and the sources of the costs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STATIC = "static_per_chip"
 CHIP_TIME = "chip time: "
 """Prefix of the notes with the sources of the chip time."""
 FASTEST, AS_GIVEN, REAL_TIME = "as fast as the chip can", "at the given steps", "in real time"
-"""Clocks of a bill: a step follows the last one at once, takes a given time, or takes its simulated time."""
+"""Clocks of a bill: a step takes the shortest possible time, a given time, or its simulated time."""
 REFUSED = "refused"
 """Text in place of a total on a chip that cannot run the network."""
 NOT_PRICED = "the bytes are not priced"
@@ -34,14 +34,14 @@ class BillItem:
         kind: kind of the part that `of` names: "population", "projection", "signal", "host", "layers" or "chip".
         of: name of the population, projection, signal, part and processor of the host, layers or target.
         count: number of operations; for `static_per_chip` chips x seconds.
-        joules_each: cost of one operation in J. None if no figure is published; the line is then not in the sums.
+        joules_each: cost of one operation in J; None if no figure is published. Such a line is not in the sums.
         joules: cost of all operations in J.
         source: source of the figure.
         conditions: conditions of the figure.
         low, high: lowest and highest cost of all operations, by the range of the figure.
         spread: source of that range.
         extrapolated: reason why the figure may not hold for this run, "" if it holds.
-        bytes: bytes that the host reads and writes; they are not priced.
+        bytes: bytes that the host reads and writes, without a price.
     """
 
     what: str
@@ -78,7 +78,7 @@ class Energy:
         duration_s: duration of the run in real time, in s: steps x resolution, or the value that the caller of `price`
             passed.
         clock: the clock of the chip time: `FASTEST`, `AS_GIVEN` or `REAL_TIME`.
-        waiting: the bill of a chip that waits for the end of each step in real time, None if no waiting is possible.
+        waiting: the bill at real time, if the chip can wait for the end of each step; else None.
         refused: reason why the chip cannot run the network, "" if it can. A refused bill has lines but no total.
     """
 
@@ -98,7 +98,7 @@ class Energy:
 
     @property
     def real_time(self) -> Energy:
-        """The same bill with steps that last their simulated time, as for live events. A late chip does not wait."""
+        """The same bill if each step lasts its simulated time, as for live events. A late chip does not wait."""
         return self.waiting or self
 
     @property
@@ -113,7 +113,7 @@ class Energy:
 
     @property
     def static_j(self) -> float:
-        """Energy of chips that are on, in J; 0 if no figure is published; a note then says so."""
+        """Energy of chips that are on, in J. If no figure is published, it is 0, and a note says so."""
         return _sum(self._static())
 
     @property
@@ -128,7 +128,7 @@ class Energy:
 
     @property
     def extrapolated(self) -> dict[str, tuple[str, ...]]:
-        """Names of the costs that are extrapolated in this run, by the reason."""
+        """Names of the extrapolated costs of this run, by reason."""
         costs: dict[str, dict[str, None]] = {}
         for item in self.items:
             if item.extrapolated:
@@ -142,7 +142,7 @@ class Energy:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Names of the costs that the total lacks because no figure is published; totals then have the prefix ">"."""
+        """Names of the costs without a published figure. The total lacks these costs and has the prefix ">"."""
         unpriced = dict.fromkeys(item.what for item in self.items if item.joules is None)
         return (*unpriced, *(() if self.static_known else (STATIC,)))
 
@@ -183,14 +183,14 @@ class Energy:
         return "> " * bool(self.missing) + quantity(self.total_j, "J", digits)
 
     def by_population(self) -> dict[str, float]:
-        """Return the dynamic joules of each population's neurons."""
-        return self._by("population")
+        """Return the dynamic energy of each population's neurons in J."""
+        return self._joules_by("population")
 
     def by_projection(self) -> dict[str, float]:
-        """Return the dynamic joules of each projection: synapses, learning and routing of its spikes."""
-        return self._by("projection")
+        """Return the dynamic energy of each projection in J: synapses, learning, and routing of its spikes."""
+        return self._joules_by("projection")
 
-    def _by(self, kind: str) -> dict[str, float]:
+    def _joules_by(self, kind: str) -> dict[str, float]:
         sums: dict[str, float] = {}
         for item in self.items:
             if item.kind == kind:
@@ -198,7 +198,7 @@ class Energy:
         return sums
 
     def by_cost(self) -> dict[str, float]:
-        """Return the joules of each cost, in the order of the items."""
+        """Return the energy of each cost in J, in the order of the items."""
         sums: dict[str, float] = {}
         for item in self.items:
             if item.joules is not None:
@@ -228,15 +228,15 @@ class Energy:
             )
             for item in self.items
         )
-        ends = self.chip_time_range_s
-        span = None if ends is None else (ends[0] / n, ends[1] / n)
+        range_j = self.chip_time_range_s
+        span = None if range_j is None else (range_j[0] / n, range_j[1] / n)
         time, lasts = _share(self.chip_time_s, n), self.duration_s / n
         waiting = None if self.waiting is None else self.waiting.per(n, what)
         times = replace(self, chip_time_s=time, chip_time_range_s=span, duration_s=lasts, waiting=waiting)
         return replace(times, items=items, steps=self.steps / n, of=what)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the bill as plain values for JSON; unknown values are None."""
+        """Return the bill as plain values for JSON, with None for unknown values."""
         fields = {"target": self.target, "title": self.title, "of": self.of, "clock": self.clock}
         items = [asdict(item) for item in self.items]
         extrapolated = [{"why": why, "costs": list(names)} for why, names in self.extrapolated.items()]
@@ -351,9 +351,9 @@ def between(value: float, low: float, high: float) -> str:
     """Return joules with their range, e.g. "8.234 uJ (4.14 to 45.1 uJ)"."""
     if low == high:
         return f"{quantity(value, 'J')} (no range)"
-    least, most = (quantity(end, "J", 3) for end in (low, high))
-    number, unit = least.split()
-    return f"{quantity(value, 'J')} ({number if most.endswith(f' {unit}') else least} to {most})"
+    lowest, highest = (quantity(end, "J", 3) for end in (low, high))
+    number, unit = lowest.split()
+    return f"{quantity(value, 'J')} ({number if highest.endswith(f' {unit}') else lowest} to {highest})"
 
 
 def cells(bill: Mapping[str, Any]) -> tuple[str, ...]:
@@ -385,11 +385,11 @@ def number(count: float) -> str:
 def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
     """Yield the rows of the host and notes of several bills, and with `sources` the figures by source.
 
-    A shared line names its targets.
+    A line shared by several bills names their targets.
     """
     targets: dict[str, list[str]] = {}
     for bill in priced:
-        notes = (note for note in bill.remarks(sources) if not note.endswith(NOT_PRICED))  # the rows say it
+        notes = (note for note in bill.remarks(sources) if not note.endswith(NOT_PRICED))  # `_of_host` has them
         for line in (*_of_host(bill), *(_sources(bill) if sources else ()), *notes):
             targets.setdefault(line, []).append(bill.target)
     return (f"{', '.join(names)}: {line}" for line, names in targets.items())

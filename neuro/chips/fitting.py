@@ -1,6 +1,6 @@
-"""The cores that a program fills on a chip, and the parts that exceed a limit of a core, of the machine or of a delay.
+"""Find the cores that a program fills on a chip, and the parts beyond a limit of a core, of the machine or of a delay.
 
-`neuro.chips.placing` computes positions of cores and hops, which most networks do not need to be accepted.
+`neuro.chips.placing` computes positions of cores and hops; most networks are accepted without them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from neuro.program.program import Floats, Ints, Program
 ORDERS = ("connected", "declared")
 
 LARGEST = 2000
-"""Largest number of cores (or tiles) whose order is optimised; more are laid out in the order of declaration."""
+"""Largest number of cores (or tiles) whose order is optimised. More are laid out in the order of declaration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class Cut:
     Attributes:
         order: "connected" or "declared", the choice of the user.
         into: all synapses.
-        declared: cores filled in the order of declaration; None for a large program, which is split only once.
+        declared: cores filled in the order of declaration; None for large programs, which are split once only.
         connected: cores filled in an order that follows synapses; None for order "declared".
     """
 
@@ -93,7 +93,7 @@ def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]
 
 
 def chain(traffic: Floats, pull: Floats) -> Ints:
-    """Return an order in which each element follows the elements with which it exchanges most spikes.
+    """Return an order of elements that puts those with many common spikes next to each other.
 
     Args:
         traffic: spikes between each pair, symmetric, shape (n, n).
@@ -122,7 +122,7 @@ def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: 
         program: the whole network.
         chip: the chip with the limits; `chips` is the size of the largest machine.
         into: all synapses.
-        split: the cores. A neuron that fits on no core is alone on a core.
+        split: the cores. A neuron too large for any core has a core of its own.
         chips: number of chips that the program needs.
     """
     return (
@@ -161,30 +161,30 @@ def _too_much(
     """Yield a problem for each population with neurons that exceed a limit even alone on a core."""
     if limit is None:
         return
-    alone: dict[int, list[tuple[int, int]]] = {}
+    lone_neurons: dict[int, list[tuple[int, int]]] = {}
     for core in np.flatnonzero(need > limit):
         population, neuron, _ = split.cores[core][0]
-        alone.setdefault(population, []).append((neuron, int(need[core])))
-    for population, neurons in sorted(alone.items()):
+        lone_neurons.setdefault(population, []).append((neuron, int(need[core])))
+    for population, neurons in sorted(lone_neurons.items()):
         neuron, count = min(neurons)
         part = program.populations[population]
         others_text = f" and {len(neurons) - 1:,} more" if len(neurons) > 1 else ""
         synapses = int(np.diff(into.ends)[into.start[population] + neuron])
         if kind == "memory":
             owner = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
-            why = f"its {synapses:,} synapses need {count:,} bytes, "
-            why += f"but a {owner} of {chip.name} has {limit:,} for synapses"
+            reason = f"its {synapses:,} synapses need {count:,} bytes, "
+            reason += f"but a {owner} of {chip.name} has {limit:,} for synapses"
             way_out = f"about {synapses * limit // count:,} synapses onto one neuron would fit"
         elif kind == "own":
-            why = f"learning onto it needs {count:,} bytes of its core's own memory, but {chip.name} has {limit:,}"
-            way_out = "shorter time constants or delays, or fewer synapses of a source onto it, would fit"
+            reason = f"learning onto it needs {count:,} bytes of its core's own memory, but {chip.name} has {limit:,}"
+            way_out = "shorter time constants or delays, or fewer synapses from each source onto it, would fit"
         elif kind == "in":
-            why = f"the spikes of {count:,} neurons reach it, but a core of {chip.name} has {limit:,} input axons"
+            reason = f"the spikes of {count:,} neurons reach it, but a core of {chip.name} has {limit:,} input axons"
             way_out = f"at most {limit:,} sources of one neuron would fit: add neurons in between that gather spikes"
         else:
-            why = f"its spikes go to {count:,} cores, but a core of {chip.name} has {limit:,} output axons"
+            reason = f"its spikes go to {count:,} cores, but a core of {chip.name} has {limit:,} output axons"
             way_out = f"targets on at most {limit:,} cores would fit: add neurons in between that pass on its spikes"
-        yield Problem(True, f"population '{part.name}': neuron {neuron}{others_text}", why, way_out, part.origin)
+        yield Problem(True, f"population '{part.name}': neuron {neuron}{others_text}", reason, way_out, part.origin)
 
 
 def _too_large(program: Program, chip: Chip, split: Split, chips: int) -> Iterator[Problem]:

@@ -1,4 +1,4 @@
-"""A program in a chip's integers: registers, weight words and delays, each with its rounding error.
+"""Program in a chip's integers: registers, weight words and delays, with their rounding errors.
 
 The chip backend reads only these classes and the program itself.
 """
@@ -23,13 +23,13 @@ Words = NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True)
 class Rounding:
-    """The rounding of a quantity that a register holds.
+    """Rounding error of a quantity in a register.
 
     Attributes:
         quantity: name of the quantity in the language, e.g. "tau_m".
         unit: unit of `exact` and `got`.
         exact, got: the described value and the value of the register, for the neuron with the largest difference.
-        error: difference of both, relative to a typical scale (for a potential, the distance from E_L to V_th).
+        error: their difference, relative to a typical scale (for a potential, the distance from E_L to V_th).
     """
 
     quantity: str
@@ -53,7 +53,7 @@ class FixedPopulation:
         rest: potential in mV at which the voltage register is 0, shape (1,) or (size,).
         ampere: units of the current registers per pA, for the excitatory and the inhibitory current, each of shape (1,)
             or (size,); empty if currents have no meaning.
-        drive: units per pA that a constant current adds to the register that holds it.
+        drive: units per pA in the register for constant currents.
         rounding: differences between the registers and the description.
     """
 
@@ -105,9 +105,9 @@ class FixedProjection:
         delay: content of the delay register, of the same shape.
         rule: rule of synapses that learn on the chip, else None.
         n_scale: dopamine in 1/ms per unit of the modulatory traces.
-        native: whether the weights of the language are mantissas, including the bits that the chip drops.
-        shift: bits by which the sum of a step is shifted down before other projections are added.
-        wraps: whether that sum is a two's complement of 24 bits.
+        native: whether the weights in YAML are mantissas, including the bits that the chip drops.
+        shift: right shift of the sum of a step, in bits, before other projections are added.
+        wraps: whether that sum wraps as a two's complement of 24 bits.
         receptor: 1 for the second (imaginary) input of neurons in registers, else 0.
         rounding: the rounding errors of the weights.
     """
@@ -144,7 +144,7 @@ class FixedProjection:
         return mantissas * steps
 
     def acting(self, words: Words) -> Floats:
-        """Return the weights of words in the unit of the language, without the bits that were lost."""
+        """Convert words to weights in the unit of the language; lost bits stay lost."""
         return self.weights(words.astype(np.float64) * 2.0 ** -(self.exponent + self.shift))
 
     def exact(self, weights: Floats) -> Floats:
@@ -154,18 +154,18 @@ class FixedProjection:
 
 
 SAMPLE = 512
-"""Largest number of different weights of a projection on which a scale is evaluated."""
+"""Largest number of different weights of a projection for the evaluation of a scale."""
 
 
 def thinned(weights: Floats) -> Floats:
-    """Return few weights unchanged, and of many the largest, the smallest and evenly spaced others."""
+    """Reduce many weights to the largest, the smallest and evenly spaced others; few weights are unchanged."""
     if weights.size > 64 * SAMPLE:
         return np.concatenate(([weights.min(), weights.max()], weights[:: weights.size // (32 * SAMPLE)]))
     return weights
 
 
 def sampled(weights: Floats) -> Floats:
-    """Return at most `SAMPLE` of the different values of thinned weights, evenly spaced in order of size."""
+    """Return at most `SAMPLE` different values of thinned weights, evenly spaced in the sorted list."""
     values = np.unique(weights)
     if values.size <= SAMPLE:
         return values
@@ -274,7 +274,7 @@ def worst_rounding(name: str, unit: str, exact: ArrayLike, got: ArrayLike, scale
 
 
 RUN = 4096
-"""Number of squares per partial sum. Partial sums keep more bits when many millions of squares are added."""
+"""Number of squares per partial sum. With many millions of squares, partial sums are more exact than one sum."""
 
 
 @kernel
@@ -296,12 +296,12 @@ def judge(weights, above, below, low, high, grain, peak, mantissas, statistics):
         below: weight per mantissa of negative weights.
         low: smallest mantissa.
         high: largest mantissa.
-        grain: step between mantissas, which are its multiples, or `low` or `high`; a tie goes to the even multiple.
+        grain: step between mantissas, which are multiples of `grain`, or `low` or `high`. Ties go to the even multiple.
         peak: largest magnitude of a weight, more than 0.
         mantissas: output, or empty.
-        statistics: output: number of weights beyond a mantissa, of nonzero weights, and of nonzero weights that do
-            not become 0; the largest relative error of such a weight; the sums of all squared errors and of all squared
-            weights, relative to `peak`.
+        statistics: output of six numbers: weights beyond the mantissas, nonzero weights, nonzero weights that do not
+            become 0, the largest relative error of those, and the sums of squared errors and of squared weights,
+            relative to `peak`.
     """
     n = max(weights.size, above.size) if weights.size else 0
     has_own_weights, has_own_steps, keep = weights.size > 1, above.size > 1, mantissas.size > 0

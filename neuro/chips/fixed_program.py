@@ -1,4 +1,4 @@
-"""A program in a chip's integers, the report of rounding errors, and the fill level of input registers."""
+"""Program in a chip's integers, with a report of rounding errors and of the fill level of input registers."""
 
 from __future__ import annotations
 
@@ -38,9 +38,8 @@ class FixedProgram:
     Attributes:
         chip: the target chip.
         program: the program in floats.
-        populations, projections: populations and projections in the order of the program. A projection that carries a
-        current, or that could not be
-            quantised, is None.
+        populations, projections: populations and projections in the order of the program. A projection is None if it
+            carries a current or cannot be quantised.
         problems: refusals, and approximations beyond the stated limits.
         notes: tasks of the host, and other remarks.
     """
@@ -152,9 +151,9 @@ Spikes = Mapping[str, npt.NDArray[np.floating]]
 
 
 def filled(fixed: FixedProgram, spikes: Spikes) -> dict[str, float]:
-    """Return the fullest input register of each population as a share of its range, over all neurons and steps.
+    """Return the largest input of each population, over all neurons and steps, as a share of its register's range.
 
-    A share of 1 or more wraps. Weights and delays are the present ones.
+    A share of 1 or more wraps. Weights and delays are those of the present.
 
     Args:
         fixed: a quantised program.
@@ -162,7 +161,7 @@ def filled(fixed: FixedProgram, spikes: Spikes) -> dict[str, float]:
             Populations that are left out emit none.
 
     Returns:
-        share by population, for populations with incoming spikes; empty on chips whose slots saturate.
+        Shares by population, for populations with incoming spikes; empty on chips whose slots saturate.
     """
     program, arithmetic = fixed.program, arithmetic_of(fixed.chip)
     if arithmetic.receptors == 2:  # slots of such a family saturate

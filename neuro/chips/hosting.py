@@ -1,4 +1,4 @@
-"""The work of the host in a bill: operations of encoders, decoders, teachers and front ends outside of the network."""
+"""Work of the host in a bill: operations of encoders, decoders, teachers and front ends."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class HostWork:
 
     Attributes:
         name: name of the part, e.g. "shares of cells".
-        work: operations and bytes of one use, by the rule of `neuro.coding.Work`; None if the part has no count.
-        each: the name of one use, e.g. "control step".
+        work: operations and bytes of one use, as `neuro.coding.Work` counts them; None without a count.
+        each: unit of a use, e.g. "control step".
         steps: network steps from one use to the next; 0 if `times` says the number of uses.
         times: number of uses in the run where `steps` is 0.
     """
@@ -39,11 +39,11 @@ class HostWork:
     @classmethod
     def of_list(cls, fields: list[Any]) -> Self:
         """Return the work that `as_list` wrote."""
-        name, work, *rest = fields
-        return cls(name, None if work is None else Work(*work), *rest)
+        name, work, *other_fields = fields
+        return cls(name, None if work is None else Work(*work), *other_fields)
 
     def uses(self, network_steps: float) -> float:
-        """Return the number of uses in a run of so many steps of the network."""
+        """Return the number of uses in a run of `network_steps` steps."""
         return network_steps / self.steps if self.steps else self.times
 
 
@@ -56,7 +56,7 @@ def mean_work(
         parts: operations by the unit of a use, by part.
         uses: number of uses in all runs, by unit; None if unknown.
         runs: number of runs.
-        each: the name of one run.
+        each: unit of a run, e.g. "recording".
     """
 
     def mean(works: Works) -> Work | None:
@@ -73,12 +73,12 @@ def mean_work(
 def host_items(host: Iterable[HostWork], network_steps: float, processor: Chip) -> list[BillItem]:
     """Return the rows of the host: one for each part with operations, or a row of 0 if no part has any.
 
-    The row of a part without a count has no joules: its total stands behind ">".
+    A part without a count has no joules, so the bill prints ">" before its total.
 
     Args:
         host: parts of the host.
         network_steps: steps of the network in the run.
-        processor: has the figure `mac`, which prices the operations.
+        processor: the host's processor, with the figure `mac` for the price of an operation.
     """
     figure, items = processor.costs["mac"], []
     for part in host:
@@ -97,11 +97,11 @@ def host_items(host: Iterable[HostWork], network_steps: float, processor: Chip) 
 def host_notes(host: Iterable[HostWork]) -> list[str]:
     """Return notes on the work of the host: the operations and bytes of one use, and parts without a count."""
     parts = tuple(host)
-    texts = [
+    counted = [
         f"{part.name} {number(part.work.macs)} mac and {number(part.work.bytes)} bytes a {part.each}"
         for part in parts
         if part.work is not None and any(part.work)
     ]
     unknown = [part.name for part in parts if part.work is None]
-    notes = [f"host: {'; '.join(texts)}; {NOT_PRICED}"] if texts else []
+    notes = [f"host: {'; '.join(counted)}; {NOT_PRICED}"] if counted else []
     return notes + ([f"host: no count of operations: {', '.join(unknown)}"] if unknown else [])

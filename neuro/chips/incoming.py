@@ -1,4 +1,4 @@
-"""The synapses of a program as placing sees them, and the bits of a synapse in the memory of a core.
+"""Synapses of a program for placing, and the bits of a synapse in the memory of a core.
 
 Loihi stores, for each source neuron and projection, a list of the synapses onto the core in blocks of at most 64. A
 block of n synapses needs n (weight + delay + tag + index bits) + 10 bits, rounded up to 64, as in nengo-loihi 1.1.0.
@@ -52,21 +52,21 @@ WEIGHT_BITS = 8
 TAG_BITS = 9
 SHORTEST_INDEX = 6
 LAYER_NEURONS = 4096
-"""Exclusive limit of the neurons of a layer with a kernel on one core of Loihi 2."""
+"""Upper bound, exclusive, of the neurons of a layer with a kernel on one core of Loihi 2."""
 SHARED = -1
-"""Marker in place of the bits of a synapse, for projections whose kernel a core stores once."""
+"""Marker instead of the bits of a synapse, for projections with a kernel that a core stores once."""
 ROW_WORDS = 3
 WORD_BITS = 32
 
 
 def memory_limit(chip: Chip) -> int | None:
-    """Return the most bytes that the synapses of a core can use: the core's memory, or the memory that cores share."""
+    """Return the largest number of bytes for the synapses of a core, in its own or in shared memory."""
     own_bytes = chip.limit("synapse_bytes_per_core")
     return chip.limit("synapse_bytes_per_chip") if own_bytes is None else own_bytes
 
 
 def row_form(program: Program, index: int) -> tuple[int, int, int]:
-    """Return the bytes in a row of SpiNNaker: of the traces, of each weight, and of each synapse's target."""
+    """Return three numbers of bytes for a row of SpiNNaker: of the traces, of a weight, and of a synapse's target."""
     synapse = program.projections[index].synapse
     if not isinstance(synapse, KNOWN):
         return 0, 4, 0
@@ -75,12 +75,12 @@ def row_form(program: Program, index: int) -> tuple[int, int, int]:
 
 
 def row_words(synapses: Any, form: Any) -> Any:
-    """Return the words of a row of SpiNNaker with some synapses; `form` is from `row_form`. Takes numbers or arrays."""
+    """Return the words of a row of SpiNNaker; `synapses` is a number or an array, and `form` is from `row_form`."""
     return ROW_WORDS + (form[0] + form[1] * synapses + 3) // 4 + (form[2] * synapses + 3) // 4
 
 
 def block_bits(synapses: Any, bits: Any) -> Any:
-    """Return the bits of the synapses of a source onto a core in Loihi's blocks; numbers or arrays.
+    """Return the bits of a source's synapses onto a core in Loihi's blocks; takes numbers or arrays.
 
     For example 70 synapses of 17 bits need a block of 64 (1,098 bits, rounded up to 1,152) and one of 6 (112, rounded
     up to 128): 1,280.
@@ -106,7 +106,7 @@ def index_bits(neurons: int) -> int:
 
 
 def has_kernel(program: Program, index: int) -> bool:
-    """Return whether the synapses of a projection share kernels, which Loihi 2 stores once on a core."""
+    """Return whether the synapses of a projection share kernels. Loihi 2 stores a kernel once on a core."""
     part = program.projections[index]
     return part.grid is not None or isinstance(part.synapse, loihi2_convolution)
 
@@ -121,7 +121,7 @@ def kernel_bits(program: Program, index: int, fan_in: int) -> int:
 
 
 def columns_per_core(shape: tuple[int, ...]) -> int:
-    """Return how many columns of a layer's maps a core of Loihi 2 can have."""
+    """Return the number of columns of a layer's maps that fit on a core of Loihi 2."""
     columns = max((LAYER_NEURONS - 1) // math.prod(shape[:-1]), 1)
     return 1 << columns.bit_length() - 1
 
@@ -145,7 +145,7 @@ def count_onto(begin, end, targets, count):
 
 @kernel
 def scatter(begin, end, targets, first, position, line):
-    """Append the line of each synapse to the list of its target; `position` has the end of each target's list."""
+    """Append the line of each synapse to the list of its target. `position` has the end of each list."""
     for i in range(begin.size):
         for e in range(begin[i], end[i]):
             t = targets[e]
@@ -210,13 +210,13 @@ class Incoming:
 
     @cached_property
     def line(self) -> NDArray[np.int32]:
-        """Line of each synapse, sorted by target. The array has 4 bytes per synapse, so it is made on first use."""
+        """Line of each synapse, sorted by target. Made on first use, because the array has 4 bytes per synapse."""
         line = np.empty(self.synapses.sum(), dtype=np.int32)
         position = self.ends[:-1].copy()
         for index, rows in enumerate(self.rows):
             if rows is not None:
-                at = position[self.start[self.ends_at[index]] :]
-                scatter(rows.begin, rows.end, rows.targets, self.first[index], at, line)
+                insert_at = position[self.start[self.ends_at[index]] :]
+                scatter(rows.begin, rows.end, rows.targets, self.first[index], insert_at, line)
         return line
 
     @cached_property
@@ -270,11 +270,11 @@ def incoming(program: Program, keeps_kernels: bool = False) -> Incoming:
 
 
 def rows_of(program: Program, index: int) -> IncomingRows:
-    """Return the synapses of a projection by source. Equal rows share their targets; a grid lists each synapse."""
+    """Return the synapses of a projection by source. Equal rows share their targets. A grid lists each synapse."""
     part = program.projections[index]
     n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
     if part.grid is not None:
-        # A neuron at (row, column) has the part of the kernel's window that lies inside of the input, for each channel.
+        # A neuron at (row, column) receives the part of the kernel's window inside of the input, from each channel.
         # All maps have the same windows.
         g = part.grid
         y = _window(g.rows, g.top, g.kernel_height, g.stride)[:, None, None, :, None]
@@ -291,17 +291,17 @@ def rows_of(program: Program, index: int) -> IncomingRows:
         begin, end = np.zeros(n_source, dtype=np.int64), np.full(n_source, n_target, dtype=np.int64)
         return IncomingRows(begin, end, np.arange(n_target, dtype=np.int32))
     if part.layout == "one_to_one":
-        each = np.arange(n_source, dtype=np.int64)
-        return IncomingRows(each, each + 1, np.arange(n_source, dtype=np.int32))
+        targets_of_all = np.arange(n_source, dtype=np.int64)
+        return IncomingRows(targets_of_all, targets_of_all + 1, np.arange(n_source, dtype=np.int32))
     return IncomingRows(part.row_ends[:-1], part.row_ends[1:], part.targets)
 
 
-def _window(places: int, before: int, kernel: int, stride: int) -> Ints:
-    return np.asarray(np.arange(places)[:, None] * stride - before + np.arange(kernel), dtype=np.int64)
+def _window(n_places: int, padding: int, kernel: int, stride: int) -> Ints:
+    return np.asarray(np.arange(n_places)[:, None] * stride - padding + np.arange(kernel), dtype=np.int64)
 
 
 def spiking(program: Program) -> list[int]:
-    """Return the indices of the projections that carry spikes; projections of a dc_generator carry currents."""
+    """Return the indices of the projections with spikes. Projections of a dc_generator carry currents."""
     return [index for index, part in enumerate(program.projections) if part.carries == "spikes"]
 
 
@@ -329,12 +329,12 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
     n_pre = program.populations[part.source].size
     counts = np.broadcast_to(weight != 0, part.size).astype(np.int64)
     if part.grid is not None:
-        # A source meets each weight of its channel once for every kernel position that covers the source.
+        # A source uses each weight of its channel once for every kernel position that covers the source.
         g = part.grid
         of_maps = counts.reshape(-1, g.reach, *g.kernels[1:])  # by channel in a depthwise grid
         kernels = of_maps.sum(axis=1).reshape(g.channels, g.kernel_height, g.kernel_width)
-        rows = _meets(g.height, g.top, g.kernel_height, g.rows, g.stride)
-        columns = _meets(g.width, g.left, g.kernel_width, g.columns, g.stride)
+        rows = _covers(g.height, g.top, g.kernel_height, g.rows, g.stride)
+        columns = _covers(g.width, g.left, g.kernel_width, g.columns, g.stride)
         return np.asarray(np.einsum("yk,ckl,xl->cyx", rows, kernels, columns).reshape(-1))
     if part.layout == "one_to_one":
         return counts
@@ -343,11 +343,11 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
     return np.asarray(np.diff(np.concatenate([[0], np.cumsum(counts)])[part.row_ends]))
 
 
-def _meets(length: int, before: int, kernel: int, places: int, stride: int) -> NDArray[np.int64]:
-    """Return whether some position of the kernel puts its line k on line y of the input, shape (length, kernel)."""
-    offset = np.arange(length)[:, None] + before - np.arange(kernel)[None, :]
+def _covers(length: int, padding: int, kernel: int, n_places: int, stride: int) -> NDArray[np.int64]:
+    """Return whether a position of the kernel puts its line k on line y of the input, shape (length, kernel)."""
+    offset = np.arange(length)[:, None] + padding - np.arange(kernel)[None, :]
     position, remainder = np.divmod(offset, stride)
-    return np.asarray((remainder == 0) & (position >= 0) & (position < places), dtype=np.int64)
+    return np.asarray((remainder == 0) & (position >= 0) & (position < n_places), dtype=np.int64)
 
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -359,7 +359,7 @@ bits_of_block = subkernel(block_bits)
 
 @subkernel
 def cores_of_source(i, rows, core_of, count, cores):
-    """List the cores that source i reaches, each once, and count its synapses on each; return the number of cores."""
+    """List the cores that source i reaches and count its synapses on each. Return the number of cores."""
     begin, end, targets = rows
     n = 0
     for e in range(begin[i], end[i]):
@@ -372,7 +372,7 @@ def cores_of_source(i, rows, core_of, count, cores):
 
 @subkernel
 def is_new(i, core, visited):
-    """Return whether source i sends its first spike to a core, and mark the core as visited."""
+    """Return whether source i has not sent to a core before, and mark the core as visited."""
     if visited.size == 0:
         return True
     bit = 1 << (core & 7)
@@ -392,10 +392,10 @@ def weigh(rows, core_of, scratch, bits, index, sends, axons_in, blocks, longest)
         scratch: scratch arrays, from `projections_by_source`.
         bits: bits of one synapse, without the index of its neuron.
         index: bits that number the neurons of each core; empty if synapses are stored in rows.
-        sends: output: the number of cores that each source reaches is added.
-        axons_in: output: the number of sources that reach each core is added.
-        blocks: output for blocks: the bits on each core are added.
-        longest: output for rows: raised to the largest number of synapses of a source onto each core.
+        sends: output: adds the number of cores that each source reaches.
+        axons_in: output: adds the number of sources that reach each core.
+        blocks: output for blocks: adds the bits on each core.
+        longest: output for rows: the largest number of synapses of one source onto each core.
     """
     count, cores, visited = scratch
     for i in range(rows[0].size):
@@ -423,8 +423,8 @@ def projections_by_source(into: Incoming, core_of: Ints, cores: int) -> Iterator
         cores: number of cores.
 
     Yields:
-        the index of the projection; its rows, the core of each of its targets, and scratch arrays. The scratch arrays
-        count synapses per core, list reached cores, and mark the cores to which a source has already sent by another
+        The index of the projection, its rows, the core of each of its targets, and scratch arrays. The scratch arrays
+        count synapses per core, list the reached cores, and mark the cores that a source has reached by an earlier
         projection (empty if no two projections of a source reach the same core).
     """
     target_cores = [core_of[a:b].astype(np.int32) for a, b in zip(into.start[:-1], into.start[1:], strict=True)]

@@ -1,4 +1,4 @@
-"""The input of a population as quantising sees it: projections, weights and delays.
+"""Input of a population for quantising: projections, weights and delays.
 
 One rule determines when a spike acts. Delay registers, the bits of delays and refused delays follow from this rule. The
 input of most neurons acts in the step of its arrival: a spike with a delay of D steps acts after D steps. NEST's
@@ -28,7 +28,7 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """The options that a user has set; `neuro.chips.arithmetic.Option` describes those of a family.
+    """Options set by a user. `neuro.chips.arithmetic.Option` describes the options of a family.
 
     Attributes:
         values: values by option, then by part, e.g. {"scales": {"exc": 50000.0}}.
@@ -47,8 +47,8 @@ class Inputs:
     Args:
         program: the whole network.
         index: index of the population.
-        modes: sign modes by projection that do not depend on the present weights.
-        check_only: whether to find refusals only; then weights of synapses that do not learn are not quantised.
+        modes: fixed sign modes by projection; other modes follow from the weights.
+        check_only: whether to find refusals only, without quantising the weights of synapses that do not learn.
 
     Attributes:
         spikes: indices of the projections that carry spikes.
@@ -65,11 +65,11 @@ class Inputs:
         self.spikes = [i for i in incoming if i not in self.currents]
 
     def lag(self, index: int) -> Words:
-        """Return the steps from the emission of a spike to the update that sees it, in the shape of the delays."""
+        """Return the steps from the emission of a spike to its effect, in the shape of the delays."""
         return lag(self.program, index) if self.keeps(index) else longest_lag(self.program, index)
 
     def keeps(self, index: int) -> bool:
-        """Return whether the words of a projection are needed."""
+        """Return whether the words of a projection must be kept."""
         return not self._check_only or bool(self.program.projections[index].synapse.learns)
 
     def learns(self, index: int) -> bool:
@@ -86,7 +86,7 @@ class Inputs:
         return part.weight
 
     def sign_mode(self, index: int) -> str:
-        """Return the sign mode that holds all present weights of a projection and all that learning can reach."""
+        """Return the sign mode for the weights of a projection, now and at the bounds of learning."""
         if mode := self._modes.get(self.program.projections[index].name):
             return mode
         low, high = self._bounds[index]
@@ -95,7 +95,7 @@ class Inputs:
         return "inhibitory" if high <= 0.0 else "mixed"
 
     def bounds(self, index: int) -> tuple[float, float]:
-        """Return the smallest and the largest weight of a projection with spikes; at most 0 and at least 0."""
+        """Return the smallest weight (or 0, if smaller) and the largest weight (or 0, if larger) of a projection."""
         return self._bounds[index]
 
     @cached_property
@@ -139,7 +139,7 @@ class Inputs:
 
 
 def constants_of(part: Population, resolution: float) -> Floats:
-    """Return the constants of a population's exact integration, as one row, or a row per neuron if neurons differ."""
+    """Return the constants of exact integration: one row if all neurons are equal, else a row per neuron."""
     model = part.model
     assert isinstance(model, Neuron)
     columns = [part.parameters[word] for word in model.quantities()]
@@ -175,7 +175,7 @@ def has_lowest_potential(part: Population) -> bool:
 
 
 def lowest_potential_problems(part: Population) -> Iterator[Problem]:
-    """Yield the lower bounds of potentials that one register for the population cannot hold."""
+    """Yield problems with lower bounds of potentials that one register per core cannot hold."""
     if not has_lowest_potential(part):
         return
     p = part.parameters
@@ -187,14 +187,14 @@ def lowest_potential_problems(part: Population) -> Iterator[Problem]:
         yield refused(part, subject, "the lowest potential is above E_L", "lower V_min")
 
 
-def soft_reset_problems(part: Population, how: str) -> Iterator[Problem]:
-    """Yield the features of reset by subtraction that a chip lacks or approximates; `how` describes its reset."""
+def soft_reset_problems(part: Population, chip_reset: str) -> Iterator[Problem]:
+    """Yield problems with reset by subtraction. `chip_reset` describes the chip's own reset, for messages."""
     if not resets_by_subtraction(part).any():
         return
     if np.any(part.parameters["t_ref"] > 0.0):
         reason = "a refractory neuron would fire with the remaining voltage"
         yield refused(part, "reset_by_subtraction with t_ref above 0", reason, "give it t_ref: 0")
-    yield approximated(part, "reset_by_subtraction", how)
+    yield approximated(part, "reset_by_subtraction", chip_reset)
     if np.any(part.parameters.get("threshold_rises", np.zeros(1)) != 0.0):
         reason = "a compartment fires at its threshold, also with the voltage that remains after a spike"
         yield approximated(part, "threshold_rises", reason)
@@ -223,7 +223,7 @@ def too_short(part: Population, name: str, resolution: float) -> Iterator[Proble
 def too_long(
     part: Population, name: str, resolution: float, limit: float, register: str, infinite: bool
 ) -> Iterator[Problem]:
-    """Yield a problem if a finite time constant exceeds its decay register; `infinite`: it can hold no decay."""
+    """Yield a problem if a finite time constant exceeds its decay register. `infinite`: it can hold no decay."""
     tau = part.parameters[name]
     longest = float(tau[np.isfinite(tau)].max(initial=0.0))
     if longest > limit * (1.0 + 1e-9):
@@ -237,7 +237,7 @@ def too_long(
 
 
 def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
-    """Return a problem if a shared kernel ends on neurons with different scales; `gains` is the number of scales."""
+    """Return a problem if a shared kernel ends on neurons with several scales; `gains` is their number."""
     part = inputs.program.projections[index]
     if part.grid is None or gains == 1:
         return []
@@ -277,14 +277,14 @@ def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = 
     return counted.astype(np.float64)
 
 
-def refused(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
+def refused(part: Population | Projection, feature: str, reason: str, way_out: str) -> Problem:
     """Return a problem of a part that keeps a program from running."""
-    return Problem(True, f"{_label(part)}: {what}", why, way_out, part.origin)
+    return Problem(True, f"{_label(part)}: {feature}", reason, way_out, part.origin)
 
 
-def approximated(part: Population | Projection, what: str, why: str, way_out: str = "") -> Problem:
+def approximated(part: Population | Projection, feature: str, reason: str, way_out: str = "") -> Problem:
     """Return a problem of a part, or of a property, that changes the results of a program."""
-    return Problem(False, f"{_label(part)}: {what}" if what else _label(part), why, way_out, part.origin)
+    return Problem(False, f"{_label(part)}: {feature}" if feature else _label(part), reason, way_out, part.origin)
 
 
 def _label(part: Population | Projection) -> str:
@@ -302,7 +302,7 @@ def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
     """
     part = program.projections[index]
     if part.grid is not None and part.synapse.learns in ("pairs", "chip"):
-        reason = "the chip stores each synapse, so each would learn its own weight"
+        reason = "the chip stores each synapse, so each synapse would learn its own weight"
         return refused(part, part.synapse.name, f"a shared kernel that learns: {reason}", LEARN_ELSEWHERE)
     other = part.synapse.chip
     if not other or other == chip.arithmetic:
@@ -321,8 +321,8 @@ def no_rule(program: Program, index: int) -> Problem | None:
         way = "learn at the next projection"
     elif synapse.chip not in ("", "spinnaker") and not target.chip and not isinstance(target, parrot_neuron):
         why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
-    elif words := synapse.per_synapse():
-        why = f"{', '.join(words)} of each synapse: a rule of the chip is one for the whole projection"
+    elif parameters := synapse.per_synapse():
+        why = f"{', '.join(parameters)} of each synapse: expected one number, because a rule is for a whole projection"
         way = "give all synapses one number, split the projection, or run on event"
     elif synapse.learns == "pairs" and target.chip:
         why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
@@ -340,7 +340,7 @@ LARGEST_SIGNAL = 4.0
 def largest_signal(program: Program, index: int, options: Options) -> float:
     """Return the largest dopamine in 1/ms that the signal of a projection sets.
 
-    The value is from the option `signals`, or else from the signal, or else a default.
+    The value comes from the option `signals`, else from the signal, else from a default.
 
     Raises:
         ModelError: the signal is computed, and neither the option nor the signal gives a largest value.
@@ -358,23 +358,23 @@ def largest_signal(program: Program, index: int, options: Options) -> float:
 
 
 def acts_late(model: Model) -> bool:
-    """Return whether input moves the potential only in the step after its arrival."""
+    """Return whether input changes the potential one step after its arrival."""
     return any(state.name.startswith("I_syn") for state in model.states) and not isinstance(model, cuba_lif)
 
 
 def lag(program: Program, index: int) -> NDArray[np.int32]:
-    """Return the steps from the emission of a spike to the update of the target that receives the spike.
+    """Return the steps from the emission of a spike to its effect on the target.
 
     Args:
         program: the whole network.
         index: index of the projection.
 
     Returns:
-        shape (1,) if the projection has one constant delay, else one entry per synapse.
+        Steps, shape (1,) if the projection has one constant delay, else one entry per synapse.
     """
-    part = program.projections[index]
-    extra = acts_late(program.populations[part.target].model)
-    delay = np.broadcast_to(part.delay, part.size) if part.synapse.delays else part.delay
+    projection = program.projections[index]
+    extra = acts_late(program.populations[projection.target].model)
+    delay = np.broadcast_to(projection.delay, projection.size) if projection.synapse.delays else projection.delay
     return np.add(delay, extra, dtype=np.int32)
 
 
@@ -391,7 +391,7 @@ def longest_lag(program: Program, index: int) -> NDArray[np.int32]:
 
 
 def register(lag: NDArray[np.int32], of_one: int) -> NDArray[np.int32]:
-    """Return the content of a delay register for some lags; `of_one` is the content for a lag of one step."""
+    """Return the contents of a delay register for lags; `of_one` is the content for a lag of one step."""
     return lag + np.int32(of_one - 1)
 
 

@@ -1,4 +1,4 @@
-"""The known chips, read from tables in which every number has a source, and the arithmetic of the emulated families."""
+"""The known chips and the arithmetic of the emulated families. Tables of chips have a source for every number."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ TILES = ("columns", "rows", "cores_per_tile")
 
 
 def parse(root: Node, path: Path, base: Chip | None) -> Chip:
-    """Return the chip that a table describes.
+    """Return the chip described by a table.
 
     Args:
         root: root node of the table.
         path: file of the table.
-        base: the chip from which the table starts (`like`), or None.
+        base: the chip on which the table is based (`like`), or None.
 
     Raises:
-        ModelError: a word is unknown, or a number has no source or is not allowed; the message has the place.
+        ModelError: a word is unknown, or a number has no source or is not allowed. The message has the place.
     """
     table = words(root, WORDS, "a table of a chip")
     base = base or Chip("", "", "")
@@ -53,7 +53,7 @@ def parse(root: Node, path: Path, base: Chip | None) -> Chip:
         },
         path=str(path),
     )
-    _agree(chip, root)
+    _check_core_count(chip, root)
     return chip
 
 
@@ -69,7 +69,7 @@ def load(path: Path) -> Node:
 
 
 def like(root: Node) -> Node | None:
-    """Return the node `like`, which names the chip from which a table starts, or None."""
+    """Return the node `like` with the chip on which a table is based, or None."""
     return words(root, WORDS, "a table of a chip").get("like")
 
 
@@ -115,23 +115,23 @@ def _figure(node: Node, name: str, unit: str) -> Figure:
     )
 
 
-def _quantity(node: Node, what: str, name: str, unit: str) -> float:
+def _quantity(node: Node, label: str, name: str, unit: str) -> float:
     """Return a number >= 0. Messages about a missing number name `unit`."""
     value = node.value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = f"write 23.6 p{unit} as 23.6e-12" if unit else ""
-        raise mistake(node, f"{what}: {found_text(node)}: expected {_number(unit)}", hint)
+        raise mistake(node, f"{label}: {found_text(node)}: expected {_number(unit)}", hint)
     if not 0 <= value < math.inf:
-        raise mistake(node, f"{what} = {value:g}: expected {_number(unit)}")
+        raise mistake(node, f"{label} = {value:g}: expected {_number(unit)}")
     return float(value)
 
 
-def _range(node: Node, what: str) -> Range:
+def _range(node: Node, label: str) -> Range:
     """Return two numbers, the smaller first."""
     ends = [part.value for part in node.value] if isinstance(node.value, list) else []
     numbers = [n for n in ends if isinstance(n, (int, float)) and not isinstance(n, bool) and n >= 0]
     if len(ends) != 2 or len(numbers) != 2 or numbers[0] > numbers[1]:
-        raise mistake(node, f"{what}: {found_text(node)}: expected two numbers >= 0, the smaller first")
+        raise mistake(node, f"{label}: {found_text(node)}: expected two numbers >= 0, the smaller first")
     return float(numbers[0]), float(numbers[1])
 
 
@@ -168,27 +168,27 @@ def _mesh(node: Node) -> Mesh:
     return Mesh(*(parts[name].value for name in TILES))
 
 
-def _agree(chip: Chip, root: Node) -> None:
+def _check_core_count(chip: Chip, root: Node) -> None:
     """Refuse a mesh whose number of cores differs from the limit `cores_per_chip`."""
     cores = chip.limit("cores_per_chip")
     if chip.mesh is None or cores is None:
         return
-    have = chip.mesh.columns * chip.mesh.rows * chip.mesh.cores_per_tile
-    if have != cores:
+    mesh_cores = chip.mesh.columns * chip.mesh.rows * chip.mesh.cores_per_tile
+    if mesh_cores != cores:
         raise ModelError(
-            f"mesh has {have} cores (columns x rows x cores_per_tile): expected cores_per_chip = {cores}",
+            f"mesh has {mesh_cores} cores (columns x rows x cores_per_tile): expected cores_per_chip = {cores}",
             where=root.value["mesh" if "mesh" in root.value else "limits"].label,
         )
 
 
 TABLES = Path(__file__).parent / "tables"
 _reading: list[Path] = []
-"""Stack of the tables that are being read, each of which starts from the next, to detect cycles."""
+"""Tables that are being read, each based on the next; used to detect cycles."""
 
 
 CHIPS: Registry[Chip] = Registry(
     "chip",
-    [parse(load(path), path, None) for path in sorted(TABLES.glob("*.yaml"))],  # no built-in table starts from another
+    [parse(load(path), path, None) for path in sorted(TABLES.glob("*.yaml"))],  # no built-in table is based on another
     takes=lambda thing: isinstance(thing, Chip),
     group="neuro.chips",
     name=lambda chip: chip.name,
@@ -202,7 +202,7 @@ def chips() -> tuple[str, ...]:
 
 
 def chip(name: str | PathLike[str]) -> Chip:
-    """Return the chip of a name or of a table file. A file is read at each call.
+    """Return the chip with a name, or of a table file. A file is read at each call.
 
     Raises:
         ModelError: no chip has that name, or the file is not a valid table.
@@ -216,17 +216,17 @@ def chip(name: str | PathLike[str]) -> Chip:
 
 
 def is_table(name: str) -> bool:
-    """Return whether a name is the name of a table file."""
+    """Return whether a name is a path of a table file."""
     return name.endswith((".yaml", ".yml"))
 
 
 def read_chip(path: Path) -> Chip:
-    """Return the chip that a table file describes.
+    """Return the chip described by a table file.
 
-    A table with `like: loihi` starts from that chip and replaces the entries that it names.
+    A table with `like: loihi` is based on that chip and replaces only its own entries.
 
     Raises:
-        ModelError: the file is not a table, a word is unknown, or a number has no source; the message has the place.
+        ModelError: the file is not a table, a word is unknown, or a number has no source. The message has the place.
     """
     root = load(path)
     base = like(root)
@@ -240,7 +240,7 @@ def read_chip(path: Path) -> Chip:
 
 
 def _of_file(path: Path, base: Node) -> Chip:
-    """Return the chip of the table file in `like`, relative to the folder of the table that names it."""
+    """Return the chip of the table file that `like` names, relative to the folder of the present table."""
     base_path = path.parent / str(base.value)
     if not base_path.is_file():
         raise ModelError(f"like: there is no file '{base_path}'", where=base.where)
@@ -268,5 +268,5 @@ def arithmetic_of(chip: Chip) -> Arithmetic:
 
 
 def placed_as(chip: Chip) -> Arithmetic:
-    """Return the arithmetic that placing uses for synapses, spikes and delays; of Loihi 1 if none is emulated."""
+    """Return the arithmetic for placing; that of Loihi 1 if the chip's own is not emulated."""
     return ARITHMETICS.get(chip.arithmetic, LOIHI)

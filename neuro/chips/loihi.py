@@ -1,4 +1,4 @@
-"""Loihi 1: the conversion of leaky integrate-and-fire neurons and their weights to registers.
+"""Loihi 1: conversion of leaky integrate-and-fire neurons and their weights to registers.
 
 Any table with `arithmetic: loihi` uses it.
 
@@ -101,12 +101,12 @@ SOFT_RESET = (
 
 
 def missing_features(inputs: Inputs) -> list[Problem]:
-    """Return the features of a population that a compartment lacks at any scale."""
+    """Return problems with features of a population that a compartment lacks, independent of the scale."""
     return [*_times(inputs), *_potentials(inputs), *_input(inputs), *soft_reset_problems(inputs.part, SOFT_RESET)]
 
 
 def _times(inputs: Inputs) -> Iterator[Problem]:
-    """Yield time constants that 12-bit decays cannot hold, and refractory periods beyond their register."""
+    """Yield problems with time constants beyond 12-bit decays, and with refractory periods beyond their register."""
     part, h = inputs.part, inputs.program.resolution
     limit = -h / np.log1p(-1.0 / DECAY_STEPS)
     flows = dict(zip(("tau_syn_ex", "tau_syn_in"), receives(inputs), strict=True))
@@ -126,7 +126,7 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
 
 
 def _potentials(inputs: Inputs) -> Iterator[Problem]:
-    """Yield reset potentials and thresholds that a compartment cannot have."""
+    """Yield problems with reset potentials and thresholds."""
     part, p = inputs.part, inputs.part.parameters
     mismatched = np.flatnonzero(np.broadcast_to((p["V_reset"] != p["E_L"]) & ~resets_by_subtraction(part), part.size))
     if mismatched.size:
@@ -150,7 +150,7 @@ def _potentials(inputs: Inputs) -> Iterator[Problem]:
 
 
 def _input(inputs: Inputs) -> Iterator[Problem]:
-    """Yield input that a compartment loses, and receptors with different time constants."""
+    """Yield problems with lost input, and with receptors of different time constants."""
     part, p = inputs.part, inputs.part.parameters
     if p.get("refractory_input", np.zeros(1)).any():
         yield refused(part, "refractory_input", "a compartment loses input while it is refractory", "leave it out")
@@ -168,7 +168,7 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
 
 
 def overflows(part: Population, mv: InMillivolts, volt: float) -> Iterator[Problem]:
-    """Yield the registers that overflow at a scale that a user set, or that stays fixed while parameters change."""
+    """Yield a problem for each register that overflows at a scale that is fixed."""
     for quantity, largest, limit, name in (
         ("V_th - E_L", float(mv.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
         ("the constant current", float(mv.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),
@@ -198,7 +198,7 @@ SCALING = (
 
 
 def filled_current(cells: FixedPopulation, arriving: Floats) -> float:
-    """Return the largest |u| that some input causes, as a share of 2^23; 0 for neurons without a current."""
+    """Return the largest |u| that an input causes, as a share of 2^23; 0 for neurons without a current."""
     if "du" not in cells.registers:
         return 0.0
     keep = (4095 - cells.registers["du"]) / 4096
@@ -235,7 +235,7 @@ class Loihi(Arithmetic):
         return bounds(mode, bits)
 
     def words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """Return the words that a spike adds for some mantissas."""
+        """Convert mantissas to words, the amounts that a spike adds."""
         return word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
 
     def wires(
@@ -249,7 +249,7 @@ class Loihi(Arithmetic):
         mode: str = "",
         bits: int = WEIGHT_BITS,
         native: bool = False,
-        **more: Any,
+        **other_attributes: Any,
     ) -> FixedProjection:
         """Return a projection with given mantissas, sign mode and rounding errors.
 
@@ -262,8 +262,8 @@ class Loihi(Arithmetic):
             exponent: weight exponent.
             mode: sign mode; "" for mantissas that are sent unchanged.
             bits: bits of a mantissa.
-            native: whether the weights of the language are mantissas, including the bits that the chip drops.
-            more: other attributes of `FixedProjection`.
+            native: whether the weights in YAML are mantissas, including the bits that the chip drops.
+            other_attributes: other attributes of `FixedProjection`.
         """
         low, high, grain = self.ends(mode, WEIGHT_BITS if native else bits)
         lag = inputs.lag(index)
@@ -284,7 +284,7 @@ class Loihi(Arithmetic):
             native=native,
             shift=max(-exponent, 0) if self.shifts_sums else 0,
             rounding=rounding,
-            **more,
+            **other_attributes,
         )
         return replace(wires, words=self.words(wires, mantissas))
 
@@ -309,7 +309,7 @@ class Loihi(Arithmetic):
         return wires, problems
 
     def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
-        """Return a projection onto parrots. The host relays every spike, whatever the weight."""
+        """Return a projection onto parrots. The host relays every spike, independent of the weight."""
         step = inputs.program.projections[index].weight.copy()
         return self.wires(inputs, index, np.ones(1, dtype=np.int32), LOSSLESS, step, mode="excitatory")
 
@@ -349,8 +349,8 @@ class Loihi(Arithmetic):
         )
         wires = {}
         for index in inputs.spikes:
-            wires[index], more_problems = self.fitted_projection(inputs, index, mv, volt, options)
-            problems += more_problems
+            wires[index], wire_problems = self.fitted_projection(inputs, index, mv, volt, options)
+            problems += wire_problems
         return fixed, wires, problems
 
     def fitted_projection(
@@ -411,7 +411,7 @@ class Loihi(Arithmetic):
         return f"exponent {wires.exponent}"
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return a hint against bits that the exponent shifts out or that the weight memory drops."""
+        """Return a hint that avoids bits lost by the exponent or by the weight memory."""
         grain = max(grain_of(wires.bits, wires.sign_mode == "mixed"), 2 ** max(0, -wires.exponent))
         ways_out = [f"use mantissas that are multiples of {grain}"] if grain <= wires.high else []
         ways_out += ["use a larger weight_exp"] if wires.exponent < 0 else []
@@ -438,13 +438,13 @@ class Loihi(Arithmetic):
         if mantissas.min() < -BIAS_MANTISSA - 1 or mantissas.max() > BIAS_MANTISSA:
             raise ModelError(
                 f"population '{cells.name}': a current of {np.abs(current).max():g} pA overflows the bias register",
-                hint="describe the dc_generator with its largest amplitude, for which the scale is chosen",
+                hint="describe the dc_generator with its largest amplitude: the scale follows from it",
             )
         value: NDArray[np.int32] = (mantissas << r["bias_exp"]).astype(np.int32)
         return value
 
     def way_out(self, cells: FixedPopulation) -> str:
-        """Return the option that sets a quarter of the scale."""
+        """Return a hint with the option that divides the scale by four."""
         return f"scales={{'{cells.name}': {cells.volt / 4:.4g}}} makes all registers a quarter as full"
 
 

@@ -1,4 +1,4 @@
-"""Loihi 2: payloads, sums that are shifted as a whole, and neurons that are described in registers.
+"""Loihi 2: payloads, sums shifted as a whole, and neurons described in registers.
 
 Any table with `arithmetic: loihi2` uses it.
 
@@ -60,7 +60,7 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection
 
 LIF = "loihi2_lif"
 GRADED = (sigma_delta, delta_encoder, sigma_decoder, graded_vector, graded_product)
-"""Models with payloads, whose parameters are scaled to registers by exponents of their own."""
+"""Models with payloads. Their own exponents scale the parameters to registers."""
 
 STATE_LIMIT = 2**31 - 1
 SIGN_MODES = {"mixed": (-256, 255), "excitatory": (0, 255), "inhibitory": (-255, 0)}
@@ -68,7 +68,7 @@ SIGN_MODES = {"mixed": (-256, 255), "excitatory": (0, 255), "inhibitory": (-255,
 
 
 def stored_mantissas(mantissas: Words, bits: int, mode: str) -> Words:
-    """Return mantissas as the weight memory stores them: clipped, and rounded down to the bits that it has."""
+    """Return mantissas after storage in the weight memory: clipped, and rounded down to its bits."""
     low, high = SIGN_MODES[mode]
     dropped_bits = WEIGHT_BITS - bits + (mode == "mixed")
     clipped = np.clip(mantissas, low, high)
@@ -141,7 +141,7 @@ class Loihi2(Loihi):
         return stored << max(wires.exponent, 0)
 
     def native(self, part: Population) -> FixedPopulation:
-        """Return a population that is described in registers; the integer step has the name of the model."""
+        """Return a population described in registers; its integer step has the name of the model."""
         fixed = super().native(part)
         if "cos_decay" in fixed.registers:
             vth = np.trunc(part.parameters["vth"] * 2.0 ** part.parameters["state_exp"]).astype(np.int64)
@@ -184,7 +184,7 @@ class Loihi2(Loihi):
     def _convolution(
         self, inputs: Inputs, index: int, synapse: loihi2_convolution
     ) -> tuple[FixedProjection, list[Problem]]:
-        """Return a projection whose weights are sent unchanged, and whose sum may wrap."""
+        """Return a projection with unchanged weights and a sum that may wrap."""
         part = inputs.program.projections[index]
         problems = [*_not_whole(part)]
         outside = np.flatnonzero(np.abs(part.weight) > 255)
@@ -195,7 +195,7 @@ class Loihi2(Loihi):
         return self.wires(inputs, index, mantissas, LOSSLESS, native=True, wraps=synapse.wraps), problems
 
     def _fitted(self, inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
-        """Return weights m 2^e with the largest exponent that is exact, else the smallest exponent that fits."""
+        """Return weights m 2^e: with the largest exact exponent, else with the smallest exponent that fits."""
         part, mode = inputs.program.projections[index], inputs.sign_mode(index)
         low, high = SIGN_MODES[mode]
         grain = 1 + (mode == "mixed")
@@ -262,7 +262,7 @@ class Loihi2(Loihi):
             yield from Arithmetic.give_rule(self, program, chip, index, wires, options)
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return a hint against mantissa bits that the weight memory drops."""
+        """Return a hint that avoids mantissa bits dropped by the weight memory."""
         return f"use mantissas that are multiples of {1 << (WEIGHT_BITS - wires.bits + (wires.sign_mode == 'mixed'))}"
 
     def scale_options(self, cells: FixedPopulation, wires: tuple[FixedProjection, ...]) -> Options:

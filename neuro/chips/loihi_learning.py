@@ -1,4 +1,4 @@
-"""The conversion of `stdp` and `stdp_dopa` to scales, impulses and rules of Loihi's learning engine.
+"""Conversion of `stdp` and `stdp_dopa` to scales, impulses and rules of Loihi's learning engine.
 
 A trace that rises by an impulse i represents K = trace / i. With a scale S = m 2^e, one pair changes the weight by S i
 mantissas. Impulses are at most 31, so that 7 bits can hold K = 4. With dopamine the tag holds the eligibility, 16 to 31
@@ -53,12 +53,12 @@ from neuro.program.program import Program
 LARGEST_IMPULSE = 31
 """Largest impulse of a trace: four spikes fit into 7 bits."""
 SMALLEST_UPDATE = 2.0**-FRACTION_BITS
-"""The smallest change in mantissas. Smaller changes are truncated to 0, so mappings with such a change are refused."""
+"""Smallest change in mantissas. The chip truncates smaller changes to 0, so mappings with such a change are refused."""
 COARSE_UPDATE = 16 * SMALLEST_UPDATE
-"""Changes below this many mantissas lose up to 6 %, or a trace has fewer than 16 levels; this is reported."""
+"""Changes below this number of mantissas lose up to 6 %, or a trace has fewer than 16 levels. A problem is reported."""
 _MANTISSAS = (1, 3, 5, 7)
 LEAST_SHIFT = 3
-"""Least number of low bits that the modulatory trace of a target drops: 7 bits then have at most 16 levels."""
+"""Smallest number of low bits that the modulatory trace of a target drops, which leaves 16 levels of 7 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +75,8 @@ class Fit:
         return self.impulse * self.mantissa * 2.0**self.exponent
 
 
-def nearest_fit(change: float, bits: int, what: str) -> Fit:
-    """Return the impulse and scale whose product is nearest to a change; within 1 % those with the largest impulse.
+def nearest_fit(change: float, bits: int, label: str) -> Fit:
+    """Return the impulse and scale with the product nearest to a change. Within 1 %, the largest impulse is taken.
 
     Raises:
         ModelError: no product is within a quarter of the change.
@@ -91,15 +91,14 @@ def nearest_fit(change: float, bits: int, what: str) -> Fit:
             candidates.append(((error > 0.01, error if error > 0.01 else -impulse, mantissa), fit, error))
     _, fit, error = min(candidates, key=lambda entry: entry[0])
     if error > 0.25:
-        raise too_small(what, change) if fit.value > change else too_large(what, change)
+        raise too_small(label, change) if fit.value > change else too_large(label, change)
     return fit
 
 
 def signal_fit(gain: float, largest_n: float, b: float) -> tuple[Fit, float]:
-    """Return a scale, and the unit of r1 and r2 for which the scale is exact and `largest_n` fits 7 bits.
+    """Return a scale and the unit of r1 and r2. The scale is exact, and `largest_n` fits 7 bits in this unit.
 
-    Among the units up to four times the smallest possible one, the unit of which `b` is most nearly a multiple is
-    chosen.
+    The unit lies between the smallest possible one and four times as much; `b` is nearly a multiple of it.
     """
     lowest = -FRACTION_BITS - (WIDTHS["t"] + WIDTHS["r1"] + MANTISSA_BITS - PRODUCT_BITS)
     units = [
@@ -118,14 +117,14 @@ def signal_fit(gain: float, largest_n: float, b: float) -> tuple[Fit, float]:
 
 
 def tag_decay(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tuple[tuple[Term, ...], float, str]:
-    """Return products by which a tag decays with a time constant in steps: it loses n 128ths in every 2^k-th step.
+    """Return the products of a rule that let a tag decay: in every 2^k-th step it loses n/128.
 
     Args:
         tau: time constant in steps.
         periods: allowed exponents k.
 
     Returns:
-        the products, the relative error of the time constant, and both as text.
+        The products, the relative error of the time constant, and both as text.
     """
     fits = []
     for every in periods:
@@ -140,31 +139,31 @@ def tag_decay(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tupl
     return terms, error, f"the eligibility loses {part}/128 {_period(every)}: tau_c is {error:.1%} off"
 
 
-def too_small(what: str, change: float) -> ModelError:
+def too_small(label: str, change: float) -> ModelError:
     """Return the error for a change that is too small for the accumulator."""
     return ModelError(
-        f"{what}: a change of {change:.3g} mantissas cannot be represented: the smallest is {SMALLEST_UPDATE:.3g}",
+        f"{label}: a change of {change:.3g} mantissas cannot be represented: the smallest is {SMALLEST_UPDATE:.3g}",
         hint="use a smaller weight scale (weight exponent) or a larger step size of the rule",
     )
 
 
-def too_large(what: str, change: float) -> ModelError:
+def too_large(label: str, change: float) -> ModelError:
     """Return the error for a change that is too large for the accumulator."""
     return ModelError(
-        f"{what}: a change of {change:.3g} mantissas does not fit the accumulator",
+        f"{label}: a change of {change:.3g} mantissas does not fit the accumulator",
         hint="use a larger weight scale (weight exponent) or a smaller step size of the rule",
     )
 
 
 @dataclass(frozen=True, slots=True)
 class MappedRule:
-    """A rule of the chip in place of a float synapse model.
+    """A rule of the chip that replaces a float synapse model.
 
     Attributes:
         rule: the rule.
         approximations: differences from the float model, one sentence each.
-        update: size of one weight change in mantissas: by one pair, or for `stdp_dopa` in one application after one
-            pair, at the largest n or that of one dopamine spike. Below `COARSE_UPDATE` a problem is reported.
+        update: size of one weight change in mantissas: by one pair, or for `stdp_dopa` by one application after one
+            pair, at the largest n or at that of one dopamine spike. Below `COARSE_UPDATE` a problem is reported.
         n_scale: dopamine in 1/ms per unit of r1 and r2; 0 without dopamine.
     """
 
@@ -236,7 +235,7 @@ def _microcode_rule(p: Any, h: float, tau_minus: float, scale: float, largest_n:
         rule = p.microcode(LoihiEngine(h, tau_minus, scale, n, modulatory))
     except ModelError:
         raise
-    except Exception as error:  # third-party code, with the parameters of a user
+    except Exception as error:  # any error of third-party code
         raise ModelError(f"{p.name}.microcode: {type(error).__name__}: {error}") from error
     if not isinstance(rule, LearningRule):
         raise ModelError(f"{p.name}.microcode: found {rule!r:.60}: expected the result of the engine's method 'rule'")
@@ -361,7 +360,7 @@ def _dopamine_rule(
 def _tag_of_one(plus: float, minus: float) -> float:
     """Return the units of the tag for an eligibility of 1.
 
-    The larger side then is a whole impulse, and the smaller side has the least rounding error.
+    With these units, the larger side is a whole impulse, and the smaller side has the smallest rounding error.
     """
     larger, smaller = max(plus, minus), min(plus, minus)
     sizes = [impulse / larger for impulse in range(LARGEST_IMPULSE // 2 + 1, LARGEST_IMPULSE + 1)]
@@ -377,19 +376,19 @@ def _pair_terms(
     plus: tuple[float, tuple[Factor, ...], int],
     minus: tuple[float, tuple[Factor, ...], int],
     taus: tuple[float, float],
-    what: str,
+    label: str,
     from_target: bool = False,
 ) -> tuple[tuple[Term, ...], dict[str, Trace], tuple[str, ...]]:
     """Return products, traces and notes of potentiation, y0 x1, and of depression, x0 (y1 - y2).
 
-    y2 is the spike of this step, which does not count for depression.
+    y2 is the spike of the present step; it does not count for depression.
 
     Args:
         plus: for potentiation, the change by one pair, further factors of the product, and the sign.
         minus: the same values for depression.
         taus: time constants of x1 and y1 in steps.
-        what: name of the parameter, for messages.
-        from_target: whether the target sends y1, which then lacks the spike of this step.
+        label: name of the parameter, for messages.
+        from_target: whether the target sends y1, without the spike of the present step.
     """
     terms: list[Term] = []
     traces: dict[str, Trace] = {}
@@ -399,7 +398,7 @@ def _pair_terms(
             continue
         if change < 0.0:
             change, sign = -change, -sign
-        fit = nearest_fit(change, MANTISSA_BITS + WIDTHS[trace] + sum(WIDTHS[f.name] for f in factors), what)
+        fit = nearest_fit(change, MANTISSA_BITS + WIDTHS[trace] + sum(WIDTHS[f.name] for f in factors), label)
         terms.append(Term(sign * fit.mantissa, fit.exponent, gate, 0, (Factor(trace), *factors)))
         traces[trace] = Trace.exponential(fit.impulse, tau)
         if trace == "y1" and not from_target:
@@ -411,18 +410,18 @@ def _pair_terms(
     return tuple(terms), traces, tuple(notes)
 
 
-def _bound(what: str, weight: float, scale: float) -> int:
+def _bound(label: str, weight: float, scale: float) -> int:
     bound = round(weight / scale)
     if not 0 < bound <= LARGEST_CONSTANT:
         raise ModelError(
-            f"{what} = {weight:g}: {bound} mantissas of {scale:g}: expected 1 to {LARGEST_CONSTANT}",
+            f"{label} = {weight:g}: {bound} mantissas of {scale:g}: expected 1 to {LARGEST_CONSTANT}",
             hint="change the weight exponent of the projection",
         )
     return bound
 
 
 FRACTIONS = 256
-"""Resolution of a delay in the tag, in fractions of a step: -128 to 127 around the whole step in the register."""
+"""Fractions of a step in the tag of a delay, from -128 to 127 around the whole number of steps in the register."""
 
 
 def give_rule(
@@ -486,7 +485,7 @@ def _map_rule(program: Program, index: int, wires: FixedProjection, options: Opt
     numbers = part.synapse.parameters()
     tau_minus = program.populations[part.target].parameters["tau_minus"]
     if wires.step.size > 1 or tau_minus.size > 1:
-        raise ModelError("the target's neurons differ: a rule is one for the whole projection")
+        raise ModelError("the target's neurons differ: expected equal neurons, because a projection has one rule")
     if wires.sign_mode != "excitatory":
         raise ModelError(
             f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0",

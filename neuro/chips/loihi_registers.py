@@ -1,4 +1,4 @@
-"""Loihi 1's registers: their limits, the words of weights, and the registers of a leaky integrate-and-fire neuron.
+"""Registers of Loihi 1: limits, words of weights, and the registers of a leaky integrate-and-fire neuron.
 
 `neuro.chips.loihi` has the meaning of each register, and the sources.
 """
@@ -32,7 +32,7 @@ KIND = "loihi_lif"
 """Integer step of a compartment, see `FixedPopulation.kind`."""
 
 REGISTER_OF_ONE = 0
-"""Content of the delay register for a spike that acts in the step after its emission."""
+"""Content of the delay register for a delay of one step."""
 
 V_LIMIT = 2**23 - 1
 """Largest v and largest initial u."""
@@ -56,7 +56,7 @@ LOSSLESS = WeightRounding(0.0, 0.0, 0.0, 0.0)
 
 
 def word(mantissas: Words, exponent: int, bits: int, mixed: bool) -> Words:
-    """Return the words that a spike adds, in units of 64: floor(m 2^exponent), clipped, for mantissas as stored."""
+    """Convert mantissas to words, the amounts that a spike adds in units of 64: floor(m 2^exponent), clipped."""
     stored = stored_mantissas(mantissas, bits, mixed)
     shifted = stored << exponent if exponent >= 0 else stored >> -exponent
     clipped: Words = np.clip(shifted, -WORD_LIMIT, WORD_LIMIT).astype(np.int32)
@@ -64,7 +64,7 @@ def word(mantissas: Words, exponent: int, bits: int, mixed: bool) -> Words:
 
 
 def stored_mantissas(mantissas: Words, bits: int, mixed: bool) -> Words:
-    """Return mantissas as the weight memory stores them: rounded towards 0 to the bits that it has."""
+    """Return mantissas after storage in the weight memory, which rounds them towards 0 to its bits."""
     grain = grain_of(bits, mixed)
     stored: Words = np.sign(mantissas) * (np.abs(mantissas) // grain * grain)
     return stored
@@ -83,19 +83,19 @@ def bounds(sign_mode: str, bits: int = 8) -> tuple[int, int, int]:
 
 
 COMFORT = 2.0**21
-"""Largest threshold of an automatic scale. It equals the limit of the input of a step, and a quarter of that of u."""
+"""Largest threshold of an automatic scale: the limit of the input of a step, and a quarter of the limit of u."""
 
 FINE = 2.0**17
 """Smallest threshold of an automatic scale: 2,048 steps of 64 units."""
 
 BIAS_LARGEST = BIAS_MANTISSA << BIAS_EXPONENT
 SPARE = 1.0 - 2.0**-7
-"""Margin for rounding: of the largest word, and of a bias that is the sum of two mantissas."""
+"""Margin for the rounding of the largest word, and of a bias that is the sum of two mantissas."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InMillivolts:
-    """The quantities of a population of `iaf_psc_delta` or `iaf_psc_exp` in mV, from which its scale is chosen.
+    """Quantities in mV of a population of `iaf_psc_delta` or `iaf_psc_exp`; they determine its scale.
 
     Each array has shape (1,) or (neurons,).
 
@@ -165,17 +165,17 @@ def only_inhibitory(inputs: Inputs) -> bool:
 def scale_limits(mv: InMillivolts) -> tuple[float, float]:
     """Return the largest scale with a margin for input, and the largest scale that threshold, bias and states allow."""
     limits = ((BIAS_LARGEST * SPARE, mv.drive), (V_LIMIT, mv.start), (U_LIMIT - 1, mv.current))
-    others = min(limit / _largest(values) for limit, values in limits)
+    state_limits = min(limit / _largest(values) for limit, values in limits)
     distance = _largest(mv.distance)
-    return min(COMFORT / distance, others), min(64.0 * VTH_LIMIT / distance, others)
+    return min(COMFORT / distance, state_limits), min(64.0 * VTH_LIMIT / distance, state_limits)
 
 
 def safe_scales(inputs: Inputs, mv: InMillivolts) -> tuple[float, float]:
-    """Return the scale at which nothing wraps even if all synapses of a neuron are active in every step.
+    """Return the largest scale at which no sum wraps, even if all synapses of a neuron are active in every step.
 
     Returns:
-        this scale, which bounds the input of a step and u; and the larger one of this scale and the smallest scale at
-        which the threshold and the truncated decays have errors of at most 0.1 %.
+        This scale, and a finer scale: at least as large, and large enough that the threshold and the truncated decays
+        have errors of at most 0.1 %.
     """
     total = 0.0
     for sign in (1.0, -1.0):
@@ -193,7 +193,7 @@ def safe_scales(inputs: Inputs, mv: InMillivolts) -> tuple[float, float]:
 
 
 def _largest(values: Floats) -> float:
-    """Return the largest magnitude, or a tiny number instead of 0, so that the quotient bounds nothing."""
+    """Return the largest magnitude, or a tiny number instead of 0, so that a limit divided by it is huge."""
     return max(float(np.abs(values).max(initial=0.0)), 1e-200)
 
 
@@ -203,7 +203,7 @@ def choose_scale(inputs: Inputs, mv: InMillivolts) -> float:
     The scale is as large as threshold, bias and weights allow. Candidates give the largest weight of the strongest
     projection a mantissa of 129..256. A factor of two changes no mantissa, so the largest allowed power is used. If
     weights learn from spike pairs, the upper bound of learning gets the largest mantissa, so that the chip has the same
-    bound. Of two scales with equal errors, the one at which sums do not wrap is used.
+    bound. If two scales have equal errors, the scale without wrapped sums is used.
     """
     cap, limit = scale_limits(mv)
     values = [(index, sampled(potential_changes(inputs, index, mv, few=True))) for index in inputs.spikes]
@@ -227,8 +227,8 @@ def _search(
 ) -> tuple[float, float]:
     """Return the best scale up to `cap`, or up to `hard` if there is none, and its rounding error of the weights.
 
-    Ties are broken by the error of the constant drive and the threshold. Of the remaining scales the largest one up to
-    `room` is returned, or the smallest one if all exceed `room`.
+    Ties are broken by the error of the constant drive and the threshold, then by size: the largest scale up to `room`
+    wins, or the smallest scale if all exceed `room`.
     """
     pairs = [inputs.program.projections[index].synapse.learns == "pairs" for index, _ in values]
     plastic = [item for item, learns in zip(values, pairs, strict=True) if learns and inputs.learns(item[0])]
@@ -276,7 +276,7 @@ def potential_changes(inputs: Inputs, index: int, mv: InMillivolts, few: bool = 
         inputs: the population.
         index: index of the projection.
         mv: quantities of the population in mV.
-        few: whether a sample of many synapses is enough: the largest, the smallest and evenly spaced others.
+        few: whether to reduce many synapses to a sample: the largest, the smallest and evenly spaced others.
     """
     weight, part = inputs.range_of(index), inputs.program.projections[index]
     reduced = thinned if few else np.asarray
@@ -284,15 +284,15 @@ def potential_changes(inputs: Inputs, index: int, mv: InMillivolts, few: bool = 
         return reduced(weight) * float(mv.gain[0])
     if part.weight.size == 1 or part.grid is not None:
         return reduced(np.concatenate((weight * mv.gain.min(), weight * mv.gain.max())))
-    own = part.weight * mv.gain[inputs.targets(index)]
-    return reduced(np.concatenate((own, weight[part.weight.size :] * mv.gain.max())))
+    own_bounds = part.weight * mv.gain[inputs.targets(index)]
+    return reduced(np.concatenate((own_bounds, weight[part.weight.size :] * mv.gain.max())))
 
 
 def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool) -> int:
-    """Return the smallest exponent with which all values fit; below 0 only for plastic weights, for finer steps."""
-    up = float(values.max(initial=0.0)) * scale / 64.0 / max(high, 1)
-    down = float(-values.min(initial=0.0)) * scale / 64.0 / max(-low, 1)
-    need = max(up, down)
+    """Return the smallest exponent at which all values fit. Only plastic weights, with finer steps, get less than 0."""
+    round_up = float(values.max(initial=0.0)) * scale / 64.0 / max(high, 1)
+    round_down = float(-values.min(initial=0.0)) * scale / 64.0 / max(-low, 1)
+    need = max(round_up, round_down)
     exponent = int(np.ceil(np.log2(need) - 1e-9)) if need > 0.0 else 0
     return int(np.clip(exponent, WEIGHT_EXPONENTS[0] if plastic else 0, WEIGHT_EXPONENTS[-1]))
 
@@ -328,7 +328,7 @@ def registers_of(inputs: Inputs, mv: InMillivolts, volt: float) -> tuple[dict[st
 
 
 def threshold(distance: Floats) -> Ints:
-    """Return vth such that v > 64 vth holds if and only if v >= distance, for every v that is a multiple of 64."""
+    """Return the vth for which v > 64 vth is equivalent to v >= distance, for all multiples v of 64."""
     steps = distance / 64.0
     nearest = np.rint(steps)
     is_whole = np.abs(steps - nearest) <= TOLERANCE

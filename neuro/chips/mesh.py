@@ -1,4 +1,4 @@
-"""Positions of cores: tiles in rows and columns, chips in a square, and an order that keeps connected cores close."""
+"""Positions of cores: tiles in rows and columns, and chips in a square. Connected cores are close."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from neuro.kernels.jit import kernel
 from neuro.program.program import Floats, Ints, Program
 
 _EFFORT = 10_000_000
-"""Largest number of exchanges x pairs. With it, placing a program of 1 M synapses needs less than half a second."""
+"""Largest number of exchanges x pairs. It keeps the placing of a program with 1 M synapses below half a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +57,9 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
     Args:
         chip: the chip with the mesh, and perhaps a memory that its cores share.
         memory: bytes of each core.
-        snake: whether the tiles of a chip are filled column by column, alternately down and up, and chips row by row,
-            alternately to the right and to the left, so that each tile is next to the last one. Otherwise both are
-            filled row by row.
+        snake: whether each tile is next to the previous one: tiles of a chip are then filled column by column,
+            alternately down and up, and chips row by row, alternately right and left. Otherwise both are filled row by
+            row.
     """
     mesh = mesh_of(chip, len(memory))
     cores_per_chip, shared = capacity(chip, len(memory)), chip.limit("synapse_bytes_per_chip")
@@ -84,7 +84,7 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> MeshPlaces:
 
 
 def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
-    """Exchange the positions of two elements, the best pair first, as long as an exchange saves hops.
+    """Exchange the positions of pairs of elements, the best pair first, as long as an exchange saves hops.
 
     Args:
         traffic: spikes between each pair, symmetric with 0 on the diagonal, shape (n, n).
@@ -93,7 +93,7 @@ def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
         row: row of each element's tile.
 
     Returns:
-        the element whose position each element gets. All numbers are whole, so the result is the same on every machine.
+        For each element, the element whose position it gets. Whole numbers make the result equal on every machine.
     """
     n = len(pull)
     at = np.arange(n)
@@ -116,7 +116,7 @@ def exchange(traffic: Floats, pull: Floats, column: Ints, row: Ints) -> Ints:
 
 
 def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pull: Floats) -> MeshPlaces:
-    """Exchange whole tiles, used or not, then cores; cores are not exchanged if a chip could exceed its memory."""
+    """Exchange whole tiles, used or not, then cores. Cores stay if an exchange could exceed a chip's memory."""
     shared, cores_per_chip = chip.limit("synapse_bytes_per_chip"), capacity(chip, len(memory))
     mesh = places.mesh
     if cores_per_chip < mesh.columns * mesh.rows * mesh.cores_per_tile:
@@ -143,8 +143,8 @@ def draw_close(chip: Chip, places: MeshPlaces, memory: Ints, traffic: Floats, pu
 
 
 @kernel
-def between_cores(rows, core_of, scratch, own, traffic, pull):
-    """Add a spike of each source from its core (`own`) to each core that it reaches; core -1 is the host."""
+def between_cores(rows, core_of, scratch, own_cores, traffic, pull):
+    """Add one spike of each source to `traffic`, from `own_cores` to each core reached; core -1 is the host."""
     count, cores, visited = scratch
     for i in range(rows[0].size):
         for k in range(cores_of_source(i, rows, core_of, count, cores)):
@@ -152,15 +152,15 @@ def between_cores(rows, core_of, scratch, own, traffic, pull):
             count[core] = 0
             if not is_new(i, core, visited):
                 continue
-            if own[i] < 0:
+            if own_cores[i] < 0:
                 pull[core] += 1
             else:
-                traffic[own[i], core] += 1
+                traffic[own_cores[i], core] += 1
 
 
 @kernel
 def travel(rows, core_of, scratch, start_of, places, moves):
-    """Add the moves of a spike of each source, which is sent separately to each core.
+    """Add the moves of one spike of each source, sent separately to each core.
 
     Args:
         rows: rows of the projection, from `projections_by_source`.
@@ -168,8 +168,8 @@ def travel(rows, core_of, scratch, start_of, places, moves):
         scratch: scratch arrays, from `projections_by_source`.
         start_of: column, row, chip's column and chip's row of each source.
         places: the same coordinates of each core.
-        moves: output by source, to which these numbers are added: cores, cores on the source's tile, and columns, rows
-            and chips that spikes move.
+        moves: output by source. The function adds cores, cores on the source's tile, and the columns, rows and chips
+            that spikes move.
     """
     count, cores, visited = scratch
     for i in range(rows[0].size):
@@ -189,7 +189,7 @@ def travel(rows, core_of, scratch, start_of, places, moves):
 
 @kernel
 def spread(rows, core_of, scratch, begin, places, cores_reached, local, along, across):
-    """Add destinations to the links that sources use: first along their row, then along columns.
+    """Add destinations to the links of sources: first along their row, then along columns.
 
     Args:
         rows: rows of the projection, from `projections_by_source`.
@@ -197,10 +197,10 @@ def spread(rows, core_of, scratch, begin, places, cores_reached, local, along, a
         scratch: scratch arrays, from `projections_by_source`.
         begin: column and row of each source.
         places: column and row of each core.
-        cores_reached: output: the number of cores that each source reaches is added.
-        local: output: the number of such cores on the source's tile is added.
-        along: output: raised to the number of tiles that each source's spikes move east and west.
-        across: output: raised to the number of tiles that they move south and north in each column.
+        cores_reached: output: adds the number of cores that each source reaches.
+        local: output: adds the number of such cores on the source's tile.
+        along: output: the largest number of tiles that each source's spikes move east and west.
+        across: output: the largest number of tiles that the spikes move south and north in each column.
     """
     count, cores, visited = scratch
     for s in range(rows[0].size):
@@ -274,31 +274,31 @@ def routes(program: Program, into: Incoming, core_of: Ints, places: MeshPlaces, 
     return tuple(hops_of_each)
 
 
-def start_of(own: Ints, coordinate: Ints) -> Ints:
+def start_of(own_cores: Ints, coordinate: Ints) -> Ints:
     """Return a coordinate of each source neuron: the coordinate of its core, or 0 for the host."""
     if not len(coordinate):
-        return np.zeros(len(own), dtype=np.int64)
-    return np.where(own >= 0, coordinate[own], 0)
+        return np.zeros(len(own_cores), dtype=np.int64)
+    return np.where(own_cores >= 0, coordinate[own_cores], 0)
 
 
 class _Tree:
-    """The links that each neuron of a population uses: tiles east and west, and tiles south and north per column."""
+    """Links of each neuron of a population: tiles east and west, and tiles south and north per column."""
 
-    def __init__(self, own: Ints, places: MeshPlaces) -> None:
-        self.column, self.row = start_of(own, places.column), start_of(own, places.row)
+    def __init__(self, own_cores: Ints, places: MeshPlaces) -> None:
+        self.column, self.row = start_of(own_cores, places.column), start_of(own_cores, places.row)
         self.places = places.column, places.row
         self.mesh = places.mesh
         columns = int(places.column.max(initial=0)) + 1
-        self.along = np.zeros((2, own.size), dtype=np.int64)
-        self.across = np.zeros((2, own.size, columns), dtype=np.int64)
+        self.along = np.zeros((2, own_cores.size), dtype=np.int64)
+        self.across = np.zeros((2, own_cores.size, columns), dtype=np.int64)
 
     def grow(self, arguments: tuple[Any, ...]) -> Hops:
         """Add the destinations of a projection, and return the additional links."""
         old_links = self.links()
         cores, local = np.zeros((2, self.column.size), dtype=np.int64)
         spread(*arguments, (self.column, self.row), self.places, cores, local, self.along, self.across)
-        after = self.links()
-        return Hops(cores, local, *(new - old for new, old in zip(after, old_links, strict=True)))
+        links_after = self.links()
+        return Hops(cores, local, *(new - old for new, old in zip(links_after, old_links, strict=True)))
 
     def links(self) -> tuple[Ints, Ints, Ints]:
         """Return the number of links along rows, along columns and between chips, for each neuron."""

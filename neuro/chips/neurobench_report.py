@@ -1,8 +1,8 @@
-"""A report of a run with the metrics of the NeuroBench harness 2.3, and figures that the harness does not measure.
+"""Report of a run with the metrics of the NeuroBench harness 2.3, and further figures.
 
 The harness hooks into torch modules; here the same numbers follow from counters. `connection_sparsity`,
-`activation_sparsity`, `synaptic_operations` and, where potentials are given, `membrane_updates` and `neuron_ops` are
-its metrics by its definitions. All counts are per sample.
+`activation_sparsity`, `synaptic_operations`, `membrane_updates` and `neuron_ops` are metrics of the harness. The last
+two need potentials. All counts are per sample.
 
 Source: NeuroBench 2.3.0, `neurobench/metrics`; Yik et al., Nature Communications 16:1545, 2025.
 """
@@ -57,7 +57,7 @@ def neurobench(
     placement: Placement | None = None,
     energy: Energy | None = None,
 ) -> dict[str, Any]:
-    """Return a report of a run as NeuroBench would write it, ready for JSON.
+    """Return the report of a run in NeuroBench's form, ready for JSON.
 
     Args:
         program: the program that ran.
@@ -66,9 +66,9 @@ def neurobench(
         steps: steps of one sample; default: all steps / samples. The harness passes a spike through all layers in one
             step. A sample of 20 steps needs 22 steps here if two layers have a delay of 1; pass 20 then.
         weights: present weights of each projection; default: those of the program.
-        potentials: V_m of populations by name at the end of each step, shape (samples, steps, neurons). Without those
-            of all neurons, `membrane_updates` and `neuron_ops.effective` are None.
-        stride_s: time between two executions of the model in s, which its author declares.
+        potentials: V_m of populations by name at the end of each step, shape (samples, steps, neurons). If any neuron
+            lacks potentials, `membrane_updates` and `neuron_ops.effective` are None.
+        stride_s: time between two executions of the model in s, as declared by the author of the model.
         placement: the placement on a chip, for `hops`.
         energy: the bill of the run, for `energy_j` and `table_source`.
 
@@ -165,8 +165,8 @@ class _Report:
             source = self.program.projections[index].source
             events = self.counts.events[source]
             binary = int(events.sum()) == int(self.counts.spikes[source].sum())
-            made = int(events @ fan_out(self.program, index, self.weights[index]))
-            ops["effective_acs" if binary else "effective_macs"] += made
+            ops_made = int(events @ fan_out(self.program, index, self.weights[index]))
+            ops["effective_acs" if binary else "effective_macs"] += ops_made
             ops["dense"] += self.samples * self.steps * dense_size(self.program, index)
         return {name: count / self.samples for name, count in ops.items()}
 
@@ -184,7 +184,7 @@ class _Report:
         return updates
 
     def neuron_ops(self, updates: Mapping[str, int] | None) -> dict[str, Any]:
-        """Return membrane updates x operations of the model, without models that the harness does not know."""
+        """Return membrane updates x operations of the model. Models unknown to the harness are left out."""
         parts = [self.program.populations[index] for index in self.neurons]
         ops_of = {part.name: OPS[part.model.name] for part in parts if part.model.name in OPS}
         dense = self.samples * self.steps * sum(part.size * OPS.get(part.model.name, 0) for part in parts)
@@ -193,7 +193,7 @@ class _Report:
         return {"effective": effective, "dense": dense / self.samples, "left_out": left_out}
 
     def spikes(self) -> dict[str, Any]:
-        """Return the spikes of generators, of populations that send to others, and of populations that do not."""
+        """Return the spikes of generators, and of populations with and without outgoing projections."""
         senders = {part.source for part in self.program.projections}
         spikes_by_name = {name: part.spikes / self.samples for name, part in self.tally.populations.items()}
         sums = {"in": 0.0, "hidden": 0.0, "out": 0.0}

@@ -1,11 +1,10 @@
-"""Placement: the cores, tiles and chips of a program's neurons, and the hops of spikes between them.
+"""Placement: cores, tiles and chips for a program's neurons, and the hops of spikes between cores.
 
 Assumptions:
 
 - Generators run on the host and use no core. Spikes of the host enter the machine at tile (0, 0) of chip 0.
 - A core gets neurons of a population as long as its limits allow. A population that fits completely shares the core of
-  the previous population, where the chip lets several populations share a core (`populations_per_core`: SpiNNaker does
-  not).
+  the previous population, if several populations may share a core (`populations_per_core`; not on SpiNNaker).
 - Synapses are stored at the target's core, see `neuro.chips.incoming`.
 - An input axon of a core is a source neuron, generators included, whose spikes reach the core by any number of
   projections. An output axon is a pair of a neuron and a core that it reaches, its own core included. The broadcast of
@@ -19,9 +18,9 @@ fill adjacent tiles. Tiles and cores are exchanged as long as an exchange saves 
 declaration, tile by tile and row by row. If "declared" needs fewer chips or hops, "connected" uses that placement, too.
 Programs of more than 2,000 cores are laid out once, without exchanges.
 
-Neurons that fit on no core, programs that fit on no machine and delays that fit into no register are refused. The delay
-register of a synapse follows from the step in which its spike acts (`neuro.chips.inputs`) and from the encoding of the
-chip's family. A chip whose arithmetic is not emulated uses that of Loihi 1.
+Neurons, programs and delays that do not fit are refused. The delay register of a synapse follows from the step in which
+the spike acts (`neuro.chips.inputs`) and from the encoding of the chip's family. A chip without an emulated arithmetic
+uses that of Loihi 1.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ class Core:
         parts: runs (population, first, last) of the neurons first <= i < last on the core.
         neurons: number of neurons.
         synapse_bytes: bytes of the synapses onto these neurons.
-        own_bytes: bytes of the core's own memory that learning needs, 0 if none are counted.
+        own_bytes: bytes of the core's own memory for learning; 0 if the family counts none.
         axons_in: number of source neurons whose spikes reach the core.
         axons_out: number of destination cores of its neurons, summed over the neurons.
         load: used share of each limit of the core, by name of the limit.
@@ -90,8 +89,8 @@ class Placement:
         core_of: for each population the index in `cores` of every neuron; -1 for generators, which run on the host.
         populations, projections: names of the populations and projections.
         ways: hops of each projection.
-        problems: parts that do not fit. They are placed nevertheless.
-        notes: memory and time of learning as text, as far as known.
+        problems: parts that do not fit but are placed nevertheless.
+        notes: memory and time of learning as text, if known.
     """
 
     network: str
@@ -109,7 +108,7 @@ class Placement:
     notes: tuple[str, ...] = ()
 
     def hops(self, projection: int) -> Hops:
-        """Return the moves of a spike of each source neuron of a projection, by the projection's index."""
+        """Return the moves of one spike of each source neuron of a projection, given by its index."""
         return self.ways[projection]
 
     @property
@@ -127,7 +126,7 @@ class Placement:
         return [i for i, core in enumerate(self.cores) if any(part[0] == population for part in core.parts)]
 
     def mean_hops(self, projection: int) -> dict[str, float]:
-        """Return the moves of a spike of a projection, by the names of `Hops`, averaged over the sources."""
+        """Return the mean moves of a spike of a projection over all sources, by the names of `Hops`."""
         ways = self.ways[projection]
         return {name: float(getattr(ways, name).mean()) if ways.cores.size else 0.0 for name in _WAYS}
 
@@ -177,8 +176,8 @@ class Placement:
             position = (str(core.chip), f"{core.column},{core.row}", str(core.slot))
             table.append((*position, *(f"{count:,}" for count in counts), load_text, ", ".join(runs)))
         rows = aligned(table, ">" * 7)
-        others = self.cores[_SHOWN:]
-        return rows if not others else [*rows, f"... and {_several(len(others), 'more core')}"]
+        unlisted_cores = self.cores[_SHOWN:]
+        return rows if not unlisted_cores else [*rows, f"... and {_several(len(unlisted_cores), 'more core')}"]
 
     def _projection_rows(self) -> list[str]:
         table: list[tuple[str, ...]] = [
@@ -198,8 +197,8 @@ class Placement:
 _WAYS = ("cores", "local", "east_west", "north_south", "chip")
 
 
-def _several(count: int, what: str) -> str:
-    return f"{count:,} {what}" + "s" * (count != 1)
+def _several(count: int, noun: str) -> str:
+    return f"{count:,} {noun}" + "s" * (count != 1)
 
 
 _LIMITS = (
@@ -216,13 +215,13 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
 
     Args:
         program: a program with float models or the chip's own models. Weights and states have no effect.
-        chip: a chip with limits, and with a mesh unless its cores all share one tile.
+        chip: a chip with limits. Without a mesh all cores share one tile.
         order: "connected" or "declared".
         neurons_per_core: largest number of neurons on a core, below the chip's limit.
 
     Returns:
-        the same placement for the same arguments. Parts that do not fit are listed in `problems`, except for delays on
-        a chip whose arithmetic is emulated, which `neuro.chips.quantising` checks.
+        The placement, which is always the same for the same arguments. Its `problems` list the parts that do not fit.
+        Delays on a chip with an emulated arithmetic are checked by `neuro.chips.quantising` instead.
 
     Raises:
         ModelError: an argument is not allowed.
@@ -264,7 +263,7 @@ def place_cores(program: Program, chip: Chip, filled: Cut) -> Placement:
 
 
 def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
-    """Order cores and lay them out so that cores that exchange many spikes are close."""
+    """Order cores and lay them out, with cores that exchange many spikes close to each other."""
     if len(cut.cores) > LARGEST:
         return cut, lay_out(chip, cut.memory, snake=True)
     # Spikes between each pair of cores, and from the host to each core, if all sources spike once.

@@ -1,15 +1,15 @@
-"""The price of a run on a chip, whatever backend it ran on: counts of operations x published figures.
+"""Price of a run on a chip, for a run on any backend: counts of operations x published figures.
 
-Dynamic energy is the sum of the counts that all backends share, and of the moves of spikes in the placement, each times
-the figure of the chip's table. Static energy is the power of the chips times the chip time, or in real time times the
-duration of the steps. A table with `mac` prices the same work as dense layers: every synapse in every step.
+Dynamic energy is a sum of counts times figures of the chip's table. The counts are the operations that all backends
+count, and the moves of spikes in the placement. Static energy is the power of the chips times the chip time, or in real
+time times the duration of the steps. A table with `mac` prices dense layers: every synapse in every step.
 
 **Chip time.** With `step_s` it is steps x `step_s`. Otherwise it is steps x the barrier, plus the work of the busiest
 core: the updates of its neurons, and its share (by target neurons) of each projection's synaptic operations and
 learning updates. The result is a lower bound: another core may be the busiest in each step, and the travel time of
 spikes is not counted. The barrier is linear in the tiles of one chip, and beyond one chip linear in the chips.
 
-In real time each step of the network lasts its simulated time, as with live events, and a chip that is faster waits.
+In real time each step of the network lasts its simulated time, as with live events, and a faster chip waits.
 """
 
 from __future__ import annotations
@@ -60,20 +60,20 @@ RULES_APPLIED = (
     "published figure is that of one pairwise update; 'rules applied' count the synapses that the chip's learning "
     "engine visits at the end of an epoch: all in epochs with a u_k product, otherwise each synapse with a spike once"
 )
-"""Note on the difference between Loihi's own count of learning and the count that the bill prices."""
+"""Note on the two counts of learning: the one that Loihi makes, and the one that the bill prices."""
 
 HOST = "cpu"
-"""The processor whose figures price the work of the host."""
+"""Name of the processor with the figures for the work of the host."""
 RULE_MACS = 4
 """Multiply-accumulates per weight of a rule for trials: w + span (A s) (1 - s), with s = (w - Wmin) / span."""
 
 Pick = Callable[[Figure], float]
-"""Selects a number of a figure: its value, or an end of its range."""
+"""Function that returns a number of a figure: its value, or an end of its range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Duration:
-    """Time in s that a chip needs for a run: the best estimate, and the range."""
+    """Time in s of a run on a chip: the best estimate, and the range."""
 
     best: float
     low: float
@@ -110,15 +110,15 @@ def chip_time(
 
 
 def time_with_waiting(time: Duration | None, seconds: float) -> Duration:
-    """Return how long a chip is on in real time: the duration of the run, or longer if the chip is late.
+    """Return the time that a chip is on in real time: the duration of the run, or more if the chip is late.
 
     Args:
-        time: time that the chip needs, None if unknown; the chip is then assumed to be in time.
+        time: time that the chip needs; None if unknown, which counts as in time.
         seconds: duration of the run.
     """
     if time is None:
         return Duration(seconds, seconds, seconds)
-    in_time = seconds * (1.0 - 1e-9)  # a difference in only the last bits is no waiting
+    in_time = seconds * (1.0 - 1e-9)  # a difference in the last bits only does not count as waiting
     return Duration(*(seconds if needed < in_time else needed for needed in (time.best, time.low, time.high)))
 
 
@@ -192,7 +192,7 @@ def _extrapolated(figures: dict[str, Figure], run: Run) -> list[str]:
 
 
 Run = Mapping[str, float]
-"""Conditions of a run by the names of `neuro.chips.description.CONDITIONS`; unknown conditions are left out."""
+"""Conditions of a run by name, see `neuro.chips.description.CONDITIONS`; unknown conditions are left out."""
 
 
 def run_of(program: Program, counts: Counts, placement: Placement | None, chips: int) -> Run:
@@ -214,7 +214,7 @@ def run_of(program: Program, counts: Counts, placement: Placement | None, chips:
 
 
 def why_extrapolated(figure: Figure, run: Run) -> str:
-    """Return why a figure is not known to hold for a run, "" if it holds."""
+    """Return the reason why a figure may not hold for a run; "" if it holds."""
     if figure.guess:
         return figure.guess
     reasons = [
@@ -263,7 +263,7 @@ def price(
         chips: number of chips that are on, e.g. all of a board; by default the chips that the placement uses.
         duration_s: duration of the run in real time in s, e.g. of recordings whose frames are shown over more steps;
             by default the duration of its steps.
-        ran_on: backend of the run. The chip that it emulates does not refuse the network.
+        ran_on: backend of the run. A chip emulated by this backend does not refuse the network.
         host: operations outside of the network. A processor prices them by its own `mac`, a chip by the `mac` of
             `HOST`.
 
@@ -311,7 +311,7 @@ def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
 
 
 def unrunnable(program: Program, chip: Chip, is_placed: bool) -> str:
-    """Return why a chip cannot run a network, as far as the chip is known; "" if it can."""
+    """Return the known reason why a chip cannot run a network; "" if none is known."""
     if chip.arithmetic in ARITHMETICS:
         problems = refusals(program, chip)
     else:
@@ -321,11 +321,11 @@ def unrunnable(program: Program, chip: Chip, is_placed: bool) -> str:
 
 
 MOVES = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_south": "north_south", "packet": "chip"}
-"""Costs of the moves of a spike, and the attribute of `Hops` with their number."""
+"""Costs of the moves of a spike, each with the attribute of `Hops` that counts them."""
 
 
 class _Bill:
-    """Collects the items and notes of a run on a chip."""
+    """Builder of a bill: the items and notes of a run on a chip."""
 
     def __init__(
         self,
@@ -348,16 +348,16 @@ class _Bill:
         self.notes: list[str] = []
         self.host: tuple[HostWork, ...] = ()
 
-    def add(self, what: str, kind: str, of: str, count: float) -> None:
+    def add(self, cost: str, kind: str, part_name: str, count: float) -> None:
         """Add an item if its count is not 0."""
-        if count and what not in self.chip.costs:
-            self.items.append(BillItem(what, kind, of, count, None, None, "", ""))
+        if count and cost not in self.chip.costs:
+            self.items.append(BillItem(cost, kind, part_name, count, None, None, "", ""))
         elif count:
-            self.items.append(self._item(self.chip, what, kind, of, count, count, count))
+            self.items.append(self._item(self.chip, cost, kind, part_name, count, count, count))
 
-    def _item(self, of_table: Chip, what: str, kind: str, of: str, count: float, low: float, high: float) -> BillItem:
+    def _item(self, of_table: Chip, cost: str, kind: str, of: str, count: float, low: float, high: float) -> BillItem:
         """Return a line with a figure of a table, for between `low` and `high` of its unit."""
-        return _line(of_table.costs[what], self.run, what, kind, of, count, low, high)
+        return _line(of_table.costs[cost], self.run, cost, kind, of, count, low, high)
 
     def static_items(self, time: Duration | None) -> list[BillItem]:
         """Return the line of static energy, with a range from the ranges of power and time."""
@@ -454,7 +454,7 @@ class _Bill:
             )
 
     def visits(self) -> dict[int, tuple[float, float]]:
-        """Return the synapses that pre spikes and that post spikes visit in a mean step, by projection."""
+        """Return the mean number of synapses per step visited by pre spikes and by post spikes, by projection."""
         made = [self.counts.projections[part.name] for part in self.program.projections]
         operations = [(c.synaptic_ops, max(0, c.learning_updates - c.synaptic_ops)) for c in made]
         return {k: (pre / self.counts.steps, post / self.counts.steps) for k, (pre, post) in enumerate(operations)}
@@ -472,17 +472,17 @@ class _Bill:
 
     def _timed(self, time: Duration | None, clock: str, waiting: Energy | None = None) -> Energy:
         chip, steps = self.chip, self.counts.steps
-        best, ends = (None, None) if time is None else (time.best, (time.low, time.high))
+        best, time_range = (None, None) if time is None else (time.best, (time.low, time.high))
         lines = (*self.items, *self.static_items(time)), tuple(self.notes)
         head = chip.name, chip.title, self.chips, best, steps
-        return Energy(*head, *lines, "run", ends, self.seconds, clock, waiting, self.refused)
+        return Energy(*head, *lines, "run", time_range, self.seconds, clock, waiting, self.refused)
 
 
-def _line(figure: Figure, run: Run, what: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
+def _line(figure: Figure, run: Run, cost: str, kind: str, of: str, count: float, least: float, most: float) -> BillItem:
     low, high = range_of(figure, run)
     best = (figure.value, count * figure.value, figure.source, figure.conditions)
     reason = why_extrapolated(figure, run)
-    return BillItem(what, kind, of, count, *best, least * low, most * high, figure.spread, reason)
+    return BillItem(cost, kind, of, count, *best, least * low, most * high, figure.spread, reason)
 
 
 def dense(
@@ -493,7 +493,7 @@ def dense(
     of: str = "run",
     notes: Iterable[str] = (),
 ) -> Energy:
-    """Return the bill of multiply-accumulates that a user's own program counts.
+    """Return the bill of a user's own program, from its number of multiply-accumulates.
 
     Args:
         macs: number of multiply-accumulates by the name of a part, e.g. a layer.
@@ -503,7 +503,7 @@ def dense(
         notes: assumptions of the counts.
 
     Raises:
-        ModelError: there is no such target, or it has no cost `mac`.
+        ModelError: the target does not exist, or has no cost `mac`.
     """
     processor = chip(target)
     if "mac" not in processor.costs:
@@ -539,7 +539,7 @@ def bill(
         host: operations outside of the network, see `price`.
 
     Raises:
-        ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`,
+        ModelError: the target does not exist, has no published costs, or is too small for the network; or `step_s`,
             `chips` or `duration_s` is not allowed.
     """
     priced = chip(target)

@@ -1,8 +1,7 @@
-"""The conversion of a float program to a chip's integers, with a report of the differences.
+"""Conversion of a float program to a chip's integers, with a report of the differences.
 
-Every difference is reported: features that the chip lacks are refused, features that it computes differently are
-approximated, and a rounding beyond a limit below is reported. All problems of a program are found
-at once.
+Every difference is reported: missing features of the chip are refused, features that the chip computes differently are
+approximations, and so is rounding beyond the limits below. All problems of a program are found at once.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _CACHE: WeakKeyDictionary[Program, dict[tuple[str, bool], _Parts]] = WeakKeyDict
 """Results by program, and by the chip's table with the options and whether the results include words.
 
 The key has the whole table, because a user can edit a table while the program exists. The results hold no reference to
-the program; a reference would keep the weak key alive.
+the program, since a reference would keep the weak key alive.
 """
 
 
@@ -52,7 +51,7 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
         options: scales and other options of the user, by part; `neuro.chips.arithmetic.Option` describes them.
 
     Returns:
-        registers, words and delays; `problems` lists all refusals and approximations.
+        Registers, words and delays. `problems` lists all refusals and approximations.
 
     Raises:
         ModelError: the chip has no emulated arithmetic, or an option names no part.
@@ -61,7 +60,7 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
 
 
 def refusals(program: Program, chip: Chip) -> tuple[Problem, ...]:
-    """Return all refusals of `quantise`, without making the words of synapses that do not learn."""
+    """Return all refusals of `quantise`, without the words of synapses that do not learn."""
     return tuple(problem for problem in _parts(program, chip, {}, words=False)[2] if problem.refused)
 
 
@@ -122,7 +121,7 @@ def _population(
         if part.model.graded:
             way_out = TAKE_PAYLOADS
         if isinstance(part.model, iaf_psc_exp_adaptive_threshold):
-            way_out = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
+            way_out = "adapt on event, then use iaf_psc_exp here, with V_th + theta of each neuron as its V_th"
         if isinstance(error := twin(part.model), ModelError):
             reason = f"{chip.name} takes equations of {names} only, and {error.message}"
             way_out = error.hint or f"use {names}, or run on event"
@@ -161,19 +160,19 @@ def _trial_problems(program: Program) -> Iterator[Problem]:
             yield refused(
                 part,
                 f"{part.synapse.name} without a finite {' and '.join(ends)}",
-                "a weight's word holds no more than its scale, which follows from the bounds",
+                "a weight's word needs a scale, which follows from the bounds",
                 "give it Wmin and Wmax, or run it on event",
             )
 
 
 def _initial_state_problems(part: Population, limit: int) -> Iterator[Problem]:
-    """Yield the initial states that no state register can hold."""
+    """Yield a problem for each initial state beyond the state registers."""
     for name, values in part.initial.items():
         bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > limit))
         if bad.size:
             state_text = f"{name} = {values[bad[0]]:.10g} at step 0"
             reason = f"a state register holds whole numbers from -{limit} to {limit}"
-            yield refused(part, state_text, reason, "begin with one of these")
+            yield refused(part, state_text, reason, "use an initial value in this range")
 
 
 def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:
@@ -250,7 +249,7 @@ _TWINS: dict[type[Model], Twin | ModelError] = {}
 
 
 def twin(model: Model) -> Twin | ModelError | None:
-    """Return the built-in model with the same equations, or an error if there is none; None for other models."""
+    """Return the built-in model with the same equations, or an error if none has them; None for other models."""
     kind = type(model)
     if not isinstance(model, EquationNeuron):
         return None
@@ -263,7 +262,7 @@ def twin(model: Model) -> Twin | ModelError | None:
 
 
 def as_built_in(program: Program) -> Program:
-    """Return a program in which populations with the equations of a built-in model have that model."""
+    """Return the program with built-in models in place of models with the same equations."""
     if not any(isinstance(part.model, EquationNeuron) for part in program.populations):
         return program
     populations = []
@@ -285,7 +284,7 @@ def as_built_in(program: Program) -> Program:
 
 
 def names_of(part: Population) -> dict[str, tuple[str, ...]]:
-    """Return, for each state of a population, the states of the chip's model whose sum it is."""
+    """Return, for each state of a population, the states of the chip's model that it is the sum of."""
     match = twin(part.model)
     if isinstance(match, Twin):
         return dict(match.states)
@@ -299,12 +298,12 @@ def shares(values: Floats, names: tuple[str, ...]) -> list[Floats]:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The share above which a rounding error is reported.
+    """Limit above which a rounding error is reported.
 
     Attributes:
         share: largest error without a warning.
         text: description of the error, for the message.
-        way_out: hint how to make the error smaller.
+        way_out: hint on how to reduce the error.
     """
 
     share: float
@@ -317,7 +316,7 @@ _DECAY = "use a coarser resolution: a decay register has few steps where little 
 _SCALE = "choose a larger scale, which is limited by the largest V_th - E_L, current, V_m and weight of the population"
 
 HOPELESS = 10.0
-"""Error of the threshold, relative to V_th - E_L, above which a network is refused instead of approximated."""
+"""Largest error of the threshold, relative to V_th - E_L. A network with a larger error is refused."""
 
 LIMITS = {
     "zeroed": Limit(0.01, "of the weights other than 0 become 0", _WEIGHTS),
@@ -352,7 +351,7 @@ def losses(
             if r.quantity == "V_th" and abs(r.error) > HOPELESS:
                 feature = f"V_th = {r.exact:g} becomes {r.got:.6g} {r.unit}"
                 why = f"{cells.volt:.3g} units per mV leave no threshold: its largest weight or current takes all bits"
-                yield refused(part, feature, why, "lower what is far above V_th - E_L, or set another scale")
+                yield refused(part, feature, why, "lower weights and currents beyond V_th - E_L, or set another scale")
             elif limit is not None and abs(r.error) > limit.share:
                 feature = f"{r.quantity} = {r.exact:g} becomes {r.got:.6g} {r.unit}"
                 yield approximated(part, feature, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
@@ -367,7 +366,7 @@ def losses(
 
 
 def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
-    """Yield the Poisson generators with too many spikes that merge in a step, because a spike is one bit."""
+    """Yield a problem for each Poisson generator with too many spikes merged in a step; a spike is one bit."""
     if not arithmetic.one_bit:
         return
     limit = LIMITS["merged"]
@@ -378,5 +377,5 @@ def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
         if share > limit.share:
             reason = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
-            reason += "; counts().native has how many"
+            reason += "; counts().native has their number"
             yield approximated(part, part.model.name, reason, limit.way_out)

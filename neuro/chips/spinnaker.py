@@ -64,10 +64,10 @@ LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
 """Integer steps of neurons, see `FixedPopulation.kind`."""
 
 REGISTER_OF_ONE = 1
-"""Content of the delay register for a spike that acts in the tick after its emission."""
+"""Content of the delay register for a delay of one tick."""
 
 FINE = 256
-"""Least number of steps of the largest weight, even if a slot can then saturate."""
+"""Smallest number of steps of the largest weight, even if slots can saturate."""
 
 
 def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
@@ -137,7 +137,7 @@ def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats
 
 
 def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
-    """Return the shifts of both receptors, with which one spike of every synapse saturates no slot if possible.
+    """Return the shifts of both receptors. If possible, one spike of every synapse saturates no slot.
 
     If many synapses converge, a slot that can hold all of them is too coarse for a single weight. The largest weight
     then keeps `FINE` steps, and saturations are counted.
@@ -157,7 +157,7 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
 
 
 def _host_shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
-    """Return the shifts of both receptors by the rule of sPyNNaker's host, which determines the units of learning.
+    """Return the shifts of both receptors, for projections that learn, by the rule of sPyNNaker's host.
 
     A slot holds one spike of every source with the largest weight of the projection. Random delays are treated as
     fixed.
@@ -295,7 +295,7 @@ class SpiNNaker(Arithmetic):
     def _wires(
         self, inputs: Inputs, index: int, words: Words, step: Floats, below: Floats, rounding: WeightRounding
     ) -> FixedProjection:
-        """Return a projection from its words, and the weights of a positive and of a negative unit."""
+        """Return a projection with given words, and with the weights of a positive and of a negative unit."""
         part, lag = inputs.program.projections[index], inputs.lag(index)
         receptor = None if part.receptor is None else part.receptor.index
         return FixedProjection(
@@ -328,7 +328,7 @@ class SpiNNaker(Arithmetic):
         return self._wires(inputs, index, words, np.ones(1), np.ones(1), rounding), problems
 
     def relay_projection(self, inputs: Inputs, index: int) -> FixedProjection:
-        """Return a projection onto parrots. The host relays every spike, whatever the weight."""
+        """Return a projection onto parrots. The host relays every spike, independent of the weight."""
         step = inputs.program.projections[index].weight.copy()
         return self._wires(inputs, index, np.ones(1, dtype=np.int32), step, step, WeightRounding(0.0, 0.0, 0.0, 0.0))
 
@@ -443,7 +443,7 @@ class SpiNNaker(Arithmetic):
         return "-" if shifts is None else "shifts {}, {}".format(*shifts)
 
     def notes(self, program: Program) -> Iterator[str]:
-        """Yield the length of a tick if tick and step differ."""
+        """Yield a note if a tick has another length than a step."""
         if program.resolution != 1.0:
             yield f"a step of {program.resolution:g} ms is a tick of 1 ms on the machine"
 

@@ -1,4 +1,4 @@
-"""The resources of a core of SpiNNaker that learning needs: bytes of its own memory, and cycles of its ticks.
+"""Resources of a SpiNNaker core for learning: bytes of its own memory, and cycles of its ticks.
 
 | of the 64 KiB | bytes |
 | --- | --- |
@@ -32,7 +32,7 @@ from neuro.model.synapses import Synapse, spinnaker_learning, vogels_sprekeler
 from neuro.program.program import Program
 
 SLOT_BITS = 14
-"""Bits of the index of a slot, which consists of a delay, a receptor and a neuron of the core."""
+"""Bits of the index of a slot. The index consists of a delay, a receptor and a neuron of the core."""
 REGISTER_OF_ONE = 1
 Parts = Sequence[tuple[int, int, int]]
 """Runs of neurons on a core: population, and its neurons first <= i < last."""
@@ -69,7 +69,7 @@ def learning_onto(program: Program, target: int) -> list[int]:
 
 
 def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
-    """Return the bytes of a core's own memory for some neurons of a population onto which synapses learn.
+    """Return the bytes of a core's own memory for learning onto some neurons of a population.
 
     Args:
         program: the whole network.
@@ -78,7 +78,7 @@ def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
         neurons: number of neurons of the population on the core.
 
     Returns:
-        the bytes, 0 if no synapse onto the population learns.
+        The bytes; 0 if no synapse onto the population learns.
     """
     plastic = learning_onto(program, target)
     if not plastic:
@@ -107,8 +107,8 @@ def _tables(synapse: Synapse, tau_minus: float) -> list[tuple[float, int]]:
     if isinstance(synapse, spinnaker_learning):
         tau_minus = synapse.tau_minus
     if timing == "triplet":
-        own = ("tau_x", "tau_y") if "tau_x" in numbers else ("tau_plus_triplet", "tau_minus_triplet")
-        taus |= {X: numbers[own[0]], Y: numbers[own[1]]}
+        own_taus = ("tau_x", "tau_y") if "tau_x" in numbers else ("tau_plus_triplet", "tau_minus_triplet")
+        taus |= {X: numbers[own_taus[0]], Y: numbers[own_taus[1]]}
     taus |= {C: numbers["tau_c"], D: numbers["tau_n"]} if taught else {}
     return [(tau_minus, 0), *((float(np.max(tau)), INDEX_SHIFTS[k]) for k, tau in taus.items())]
 
@@ -119,7 +119,7 @@ def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
     Args:
         program: the whole network.
         cores: parts of each core.
-        visits: work of learning, which is divided among the cores by the neurons of the target.
+        visits: work of learning, to be divided among the cores by their share of the target's neurons.
     """
     largest = 0.0
     for parts in cores:

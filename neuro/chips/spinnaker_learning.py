@@ -1,10 +1,10 @@
-"""The conversion of `stdp`, its variants and `stdp_dopa` to the programs of SpiNNaker's plastic synapses.
+"""Conversion of `stdp`, its variants and `stdp_dopa` to the programs of SpiNNaker's plastic synapses.
 
 A weight w of a description becomes w g on the machine, in nA or mV. The factor g is constant for all synapses.
 Additive amplitudes are absolute on the machine: A_plus = lambda Wmax g. Amplitudes of triplets are multiplied by Wmax.
 
 The delay register of `iaf_psc_exp` is one step longer than the delay, and post spikes of the machine reach a synapse
-after that register. The spikes of each pair are therefore one step further apart or closer. The amplitudes A_plus exp(h
+after that register. The spikes of a pair are therefore one step further apart or closer. The amplitudes A_plus exp(h
 / tau_plus) and A_minus exp(-h / tau_minus) compensate for the step, so that the windows equal those of the float model.
 
 Dopamine of 1/tau_n becomes a synapse of concentration k 2^-11, and an eligibility of 1 becomes m units of a word. The
@@ -65,16 +65,16 @@ from neuro.program.program import Program, Projection
 
 LARGEST_WORD = 65535
 COARSE_UPDATE = 8.0
-"""Changes by one pair below this many units of a word lose more than 6 % by rounding down; this is reported."""
+"""Changes by one pair below this number of units lose more than 6 % by rounding down. A problem is reported."""
 
 
 @dataclass(frozen=True, slots=True)
 class TargetUnits:
-    """The units of the neurons and slots for which a rule is made.
+    """Units of the neurons and slots of a rule.
 
     Attributes:
         h: length of a step in ms.
-        extra: steps by which the delay register is longer than the delay.
+        extra: delay register minus delay, in steps.
         gain: nA or mV on the machine for a weight of 1.
         shift: shift of the slots of the receptor.
         tau_minus: time constant of the target in ms.
@@ -96,7 +96,7 @@ class TargetUnits:
 
 @dataclass(frozen=True, slots=True)
 class MappedRule:
-    """A rule of the machine in place of a float synapse model.
+    """A rule of the machine that replaces a float synapse model.
 
     Attributes:
         rule: the rule.
@@ -169,17 +169,17 @@ def _native_rule(p: spinnaker_learning, onto: TargetUnits) -> MappedRule:
 
 
 def _levels(units: float) -> tuple[int, ...]:
-    """Return the concentrations of the sources that carry a signal; the smallest has about `units` of s4.11."""
+    """Return the concentrations of a signal's sources. The smallest has about `units` of s4.11."""
     unit = min(max(1, round(units)), ROOM * ONE // 2 // LEVELS)
     return tuple(unit << bit for bit in range(BITS))
 
 
 def _common_notes(onto: TargetUnits) -> tuple[str, ...]:
-    """Return the differences that all rules have."""
+    """Return the differences common to all rules."""
     return (
         f"weights are whole units of {onto.unit / onto.gain:.4g}; each packet rounds changed weights down",
         "weights change at the next spike of the source: post spikes after its last spike change no weight",
-        "a post neuron stores its last 15 events; older ones are lost for sources that have been silent since",
+        "a post neuron stores its last 15 events; sources that were silent since lose older events",
         "a post spike that arrives together with a pre spike counts fully in the depression by that pre spike",
     )
 
@@ -221,7 +221,7 @@ _Form = tuple[str, str, dict[str, Any], tuple[str, ...]]
 
 
 def _window_factors(tau_plus: float, onto: TargetUnits) -> tuple[float, float]:
-    """Return the factors on potentiation and depression that compensate for the later arrival of post spikes."""
+    """Return factors for potentiation and depression that compensate for the later arrival of post spikes."""
     return math.exp(onto.extra * onto.h / tau_plus), math.exp(-onto.extra * onto.h / onto.tau_minus)
 
 
@@ -294,7 +294,7 @@ def _vogels(p: vogels_sprekeler, onto: TargetUnits) -> _Form:
 
 
 BITS = 5
-"""Number of sources of reward, and of punishment, with a signal for a neuron: sources of 1, 2, 4, 8 and 16 units."""
+"""Number of a signal's sources of reward for a neuron, and of punishment: sources of 1, 2, 4, 8 and 16 units."""
 LEVELS = 2**BITS - 1
 """Largest sum of the units of all sources."""
 PAIR_WORDS, PAIR_PARTS = 4.0, 16.0
@@ -330,9 +330,9 @@ def _dopamine_rule(p: stdp_dopa, onto: TargetUnits) -> MappedRule:
         concentrations = (int(units),)
     of_pair = product / units
     if not 1.0 <= of_pair <= LARGEST_WORD / 4:
-        way = "smaller A_plus and A_minus" if of_pair > 1.0 else "a larger A_plus, or scale weights and C_m up alike"
+        hint = "smaller A_plus and A_minus" if of_pair > 1.0 else "a larger A_plus, or scale weights and C_m up alike"
         raise ModelError(
-            f"the eligibility of a pair is {of_pair:.3g} units: expected 1 to {LARGEST_WORD // 4}", hint=way
+            f"the eligibility of a pair is {of_pair:.3g} units: expected 1 to {LARGEST_WORD // 4}", hint=hint
         )
     n_scale = n_one / units
     unit_gain, (up, down) = onto.gain * n_scale * ONE, _window_factors(p.tau_plus, onto)
@@ -349,7 +349,7 @@ def _dopamine_rule(p: stdp_dopa, onto: TargetUnits) -> MappedRule:
     notes: tuple[str, ...] = (
         f"the eligibility is whole units of {rule.eligibility:.4g}, from 0 to {LARGEST_WORD * rule.eligibility:.4g}",
         "eligibility decays in blocks of 16 steps and dopamine in blocks of 4, counted anew in each interval",
-        "dopamine acts after the delay of the synapse, whatever dopamine_delay is, and each neuron has its own",
+        "dopamine acts after the delay of the synapse, independent of dopamine_delay, separately for each neuron",
         "while recent events wait for their delay, dopamine can be mistaken for a post spike, and vice versa",
         "each event rounds the dopamine of its neuron down to a unit of 2^-11",
         "the weight changes at spikes of the source, where it is clipped once",
@@ -375,7 +375,7 @@ _MAKERS: Mapping[type[Synapse], Callable[[Any, TargetUnits], _Form]] = {
     stdp_triplet: _triplet,
     vogels_sprekeler: _vogels,
 }
-"""Functions that return, for each float synapse model, the timing, dependence, numbers and notes of its program."""
+"""Functions by float synapse model. Each returns the timing, dependence, numbers and notes of the model's program."""
 
 
 def give_rules(
@@ -444,7 +444,7 @@ def _map_projection(
     inhibits = high <= 0.0 and low < 0.0
     step = projection.step_below if inhibits else projection.step
     if step.size > 1 or tau_minus.size > 1:
-        raise ModelError("the target's neurons differ: a rule is one for the whole projection")
+        raise ModelError("the target's neurons differ: expected equal neurons, because a projection has one rule")
     if (low < 0.0 and not inhibits) or np.any(part.weight * (-1.0 if inhibits else 1.0) < 0.0):
         raise ModelError(
             f"weights of both signs between {low:g} and {high:g}: words of plastic synapses have no sign",
@@ -467,21 +467,21 @@ def _map_projection(
 
 
 def _dopamine_source(part: Projection) -> tuple[int, int, bool]:
-    """Return what releases the dopamine of a projection: the signal, the population, and how it is connected."""
+    """Return the source of a projection's dopamine: the signal, the population, and the kind of its connection."""
     return part.signal, part.dopamine, part.dopamine_one_to_one
 
 
-def _delay_problems(program: Program, part: Projection, own: FixedProjection, slots: int) -> Iterator[Problem]:
-    """Yield the delays beyond the slots, and the delays whose register is stored as 0."""
+def _delay_problems(program: Program, part: Projection, projection: FixedProjection, slots: int) -> Iterator[Problem]:
+    """Yield problems with delays beyond the slots, and with delays that are stored as 0."""
     h, extra = program.resolution, acts_late(program.populations[part.target].model)
-    longest = int(own.delay.max(initial=1))
+    longest = int(projection.delay.max(initial=1))
     if longest > slots:
         reason = f"a neuron has {slots} slots: a separate core delays such spikes by a multiple of {slots} steps, "
         reason += "and learning sees them at that later time"
         neurons = max(1, 1 << (SLOT_BITS - 1) >> longest.bit_length())
         way_out = f"use at most {(slots - 1 - extra) * h:g} ms, or populations of at most {neurons} neurons"
         yield approximated(part, f"a delay of {(longest - extra) * h:g} ms", reason, way_out)
-    for register in np.unique(own.delay[own.delay % slots == 0]).tolist():
+    for register in np.unique(projection.delay[projection.delay % slots == 0]).tolist():
         relation = "the number of slots" if register == slots else f"a multiple of the {slots} slots"
         reason = f"the register holds {register} steps, {relation}: such synapses learn but send nothing"
         way_out = "use another delay"

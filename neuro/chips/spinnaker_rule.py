@@ -1,4 +1,4 @@
-"""A learning rule in the form of SpiNNaker's released programs: constants in s16.15 and tables in s4.11.
+"""Learning rules in the form of SpiNNaker's released programs: constants in s16.15 and tables in s4.11.
 
 Source: sPyNNaker 7.4.1, its plastic synapses.
 """
@@ -53,7 +53,7 @@ TIMING_OF: dict[type[Synapse], str] = {
     vogels_sprekeler: "vogels",
     stdp_dopa: "pair",
 }
-"""The timing of the program of each rule; `spinnaker_learning` names its own."""
+"""Timing of the program of each rule. A `spinnaker_learning` has a parameter for it."""
 KNOWN = (*TIMING_OF, spinnaker_learning)
 """The synapse models that a program can run."""
 
@@ -99,10 +99,10 @@ bounds."""
 
 PLUS, MINUS, X, Y, C, D, TABLES = range(7)
 """Tables: decay of the traces of rows and of post neurons, of the slow traces of triplets, of eligibility and dopamine.
-The recurrent rule has the lengths of windows of rows and of post spikes in the first two."""
+The first two tables of the recurrent rule have the lengths of windows of rows and of post spikes instead."""
 
 INDEX_SHIFTS = (0, 0, 2, 2, 4, 2)
-"""Bits by which a time difference is shifted down to the index of each table."""
+"""Right shift, in bits, from a time difference to the index of each table."""
 
 WINDOWS = 2048
 """Entries of a table of windows."""
@@ -123,8 +123,8 @@ class SpinnakerRule:
         shift: shift of the slots of its receptor; a unit of a word is 2^(shift - 15).
         slots: slots of a neuron for future ticks. A delay of that many ticks is stored as 0 and never delivered.
         inhibits: whether its words, which are magnitudes, are subtracted.
-        concentrations: dopamine per spike of each source in s4.11. The source is a dopamine population; or the sources
-            carry a signal, each of which exists for reward and for punishment and for each neuron.
+        concentrations: dopamine per spike of each source in s4.11. There is one source, a dopamine population; or the
+            sources carry a signal, with separate sources for reward, for punishment, and for each neuron.
         eligibility: eligibility in the unit of the language per unit of its word.
     """
 
@@ -138,10 +138,10 @@ class SpinnakerRule:
     concentrations: tuple[int, ...] = ()
     eligibility: float = 1.0
 
-    def is_as(self, other: SpinnakerRule) -> bool:
-        """Return whether another rule could use the same histories: its program, constants and tables are equal."""
-        return self.concentrations == other.concentrations and all(
-            np.array_equal(getattr(self, name), getattr(other, name)) for name in _MECHANISM
+    def is_as(self, other_rule: SpinnakerRule) -> bool:
+        """Return whether another rule has equal program, constants and tables, so that both can share histories."""
+        return self.concentrations == other_rule.concentrations and all(
+            np.array_equal(getattr(self, name), getattr(other_rule, name)) for name in _MECHANISM
         )
 
 

@@ -53,8 +53,8 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         sends: known number of axons out of each neuron.
         limits: limits of NEURONS, AXONS, MEMORY and EDGES.
         load: present load of this core, by the columns above.
-        marks: for each line its core and count (core << 32 | count); for each source its core; for each projection
-            its longest row, and the core of that row; and the lines that reach this core.
+        marks: arrays: core and count of each line (core << 32 | count), core of each source, longest row of each
+            projection, core of that row, and the lines that reach this core.
     """
     ends, line, first, source_of, projection_of, all_bits, forms, sources = graph
     mark, source_core, longest, row_core, lines = marks
@@ -75,7 +75,7 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
             for k in range(n_lines):
                 own_bits = all_bits[projection_of[lines[k]]]
                 memory += 0 if own_bits == SHARED else bits_of_block(mark[lines[k]] - empty, own_bits + width)
-        next_first, to_source, bits, one, projection, shared = 0, 0, 0, 0, 0, False
+        next_first, to_source, bits, one_line, projection, shared = 0, 0, 0, 0, 0, False
         for e in range(ends[t], ends[t + 1]):
             source_line = line[e]
             if source_line >= next_first:  # lines of a neuron are sorted by projection
@@ -84,7 +84,7 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
                 to_source = source_of[source_line] - source_line
                 shared = all_bits[projection] == SHARED
                 bits = all_bits[projection] + width
-                one = bits_of_block(1, bits)
+                one_line = bits_of_block(1, bits)
             count = mark[source_line] - empty
             if count <= 0:
                 count = 0
@@ -99,7 +99,7 @@ def fill_core(queue, begin, end, core, rows, graph, sends, limits, load, marks):
             if shared:
                 pass
             elif not rows:
-                memory += one if count == 1 else bits_of_block(count, bits) - bits_of_block(count - 1, bits)
+                memory += one_line if count == 1 else bits_of_block(count, bits) - bits_of_block(count - 1, bits)
             else:
                 words = words_of_row(longest[projection], forms[projection])
                 if row_core[projection] != core:
@@ -222,15 +222,15 @@ def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
 
 
 class _CoreFiller:
-    """The core that is being filled, with the limits."""
+    """The core that is being filled, and its limits."""
 
     def __init__(
         self, chip: Chip, into: Incoming, neurons_per_core: int | None, sends: Ints, queue: Ints, each: bool
     ) -> None:
         memory = memory_limit(chip)
-        least = [n for n in (chip.limit("neurons_per_core"), neurons_per_core) if n is not None]
+        fewest = [n for n in (chip.limit("neurons_per_core"), neurons_per_core) if n is not None]
         limits = (
-            min(least, default=None),
+            min(fewest, default=None),
             chip.limit("axons_in_per_core"),
             None if memory is None else 8 * memory,
             chip.limit("axons_out_per_core"),
@@ -249,14 +249,14 @@ class _CoreFiller:
         self.open(-1)
 
     def open(self, population: int) -> None:
-        """Begin a new core for a population, or for none yet (-1)."""
+        """Begin a new core for a population; -1 if the population is not known yet."""
         self.core += 1
         self.load = np.zeros(6, dtype=np.int64)
         if population >= 0:
             self.load[[MEMORY, KERNELS]] = self.kernels[population]
 
     def fill(self, population: int, first: int, last: int) -> int:
-        """Add neurons first <= i < last of a population's queue; return the first that does not fit, or last."""
+        """Add neurons first <= i < last of a population's queue. Return the first that does not fit, or `last`."""
         base = int(self.start[population])
         arguments = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
         return int(fill_core(self.queue, base + first, base + last, *arguments)) - base
@@ -265,7 +265,7 @@ class _CoreFiller:
 def _fill(program: Program, chip: Chip, filler: _CoreFiller, order: Sequence[int]) -> list[list[Part]]:
     """Fill cores in an order of populations.
 
-    A population that fits completely joins the core of the previous population, otherwise it begins a core.
+    A population joins the core of the previous population if it fits there completely; otherwise it begins a core.
     """
     cores: list[list[Part]] = []
     most = chip.limit("populations_per_core")
@@ -286,7 +286,7 @@ def _fill(program: Program, chip: Chip, filler: _CoreFiller, order: Sequence[int
 
 
 def most_by_memory(program: Program, chip: Chip, population: int) -> int:
-    """Return how many neurons of a population fit into a core's own memory, at least 1."""
+    """Return the number of a population's neurons that fit into a core's own memory, at least 1."""
     limit, size = chip.limit("memory_bytes_per_core"), program.populations[population].size
     sizes = range(1, min(size, chip.limit("neurons_per_core") or size) + 1)
     need = partial(placed_as(chip).core_bytes, program, chip, population)

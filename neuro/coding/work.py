@@ -1,4 +1,4 @@
-"""Counts of the operations that a host computes outside of a network."""
+"""Counts of the operations of a host, outside of a network."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ NUMBER = 8
 
 
 class Work(NamedTuple):
-    """Operations and bytes of a single use of a part, e.g. of an encoder in a control step of a copy.
+    """Operations and bytes of a single use of a part, e.g. of an encoder in one control step.
 
     Counting rule: a multiply-accumulate is a multiplication with the addition of its result, or any other addition,
     subtraction, multiplication, division, comparison, rounding, or call of a function, e.g. exp. Indices,
-    copies and look-ups count as bytes only. The size of an array sets the count: a data-dependent count is its maximum.
+    copies and look-ups count as bytes only. A count that depends on the data is taken at its maximum.
 
     Attributes:
         macs: multiply-accumulates.
@@ -31,7 +31,7 @@ class Work(NamedTuple):
         return Work(self.macs + other.macs, self.bytes + other.bytes)
 
     def times(self, uses: float) -> Work:
-        """Return the operations and bytes of so many uses."""
+        """Return the operations and bytes of `uses` uses."""
         return Work(self.macs * uses, self.bytes * uses)
 
 
@@ -40,5 +40,5 @@ Works: TypeAlias = Mapping[str, Work | None]
 
 
 def on_numbers(macs: float, numbers: float) -> Work:
-    """Return the work of so many multiply-accumulates on so many numbers that are read or written."""
+    """Return the work of `macs` multiply-accumulates that read or write `numbers` numbers."""
     return Work(macs, NUMBER * numbers)

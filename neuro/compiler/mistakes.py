@@ -1,8 +1,8 @@
 """Collect every error in a file: remove a part with an error and check the rest again, until no error is left.
 
-Each error then reads like the only error in the file. A part that others need is replaced by a stand-in instead. The
-search runs twice, with different stand-ins, and only errors with the same text both times are reported, since other
-errors depend on a stand-in. Some removed parts also cause errors elsewhere; `may_follow` finds these errors.
+Each error then reads like the only error in the file. If other parts need the part, a stand-in replaces it. The
+search runs twice, with different stand-ins. Only errors with the same text in both searches are reported, since the
+others depend on a stand-in. Some removed parts also cause errors elsewhere; `may_follow` finds these errors.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class Findings:
     """The errors of a file.
 
     Attributes:
-        mistakes: sorted by place. Each has the text of `neuro.load` or `neuro.compile` for a file with this error only.
-        program: the network without the parts with errors; None where too little is left.
+        mistakes: the errors sorted by place, with the text that `neuro.load` or `neuro.compile` would raise for each.
+        program: the network without the erroneous parts; None if too little is left.
         unsure: the places of parts that cannot be judged as a whole.
     """
 
@@ -63,21 +63,20 @@ def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int, back
         backend_draws: as for `compile_network`.
     """
     file, values = file_path(path, "path"), {} if params is None else dict(params)
-    first = _Search(file, dict(values), seed, 0, backend_draws)
-    first.run()
-    errors = {_identity(error): error for error in first.reported}
-    if first.changed:
-        # Once more with other stand-ins. An error that a stand-in caused has another text then, or is absent, and is
-        # dropped.
-        second = _Search(file, dict(values), seed, 1, backend_draws)
-        second.run()
-        second_identities = {_identity(error) for error in second.reported}
+    first_search = _Search(file, dict(values), seed, 0, backend_draws)
+    first_search.run()
+    errors = {_identity(error): error for error in first_search.reported}
+    if first_search.changed:
+        # The second search uses other stand-ins. Errors with another text, or absent, come from a stand-in: drop them.
+        second_search = _Search(file, dict(values), seed, 1, backend_draws)
+        second_search.run()
+        second_identities = {_identity(error) for error in second_search.reported}
         errors = {identity: error for identity, error in errors.items() if identity in second_identities}
-    return Findings(sorted(errors.values(), key=first.sort_key), first.program, first.unsure)
+    return Findings(sorted(errors.values(), key=first_search.sort_key), first_search.program, first_search.unsure)
 
 
 def _identity(error: ModelError) -> str:
-    """Return the text of an error, without the amount of free memory, which differs between two searches."""
+    """Return the text of an error. The amount of free memory is left out, because it differs between searches."""
     return f"{error.where}: {NO_ROOM}" if error.kind == NO_ROOM else str(error)
 
 
@@ -86,10 +85,10 @@ class _Search:
 
     Attributes:
         changed: the paths that were removed or have a stand-in.
-        failed: names of parts that were removed, or whose kind changed.
+        failed: names of parts that were removed or changed their kind.
         touched: names of all parts with a change.
         possible_grid_ends: names in removed projections that may have been grids.
-        replaced_ends: the paths of ends that had invalid neurons of a known population, and have a stand-in now.
+        replaced_ends: paths of ends with a stand-in for invalid neurons of a known population.
         resolved: whether all `$names` are replaced by values.
         may_lack_parts: whether a section that may contain parts could not be read.
     """
@@ -121,7 +120,7 @@ class _Search:
             self.compile_parts(sections)
 
     def load_sections(self) -> dict[str, Node] | None:
-        """Return the sections with values in place of `$names`; None where too little is left."""
+        """Return the sections with values in place of `$names`; None if too little is left."""
         while len(self.changed) < MOST:
             try:
                 return resolve(gather(self.file, self.read), self.params, Where(str(self.file)))
@@ -134,7 +133,7 @@ class _Search:
                         self.report(error)
                     if file in ("", str(self.file)):
                         return None
-                    # A file that is included has no sections, and may have any part.
+                    # An unreadable included file counts as empty; it might have defined any part.
                     self.files[Path(file)], self.may_lack_parts = Node({}, Where(file), Where(file)), True
                     continue
                 if not self.may_follow(root, path, error):
@@ -144,14 +143,14 @@ class _Search:
 
     def read(self, path: Path) -> Node:
         if path not in self.files:
-            self.files[path] = read(path, twice=self.reported)
+            self.files[path] = read(path, repeated_words=self.reported)
         return self.files[path]
 
     def compile_parts(self, sections: dict[str, Node]) -> None:
         """Build and compile the network, without the parts that have errors."""
-        here = Where(str(self.file))
-        root = Node(sections, here, here)
-        places: WordPlaces | None = None
+        file_start = Where(str(self.file))
+        root = Node(sections, file_start, file_start)
+        paths_by_place: WordPlaces | None = None
         while len(self.changed) < MOST:
             net = None
             try:
@@ -167,23 +166,23 @@ class _Search:
                 }
                 return
             except ModelError as error:
-                places = places or WordPlaces(root)
-                path = places.of(error)
+                paths_by_place = paths_by_place or WordPlaces(root)
+                path = paths_by_place.of(error)
                 if net is not None and path and has(root, path):
                     path = subject(root, path, error)
                 if not has(root, path[:1]):
                     if not self.changed:
                         self.report(error)
                     return
-                other_errors = [(places.of(other), other) for other in error.others[: MOST - len(self.changed)]]
-                # A check can report several errors together, in `others`; each is judged as if it were alone.
-                for other_path, one in [(path, error), *other_errors]:  # before a part is removed
-                    if not self.may_follow(root, other_path, one, compiled=net is not None):
-                        self.report(one)
+                other_errors = [(paths_by_place.of(other), other) for other in error.others[: MOST - len(self.changed)]]
+                # `others` has further errors of the same check. All are judged before a part is removed.
+                for other_path, listed_error in [(path, error), *other_errors]:
+                    if not self.may_follow(root, other_path, listed_error, compiled=net is not None):
+                        self.report(listed_error)
                 self.remove(root, path, error)
-                for other_path, one in other_errors:
+                for other_path, listed_error in other_errors:
                     if has(root, other_path):
-                        self.remove(root, other_path, one)
+                        self.remove(root, other_path, listed_error)
 
     def report(self, error: ModelError) -> None:
         self.reported.append(error.but(others=()))
@@ -192,43 +191,43 @@ class _Search:
         """Remove or replace the part with an error."""
         population = chosen_from(root.value, path)
         if population and path not in self.changed:
-            place = node_at(root, path[:3])
-            node_at(root, path[:2]).value[path[2]] = as_node(some_neurons(population, self.turn), place)
+            index_node = node_at(root, path[:3])
+            node_at(root, path[:2]).value[path[2]] = as_node(some_neurons(population, self.turn), index_node)
             self.replaced_ends.add(path)
             self.record_change(root, path, None, replaced=True)
             return
         while len(path) > 1 and (self.changed.count(path) > (len(path) == 2) or not has(root, path[:-1])):
             path = path[:-1]
         if len(path) > 2 and path[-1] in _OF_ARRAY and set(node_at(root, path[:-1]).value) == _OF_ARRAY:
-            path = path[:-1]  # the other word alone would be read as the name of a distribution
-        within = node_at(root, path[:-1]).value
-        removed = within.pop(path[-1], None) if isinstance(within, dict) else None
+            path = path[:-1]  # `file` or `key` alone would be read as the name of a distribution
+        mapping = node_at(root, path[:-1]).value
+        removed = mapping.pop(path[-1], None) if isinstance(mapping, dict) else None
         replacement = None
         if path not in self.changed:
             replacement = stand_in(root.value, path, removed, error, self.turn)
         renamed = self.renamed(path, error)
-        if renamed and removed is not None and renamed not in within:
-            within[renamed] = removed
-        elif replacement is not None and isinstance(within, dict):
-            within[path[-1]] = as_node(replacement, removed or node_at(root, path[:-1]))
+        if renamed and removed is not None and renamed not in mapping:
+            mapping[renamed] = removed
+        elif replacement is not None and isinstance(mapping, dict):
+            mapping[path[-1]] = as_node(replacement, removed or node_at(root, path[:-1]))
         self.record_change(root, path, removed, bool(renamed) or replacement is not None)
-        if len(path) > 1 and error.kind in _WORDS and isinstance(within, dict):
+        if len(path) > 1 and error.kind in _WORDS and isinstance(mapping, dict):
             self.rename((*path[:-1], error.suggestion), root, removed)
 
     def renamed(self, path: Words, error: ModelError) -> str:
-        """Return the intended section or group, if its words can be judged without the exact name."""
+        """Return the likely intended name of an unknown section or group, or ""."""
         if len(path) == 1:
             return error.suggestion if error.suggestion in SECTIONS else ""
         return error.suggestion or "winner_take_all" if error.kind == "unknown group" else ""
 
     def rename(self, path: Words, root: Node, removed: Node | None) -> None:
-        """Add a stand-in for the word that is most likely meant by an unknown one."""
-        within = node_at(root, path[:-1]).value
-        if not path[-1] or path[-1] in within or removed is None:
+        """Add a stand-in for the suggested word in place of an unknown word."""
+        mapping = node_at(root, path[:-1]).value
+        if not path[-1] or path[-1] in mapping or removed is None:
             return
         replacement = stand_in(root.value, path, None, ModelError(""), self.turn)
         if replacement is not None:
-            within[path[-1]] = as_node(replacement, removed)
+            mapping[path[-1]] = as_node(replacement, removed)
         self.record_change(root, path, None, replacement is not None)
 
     def record_change(self, root: Node, path: Words, removed: Node | None, replaced: bool) -> None:
@@ -250,7 +249,7 @@ class _Search:
 
     def may_follow(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> bool:
         """Return whether an error may be a consequence of an earlier change."""
-        # "unknown X of" is about a word inside a part, "unknown X" about a part itself.
+        # "unknown X of" reports a word inside a part, "unknown X" the part itself.
         names_a_part = error.kind.startswith("unknown") and not error.kind.endswith(" of") and error.found == path[-1]
         if path in self.changed or (not names_a_part and any(change[: len(path)] == path for change in self.changed)):
             return True
@@ -269,50 +268,50 @@ class _Search:
     def depends_on_kind(self, root: Node, path: Words, error: ModelError) -> bool:
         """Return whether an error is a consequence of a part of unknown kind."""
         changes = self.changes_in(path)
-        ends = {words[0] for words in changes}
-        if error.missing and any(words[-1] == error.missing for words in changes):
+        ends = {change[0] for change in changes}
+        if error.missing and any(change[-1] == error.missing for change in changes):
             return True
         if path[0] == "projections":
             return path[2:3] in (("weight",), ("synapse",)) and error.kind == "unit" and bool(ends & {"from", "to"})
         if path[0] == "populations":
-            return path[2:3] == ("shape",) and any(words[-1] in _OF_SENSOR for words in changes)
+            return path[2:3] == ("shape",) and any(change[-1] in _OF_SENSOR for change in changes)
         if path[0] != "probes":
             return False
-        of = (*path[:2], "of")
-        if (error.kind == "synapses" or error.kind in _DEPENDS_ON) and has(root, of):
-            return self.is_unsure(str(node_at(root, of).value), error.kind)
+        projection_path = (*path[:2], "of")
+        if (error.kind == "synapses" or error.kind in _DEPENDS_ON) and has(root, projection_path):
+            return self.is_unsure(str(node_at(root, projection_path).value), error.kind)
         return error.kind == "no projection" and "of" in ends
 
-    def is_unsure(self, projection: str, what: str) -> bool:
+    def is_unsure(self, projection: str, kind: str) -> bool:
         """Return whether the kind, the number or the end neurons of a projection's synapses are unknown."""
         changes = self.changes_in(("projections", projection))
-        if what in _DEPENDS_ON:
-            return any(words[0] in _DEPENDS_ON[what] for words in changes)
-        return projection in self.failed or any(words[0] == "synapse" and len(words) <= 2 for words in changes)
+        if kind in _DEPENDS_ON:
+            return any(change[0] in _DEPENDS_ON[kind] for change in changes)
+        return projection in self.failed or any(change[0] == "synapse" and len(change) <= 2 for change in changes)
 
     def changes_in(self, path: Words) -> list[Words]:
         """Return the changed paths within a part, except those that leave the population known."""
         return [
-            words[2:]
-            for words in self.changed
-            if words[:2] == path[:2] and len(words) > 2 and words not in self.replaced_ends
+            change[2:]
+            for change in self.changed
+            if change[:2] == path[:2] and len(change) > 2 and change not in self.replaced_ends
         ]
 
     def depends_on_change(self, path: Words, error: ModelError) -> bool:
         """Return whether an error of the compiler depends on a change in its part, or on the deciding population."""
         changes = self.changes_in(path)
-        if {words[-1] for words in changes if words not in _ENDS} & {*error.path, *error.about, error.found}:
+        if {change[-1] for change in changes if change not in _ENDS} & {*error.path, *error.about, error.found}:
             return True
         if path[0] == "trials":
             return bool(self.changed) if len(path) == 1 else path[1] in _OF_DECISIONS and self.is_undecided()
         if path[0] == "projections":
-            if path[2:3] == ("weight",) and any(words == ("synapse",) or words[-1] == "Wmin" for words in changes):
+            if path[2:3] == ("weight",) and any(change == ("synapse",) or change[-1] == "Wmin" for change in changes):
                 return True
             if error.kind == "trials" and (self.is_undecided() or ("trials",) in self.changed or self.may_lack_parts):
                 return True
         if path[2:3] == ("synapses",):
             return ("of",) in changes
-        return error.kind != "resolution" and any(words[:1] in _ENDS for words in changes)
+        return error.kind != "resolution" and any(change[:1] in _ENDS for change in changes)
 
     def is_undecided(self) -> bool:
         """Return whether the population that decides a trial is unknown."""
@@ -334,13 +333,13 @@ _REPLACED: Mapping[Words, tuple[Any, Any]] = {
     ("trials", "duration"): (10.0, 20.0),
 }
 _PARTS = {"from": (), "to": (Neuron,), "of": (), "input": (spike_generator,), "output": ()}
-"""Words that name a population, with the models it may have."""
+"""Words whose value is a population, with the classes of models that the population may have."""
 _SETTINGS = ("trials", "readout")
 """Sections without named parts."""
 
 
 def stand_in(sections: Mapping[str, Node], path: Words, removed: Node | None, error: ModelError, turn: int) -> Any:
-    """Return a plain value that replaces an erroneous one; None to remove it.
+    """Return a plain value in place of an erroneous value; None to remove the value.
 
     Args:
         sections: sections of the description.
@@ -358,15 +357,15 @@ def stand_in(sections: Mapping[str, Node], path: Words, removed: Node | None, er
         return model if path[2:] else {"model": model, "shape": _SHAPE[turn]}
     if path[0] == "probes" and path[2:] == ("record",):
         return error.suggestion or next((word for word in error.expected if word not in ALONE), None)
-    place = (path[0], *path[2:]) if path[0] not in _SETTINGS else path
-    if place in _REPLACED:
-        return _REPLACED[place][turn]
+    key = (path[0], *path[2:]) if path[0] not in _SETTINGS else path
+    if key in _REPLACED:
+        return _REPLACED[key][turn]
     if path[-1] in _PARTS and (len(path) == 3 or path[0] in ("groups", *_SETTINGS)):
         populations = sections["populations"].value if "populations" in sections else {}
         if not isinstance(populations, dict):
             return None
-        fitting = [name for name, node in populations.items() if issubclass(_model(node), _PARTS[path[-1]] or object)]
-        return error.suggestion if error.suggestion in populations else next(iter([*fitting, *populations]), None)
+        matches = [name for name, node in populations.items() if issubclass(_model(node), _PARTS[path[-1]] or object)]
+        return error.suggestion if error.suggestion in populations else next(iter([*matches, *populations]), None)
     return _valid_number(path[-2], path[-1], turn) if len(path) > 3 else None
 
 
@@ -413,55 +412,55 @@ Words: TypeAlias = tuple[str, ...]
 
 _WORD = re.compile(r"[\w.-]+")
 _DEFAULTED = ("weight", "delay", "record")
-"""Words of parts that an error may be about even if the file does not have them."""
+"""Words of parts that can cause an error even if the file lacks them."""
 
 
 class WordPlaces:
-    """The path of each word and of each value of a tree, by place."""
+    """Paths of the words and values of a tree, by their place in the file."""
 
     def __init__(self, *trees: Node) -> None:
-        self.words: dict[Where, Words] = {}
-        self.values: dict[Where, Words] = {}
+        self.by_label: dict[Where, Words] = {}
+        self.by_value: dict[Where, Words] = {}
         for tree in trees:
             self._walk(tree, ())
 
     def _walk(self, node: Node, path: Words, in_list: bool = False) -> None:
         """Add the paths below a node; items of a list have the path of the list."""
-        self.values.setdefault(node.where, path)
+        self.by_value.setdefault(node.where, path)
         if isinstance(node.value, dict):
             for word, inner in node.value.items():
-                here = path if in_list else (*path, word)
-                self.words.setdefault(inner.label, here)
-                self._walk(inner, here, in_list)
+                inner_path = path if in_list else (*path, word)
+                self.by_label.setdefault(inner.label, inner_path)
+                self._walk(inner, inner_path, in_list)
         elif isinstance(node.value, list):
             for item in node.value:
                 self._walk(item, path, in_list=True)
 
     def of(self, error: ModelError) -> Words:
-        """Return the path of the word that an error is about; empty if it is about no word."""
-        path = self._at(error)
+        """Return the path of the word that causes an error; empty if no word does."""
+        path = self._path_at(error)
         return (*path, error.missing) if path and error.missing else path
 
-    def _at(self, error: ModelError) -> Words:
+    def _path_at(self, error: ModelError) -> Words:
         if error.where is None:
             return ()
-        word, value = self.words.get(error.where, ()), self.values.get(error.where, ())
+        word, value = self.by_label.get(error.where, ()), self.by_value.get(error.where, ())
         if not (word or value):
-            before = [
+            earlier_places = [
                 place
-                for place in self.values
+                for place in self.by_value
                 if (place.file, place.line) == (error.where.file, error.where.line)
                 and place.column < error.where.column
             ]
-            value = self.values[max(before, key=lambda place: place.column)] if before else ()
+            value = self.by_value[max(earlier_places, key=lambda place: place.column)] if earlier_places else ()
         if not word or not value or len(value) < 2:
             return word or value
-        # A mapping on a line of its own has the place of its first word.
+        # A mapping on a separate line has the place of the first word.
         return word if error.found == word[-1] else value
 
 
 def subject(root: Node, part: Words, error: ModelError) -> Words:
-    """Return the path of the word that a compiler error of a part is about, or of the whole part.
+    """Return the path of the word that causes a compiler error in a part, or of the whole part.
 
     Args:
         root: the tree.
@@ -470,17 +469,17 @@ def subject(root: Node, part: Words, error: ModelError) -> Words:
     """
     if not error.path:
         return part
-    first, *rest = error.path
-    head = next((path for name, path in _words_below(node_at(root, part), part) if name == first), None)
-    if head is None:
-        return (*part, first) if first in _DEFAULTED else part
+    first_word, *rest = error.path
+    match = next((path for name, path in _words_below(node_at(root, part), part) if name == first_word), None)
+    if match is None:
+        return (*part, first_word) if first_word in _DEFAULTED else part
     for word in rest:
-        inner = node_at(root, head).value
+        inner = node_at(root, match).value
         if not isinstance(inner, dict):
             break
-        # A missing word has its default; the error is then about another word that the file has.
-        head = next(((*head, name) for name in (word, *error.about) if name in inner), head)
-    return head
+        # A missing word has its default, so another word of the file causes the error.
+        match = next(((*match, name) for name in (word, *error.about) if name in inner), match)
+    return match
 
 
 def _words_below(node: Node, path: Words) -> Iterator[tuple[str, Words]]:

@@ -14,14 +14,14 @@ from neuro.core.values import same, shown
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """A named choice with parameters, written `name(parameters)` in Python and `{name: {parameters}}` in YAML.
+    """A choice by name, with parameters: `name(parameters)` in Python, `{name: {parameters}}` in YAML.
 
     Subclasses are frozen dataclasses whose fields are made by `quantity`. Two choices are equal if
     they have the same name and equal parameters; arrays are compared by value.
 
     Class attributes:
-        file_of: parameter whose values the words `file` and `key` in YAML read from a file; "" if there is none.
-        strays: words that users may expect among the parameters, with a hint for each.
+        file_of: parameter that YAML can read from a file with the words `file` and `key`; "" for none.
+        strays: hints by word, for words that users may mistake for parameters.
     """
 
     kind: ClassVar[str] = "choice"
@@ -52,12 +52,12 @@ class Choice:
             except ModelError as error:
                 raise error.at(here()) from None
 
-    def in_unit(self, q: Quantity, what: str) -> Self:
+    def in_unit(self, q: Quantity, label: str) -> Self:
         """Return a copy whose parameters with a unit are converted to the unit of the described value.
 
         Args:
             q: quantity of the value.
-            what: name of the value in messages.
+            label: name of the value in messages.
 
         Raises:
             ModelError: a parameter has another dimension; the error's path leads to the parameter.
@@ -65,14 +65,14 @@ class Choice:
         numbers = {}
         for entry in self._measured():
             own_quantity, value = entry.metadata["quantity"], getattr(self, entry.name)
-            label, word = f"{what}: {self.name}.{word_of(entry.name)}", word_of(entry.name)
+            full_name, word = f"{label}: {self.name}.{word_of(entry.name)}", word_of(entry.name)
             try:
                 if isinstance(value, str):
-                    numbers[entry.name] = with_unit(q, value, label)
+                    numbers[entry.name] = with_unit(q, value, full_name)
                 else:
                     unit = "ms" if q.kind == "delay" else q.unit or q.taken_in
                     converted = replace(own_quantity, of_value=False, taken_in=unit)
-                    numbers[entry.name] = check(converted, value, label)
+                    numbers[entry.name] = check(converted, value, full_name)
             except ModelError as error:
                 inner = error.path if isinstance(value, str) else error.path[1:]
                 raise error.but(where=None, path=(self.name, word, *inner)) from None
@@ -80,7 +80,7 @@ class Choice:
 
     @property
     def measured(self) -> bool:
-        """True if some parameters carry the unit of a value that is not known yet."""
+        """True if some parameters still carry a unit, because the unit of the described value is unknown."""
         return bool(self._measured())
 
     def _measured(self) -> list[Field[Any]]:
@@ -90,7 +90,7 @@ class Choice:
 
     @classmethod
     def called(cls) -> str:
-        """Return the word that names this choice in the language: the name of its class, or `word`."""
+        """Return the name of this choice in YAML: `word`, or by default the name of the class."""
         return cls.word or cls.__name__
 
     @classmethod
@@ -100,7 +100,7 @@ class Choice:
 
     @property
     def name(self) -> str:
-        """Word that names this choice in the language."""
+        """Name of this choice in YAML."""
         return self.called()
 
     @classmethod
@@ -142,15 +142,15 @@ class Choice:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        own, others = self.parameters(), other.parameters()
-        return all(same(own[word], others[word]) for word in own)
+        own_values, other_values = self.parameters(), other.parameters()
+        return all(same(own_values[word], other_values[word]) for word in own_values)
 
     __hash__ = None  # type: ignore[assignment]
 
     def changed(self) -> dict[str, Any]:
         """Return the parameters that differ from the default, by field name."""
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {f.name: own[f.name] for f in fields(self) if f.default is MISSING or not same(own[f.name], f.default)}
+        now = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {f.name: now[f.name] for f in fields(self) if f.default is MISSING or not same(now[f.name], f.default)}
 
     def __repr__(self) -> str:
         return f"{self.name}({', '.join(f'{name}={shown(value)}' for name, value in self.changed().items())})"
@@ -166,7 +166,7 @@ _CHECKED: dict[int, type[Choice]] = {}
 
 
 def _check_class(cls: type[Choice]) -> None:
-    """Raise an error for a class whose fields are not made by `quantity`, or that is no dataclass."""
+    """Raise an error if a class is no dataclass, or if `quantity` did not make all of its fields."""
     if id(cls) in _CHECKED:
         return
     if any(isinstance(value, Field) for value in vars(cls).values()):

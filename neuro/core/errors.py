@@ -40,14 +40,14 @@ class Where(NamedTuple):
 
 
 class ModelError(ValueError):
-    """A mistake in a description or a call, with the facts to correct the mistake.
+    """Error for a mistake in a description or a call, with all that is needed to correct it.
 
     Attributes:
-        message: what was found and what was expected, in one sentence.
+        message: one sentence with the value found and the value expected.
         where: place in the YAML file or the Python source, if known.
-        hint: nearest valid name, or what to do; "" if none.
-        path: words (and positions in lists) that lead to the value inside the part, e.g. `("initial", "V_m", "3")`.
-        kind: code for programs, e.g. `"unit"` or `"unknown population"`, see `unknown`; "" if no program needs one.
+        hint: nearest valid name, or an instruction; "" for none.
+        path: words and list positions from the part to the value, e.g. `("initial", "V_m", "3")`.
+        kind: code for programs, e.g. `"unit"` or `"unknown population"`, see `unknown`; "" for none.
         found: the unknown name, or the name that lacks a value; "" if none.
         expected: known names, sorted.
         suggestion: nearest known name; "" if none is near.
@@ -84,14 +84,14 @@ class ModelError(ValueError):
         return "\n".join([own_text, *map(str, self.others)])
 
     def at(self, where: Where | None, context: str = "") -> ModelError:
-        """Return a copy with `where` unless a place is known, and `context: ` before the message unless present."""
+        """Return a copy with the place `where`, if none is known, and with the prefix `context: `, if it is missing."""
         is_new = context and not self.message.startswith(context)
         message = f"{context}: {self.message}" if is_new else self.message
         others = tuple(other.at(where, context) for other in self.others)
         return self.but(message=message, where=self.where or where, others=others)
 
     def alone(self) -> str:
-        """Return place and message in a line, without the hint and the other errors."""
+        """Return the place and the message in one line, without hint and other errors."""
         return str(self.but(hint="", others=()))
 
     def but(self, **changes: Any) -> ModelError:
@@ -103,16 +103,16 @@ class ModelError(ValueError):
 
 
 def unknown(
-    what: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
+    subject: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
 ) -> ModelError:
     """Return the error for an unknown name.
 
-    For `what` = "population" the error's `kind` is "unknown population". For "parameter of filter 'tar'" the kind is
+    For `subject` = "population" the error's `kind` is "unknown population". For "parameter of filter 'tar'" the kind is
     "unknown parameter of", and the message begins with the part: "filter 'tar': unknown parameter 'tua'".
     """
-    names, (head, separator, part) = tuple(sorted(known)), what.partition(" of ")
+    names, (head, separator, owner) = tuple(sorted(known)), subject.partition(" of ")
     return ModelError(
-        f"{part}: unknown {head} '{name}'" if part.endswith("'") else f"unknown {what} '{name}'",
+        f"{owner}: unknown {head} '{name}'" if owner.endswith("'") else f"unknown {subject} '{name}'",
         where=where,
         hint=nearest(str(name), names),
         path=path,
@@ -123,9 +123,9 @@ def unknown(
     )
 
 
-def words_of(what: str) -> tuple[str, ...]:
-    """Return the words of a full name in errors, e.g. `("iaf_psc_exp", "tau_m")` for "iaf_psc_exp.tau_m[3]"."""
-    return tuple(re.findall(r"[^\W\d]\w*", what))
+def words_of(label: str) -> tuple[str, ...]:
+    """Split a full name into words, e.g. `("iaf_psc_exp", "tau_m")` for "iaf_psc_exp.tau_m[3]"."""
+    return tuple(re.findall(r"[^\W\d]\w*", label))
 
 
 def naming_words(function: Callable[P, R]) -> Callable[P, R]:

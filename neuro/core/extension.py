@@ -1,4 +1,4 @@
-"""Python files of the user that register parts. A command runs such files first."""
+"""Run Python files of the user, which register parts, before a command."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from neuro.core.registry import registered
 __all__ = ["extensions", "named_by_user", "run_extension", "run_extensions"]
 
 _run: dict[Path, bytes] = {}
-"""Files that have run, and their contents."""
+"""Contents of the files that have run, by path."""
 
 
 def run_extension(file: Any) -> None:
-    """Run a Python file as a module of the same name, so that the parts that the file registers become known.
+    """Run a Python file as a module of the same name. The file registers parts.
 
     A file that has run in this process is not run again.
 
@@ -55,7 +55,7 @@ def run_extension(file: Any) -> None:
 
 
 def _has_environment(module: ModuleType) -> bool:
-    """Return whether a file has a class of environments, which needs no registration."""
+    """Return whether a file defines an environment; environments are not registered."""
     bases = (base for kind in vars(module).values() if isinstance(kind, type) for base in kind.__mro__)
     return any(base.__module__ == "gymnasium.core" and base.__name__ == "Env" for base in bases)
 
@@ -66,12 +66,12 @@ def extensions() -> tuple[str, ...]:
 
 
 def named_by_user(file: str) -> str:
-    """Return the path of the Python file of the option `--with` that has the name of a recorded file.
+    """Return the file of the option `--with` with the same name as a recorded file.
 
-    A record never runs code by itself. Only the name of the recorded path counts: the code is that of the user's file.
+    A record never runs code by itself. Only the name of the recorded path is used; the code comes from the user's file.
 
     Raises:
-        ModelError: the user named no file of that name.
+        ModelError: no option `--with` has a file of that name.
     """
     for path in extensions():
         if Path(path).name == Path(file).name:
@@ -80,7 +80,7 @@ def named_by_user(file: str) -> str:
 
 
 def run_extensions(files: tuple[str, ...]) -> None:
-    """Run the files that another process ran. That process has reported the warnings."""
+    """Run the files of another process, without their warnings, which that process has printed."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for file in files:
@@ -88,14 +88,14 @@ def run_extensions(files: tuple[str, ...]) -> None:
 
 
 def _check_name(path: Path, place: Path) -> None:
-    """Refuse a file that is no module, or whose module would hide another one."""
+    """Refuse a file that is no module, or has the name of another module."""
     name = path.stem
     if path.suffix != ".py" or not name.isidentifier():
         raise ModelError(f"{path}: expected a Python file with a plain name, such as my_filter.py")
     module = sys.modules.get(name) or PathFinder.find_spec(name)
     origin = getattr(module, "__file__", None) or getattr(module, "origin", None)
     if name in sys.stdlib_module_names or (module is not None and Path(origin or "").resolve() != place):
-        raise ModelError(f"{path}: '{name}' is the name of another module: expected a name of its own")
+        raise ModelError(f"{path}: '{name}' is the name of another module: expected another name")
 
 
 def _execute(path: Path, text: bytes) -> None:
@@ -104,7 +104,7 @@ def _execute(path: Path, text: bytes) -> None:
     module = module_from_spec(spec)
     sys.modules[path.stem] = module
     if str(path.resolve().parent) not in sys.path:
-        sys.path.append(str(path.resolve().parent))  # modules beside the file are found, after all others
+        sys.path.append(str(path.resolve().parent))  # modules in the file's folder can be imported, after all others
     try:
         exec(compile(text, str(path.resolve()), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
@@ -113,7 +113,7 @@ def _execute(path: Path, text: bytes) -> None:
 
 
 def _located(error: BaseException, path: Path, module: ModuleType) -> ModelError:
-    """Return a mistake in the file as a ModelError with the line of the mistake."""
+    """Convert an exception of the file to a ModelError with the line of the mistake."""
     if isinstance(error, SyntaxError) and error.filename == module.__file__:
         return ModelError(error.msg, where=Where(str(path), error.lineno or 0, error.offset or 0))
     if isinstance(error, ModelError) and error.where is not None and error.where.file != path.name:

@@ -11,7 +11,7 @@ from neuro.core.lazy import DISTRIBUTION, missing
 
 
 def install(extra: str) -> str:
-    """Return the command that installs an extra of this package from the package's own source, for hints.
+    """Return the pip command that installs an extra of this package, for hints.
 
     Args:
         extra: name of the extra in `pyproject.toml`, e.g. "torch".
@@ -32,7 +32,7 @@ def install(extra: str) -> str:
 
 
 def needed(module: str, extra: str, message: str) -> Any:
-    """Return a module of an optional package.
+    """Import a module of an optional package.
 
     Args:
         module: name of the module.
@@ -48,12 +48,12 @@ def needed(module: str, extra: str, message: str) -> Any:
         raise ModelError(message, hint=install(extra)) from None
 
 
-def app(module: str, what: str) -> Any:
-    """Return a module of a package of `apps`, which may be missing.
+def app(module: str, subject: str) -> Any:
+    """Import a module from a package of `apps`, which may be missing.
 
     Args:
         module: name of the module, e.g. "neuro_events.playing".
-        what: part that needs the module, the subject of the message.
+        subject: part that needs the module, for the message.
 
     Raises:
         ModelError: the package is not installed.
@@ -64,7 +64,7 @@ def app(module: str, what: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != package:
             raise
-        raise ModelError(f"{what} {missing(package)}") from None
+        raise ModelError(f"{subject} {missing(package)}") from None
 
 
 class LazyModule:
@@ -83,7 +83,7 @@ class LazyModule:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
-        if name == "_module":  # first use: later uses find the attribute, without a call of this method
+        if name == "_module":  # called on first use only: the attribute then exists
             self._module = import_module(self._name)
             return self._module
         return getattr(self._module, name)

@@ -1,4 +1,4 @@
-"""Parser of expressions: text to trees. The grammar is small, and nothing in a text is ever run.
+"""Parser of expressions: text to trees. The text is never run as code.
 
     expression  = sum [("<" | "<=" | ">" | ">=") sum]
     sum         = product {("+" | "-") product}
@@ -28,7 +28,7 @@ _WINDOW = 60
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number; `unit` is the name of the unit that follows it, or ""."""
+    """A number; `unit` is the name of its unit, or ""."""
 
     value: float
     unit: str
@@ -131,10 +131,10 @@ def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """Hints of a parser, which depend on the purpose of the expression.
+    """Hints in the errors of a parser, for one purpose of expressions.
 
     Attributes:
-        signs: hints by a sign that is not an operator.
+        signs: hint for each sign that is not an operator.
         shorter: hint for an expression that is too long.
         names: name and position of the argument that may have a name, by function, e.g. `after(a, b, within=20)`.
     """
@@ -151,10 +151,10 @@ def parse(text: object, hints: Hints = Hints(), views: bool = False) -> Expressi
         text: the expression.
         hints: hints for errors.
         views: whether a name may have an index, which becomes a part of the name, e.g. `motors[0, 1]`, and may be
-            written in quotes, e.g. `"s-1"`.
+            quoted, e.g. `"s-1"`.
 
     Raises:
-        ModelError: the text is no expression, too long or too deep; the message names the column.
+        ModelError: the text is no expression, is too long, or is nested too deeply. The message names the column.
     """
     if isinstance(text, int | float) and not isinstance(text, bool):
         text = repr(text)
@@ -163,7 +163,7 @@ def parse(text: object, hints: Hints = Hints(), views: bool = False) -> Expressi
     if len(text) > MAX_CHARACTERS:
         message = f"found {len(text)} characters: expected at most {MAX_CHARACTERS}"
         raise mistake(text, MAX_CHARACTERS, message, hints.shorter)
-    return Expression(text, _Parser(text, hints, _TOKEN_OR_VIEW if views else _TOKEN).whole())
+    return Expression(text, _Parser(text, hints, _TOKEN_OR_VIEW if views else _TOKEN).parse_all())
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +198,7 @@ class _Parser:
         return mistake(self.text, at, message, hint)
 
     def unexpected(self, letter: str) -> tuple[str, str]:
-        """Return message and hint for a character that begins no token."""
+        """Return message and hint for a character that cannot start a token."""
         character = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
         message = f"found {character}: expected a number, a name or an operator"
         ascii_only = "" if letter.isascii() else "names consist of the letters A to Z and a to z, digits and '_'"
@@ -213,8 +213,8 @@ class _Parser:
         self.next += 1
         return token
 
-    def whole(self) -> Tree:
-        tree = self.expression(0, 0)
+    def parse_all(self) -> Tree:
+        tree = self.parse_expression(0, 0)
         if self.token.kind != "end":
             text = self.token.text
             raise self.mistake(
@@ -222,52 +222,52 @@ class _Parser:
             )
         return tree
 
-    def expression(self, binding: int, depth: int) -> Tree:
+    def parse_expression(self, binding: int, depth: int) -> Tree:
         """Parse an expression up to an operator that binds no tighter than `binding`."""
         if depth > MAX_DEPTH:
             raise self.mistake(self.token.at, f"found more than {MAX_DEPTH} levels: expected fewer")
-        left = self.beginning(depth)
+        left = self.parse_operand(depth)
         while self.token.kind == "sign" and _BINDING.get(self.token.text, 0) > binding:
             sign = self.take()
             binding_of_sign = _BINDING[sign.text]
-            right = self.expression(_SIGNED - 1 if sign.text == "^" else binding_of_sign, depth + 1)
+            right = self.parse_expression(_SIGNED - 1 if sign.text == "^" else binding_of_sign, depth + 1)
             left = Binary(sign.text, left, right, sign.at)
             if sign.text in COMPARISONS and self.token.text in COMPARISONS:
                 raise self.mistake(self.token.at, f"found a second '{self.token.text}': expected one comparison")
         return left
 
-    def beginning(self, depth: int) -> Tree:
+    def parse_operand(self, depth: int) -> Tree:
         token = self.take()
         if token.kind == "number":
-            return self.number(token)
+            return self.parse_number(token)
         if token.kind == "name":
-            return self.call(token, depth) if self.token.text == "(" else Name(token.text, token.at)
+            return self.parse_call(token, depth) if self.token.text == "(" else Name(token.text, token.at)
         if token.text == "-":
-            return Negative(self.expression(_SIGNED - 1, depth + 1), token.at)
+            return Negative(self.parse_expression(_SIGNED - 1, depth + 1), token.at)
         if token.text == "+":
-            return self.expression(_SIGNED - 1, depth + 1)
+            return self.parse_expression(_SIGNED - 1, depth + 1)
         if token.text == "(":
-            inner = self.expression(0, depth + 1)
+            tree = self.parse_expression(0, depth + 1)
             self.expect(")")
-            return inner
+            return tree
         raise self.mistake(token.at, f"found {_quoted(token)}: expected a number, a name or '('")
 
-    def number(self, token: _Token) -> Number:
+    def parse_number(self, token: _Token) -> Number:
         value = float(token.text)
         if math.isinf(value):
             raise self.mistake(token.at, f"found {token.text:.40}: expected a number below 1.8e308")
         unit = self.take().text if self.token.kind == "name" else ""
         return Number(value, unit, token.at)
 
-    def call(self, name: _Token, depth: int) -> Call:
+    def parse_call(self, name: _Token, depth: int) -> Call:
         self.take()
-        arguments = [self.expression(0, depth + 1)]
+        arguments = [self.parse_expression(0, depth + 1)]
         word, position = self.hints.names.get(name.text, ("", 0))
         while self.token.text == ",":
             self.take()
             if len(arguments) == position and self.token.text == word and self.tokens[self.next + 1].text == "=":
                 self.next += 2
-            arguments.append(self.expression(0, depth + 1))
+            arguments.append(self.parse_expression(0, depth + 1))
         self.expect(")")
         return Call(name.text, tuple(arguments), name.at)
 

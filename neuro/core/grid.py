@@ -1,4 +1,4 @@
-"""A grid of jobs, whose results are sealed files. A job whose file already has the result is skipped."""
+"""A grid of jobs with one sealed file of results each. A job with a finished file is skipped."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Result = dict[str, Any]
 class JobResults:
     """JSON files with the results of jobs.
 
-    A file appears when it is complete, and a file edited by a person is never replaced. The description `of`, plain
-    data that decides the result, identifies a job; a file with another description is the result of another job.
+    A file appears when it is complete. A file that a person edited is never replaced. The description `of`, plain data
+    that decides the result, identifies a job: a file with another description belongs to another job.
 
     Attributes:
         what: noun for messages, e.g. "a result of 'neuro drone compare'".
@@ -37,7 +37,7 @@ class JobResults:
         return sealed(self.what, f'"format": "{self.format}"', ', "digest": "{}"')
 
     def read(self, path: Path, of: Mapping[str, Any]) -> Result:
-        """Return the result of a job; {} if its file is missing, damaged, or of another job or format."""
+        """Return the result of a job; {} if the file is missing, damaged, or belongs to another job or format."""
         result, identity = kept_json(path), {"format": self.format, "of": json.loads(json.dumps(of))}
         result.pop("digest", None)
         return result if result | identity == result else {}
@@ -50,7 +50,7 @@ class JobResults:
         return result
 
     def of_job(self, path: Path, of: Mapping[str, Any], work: Callable[[], Mapping[str, Any]]) -> Result:
-        """Return the result of a job from its file, or do the job and write the file."""
+        """Return the result of a job from its file. Without a file, run the job and write the file."""
         if result := self.read(path, of):
             return result
         check_output(path, self.kind)
@@ -66,10 +66,10 @@ class GridJob(Protocol):
 
     @property
     def of(self) -> Mapping[str, Any]:
-        """Return all inputs that decide the result, as plain data."""
+        """Return all inputs that determine the result, as plain data."""
 
     def work(self, report: Callable[[Any], None]) -> Mapping[str, Any]:
-        """Do the job and return its figures; figures with the name `refused` are not written."""
+        """Run the job and return its figures by name. With a figure `refused`, no file is written."""
 
 
 def grid(
@@ -78,16 +78,16 @@ def grid(
     processes: int | None = None,
     report: Callable[[Any], None] | None = None,
 ) -> list[Result]:
-    """Run the jobs of a grid in parallel; jobs whose files have results are skipped.
+    """Run the jobs of a grid in parallel, except those with a finished file.
 
     Args:
         results: files of the results.
-        jobs: jobs to run; a killed grid continues after the last job whose file is complete.
+        jobs: jobs to run. After a kill, the next call runs only the unfinished jobs.
         processes: number of parallel processes, see `neuro.apps.side_by_side`.
-        report: function that is called with the reports of jobs, and with None for each existing result.
+        report: function called with each report of a job, and with None for each existing result.
 
     Returns:
-        results in the order of the jobs.
+        Results in the order of the jobs.
 
     Raises:
         Unwritable: a file cannot be written, or a file of another kind has its name.
@@ -98,11 +98,11 @@ def grid(
         if result and report:
             report(None)
     to_run = [job for job, result in zip(jobs, existing, strict=True) if not result]
-    new_results = iter(side_by_side(partial(_do, results), to_run, processes, report))
+    new_results = iter(side_by_side(partial(_run_job, results), to_run, processes, report))
     return [result or next(new_results) for result in existing]
 
 
-def _do(results: JobResults, job: GridJob, report: Callable[[Any], None]) -> Result:
+def _run_job(results: JobResults, job: GridJob, report: Callable[[Any], None]) -> Result:
     check_output(job.file, results.kind)
     figures = job.work(report)
     return dict(figures) if "refused" in figures else results.write(job.file, job.of, figures)

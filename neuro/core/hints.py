@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-# Words of other simulators and papers, by the word of this package. Only words that are valid at a place are suggested.
+# Words of other simulators and papers for each word of this package. A hint suggests only words valid at its place.
 _OTHERS = {
     "from": "source src pre",
     "source": "pre src from",
@@ -131,12 +131,12 @@ _OTHERS = {
     "repeats": "seeds trials",
 }
 ELSEWHERE: dict[str, tuple[str, ...]] = {}
-"""Words of this package, in order, by a word of others."""
+"""Words of this package by the word of another tool."""
 for _ours, _words in _OTHERS.items():
     for _word in _words.split():
         ELSEWHERE[_word] = (*ELSEWHERE.get(_word, ()), _ours)
 
-# Words of others without a counterpart, by the hint for them.
+# Words of other tools without a counterpart here, by their hint.
 _WITHOUT = {
     "spikes are recorded without a device; 'probes' (YAML) or net.probe (Python) records the rest": "spike_recorder "
     "spike_detector multimeter voltmeter weight_recorder correlation_detector spin_detector spikemonitor statemonitor "
@@ -160,7 +160,7 @@ _WITHOUT = {
     "write synapse: {static: {receptor: ex}}": "receptor receptor_type",
 }
 INSTEAD: dict[str, str] = {}
-"""Hint by a word of others, used if no word of `ELSEWHERE` is known."""
+"""Hint by the word of another tool, for words that `ELSEWHERE` lacks."""
 for _hint, _words in _WITHOUT.items():
     for _word in _words.split():
         INSTEAD[_word] = _hint
@@ -190,7 +190,7 @@ def near(name: str, known: Iterable[str]) -> str:
 
 
 def close_names(name: str, names: Sequence[str]) -> list[str]:
-    """Return the nearest of some names in alphabetical order; an empty list if none is near."""
+    """Return the names most similar to a name, in alphabetical order; [] if none is similar."""
     lower = name.lower()
     close = [word for word in ELSEWHERE.get(lower, ()) if word in names] or [
         w for w in names if w.lower() in (lower, f"{lower}s")
@@ -199,7 +199,7 @@ def close_names(name: str, names: Sequence[str]) -> list[str]:
 
 
 def _similar(name: str, names: list[str]) -> list[str]:
-    """Return the most similar names, ignoring case, else those with the same beginning or end."""
+    """Return the most similar names, ignoring case; if there are none, those with the same beginning."""
     import difflib
 
     lower = name.lower()
@@ -208,17 +208,17 @@ def _similar(name: str, names: list[str]) -> list[str]:
         folded.setdefault(word.lower(), []).append(word)
     close = difflib.get_close_matches(lower, folded, n=3)
     if close:
-        best = difflib.SequenceMatcher(None, close[0], lower).ratio()
-        best_names = [c for c in close if difflib.SequenceMatcher(None, c, lower).ratio() == best]
-        return sorted(word for c in best_names for word in folded[c])
+        best_ratio = difflib.SequenceMatcher(None, close[0], lower).ratio()
+        best_names = [match for match in close if difflib.SequenceMatcher(None, match, lower).ratio() == best_ratio]
+        return sorted(word for match in best_names for word in folded[match])
     if len(name) < 3:
         return []
-    parts = [word for word in names if word.lower().startswith(lower) or lower.startswith(word.lower() + "_")]
-    return parts if len(parts) <= 3 else []
+    same_beginning = [word for word in names if word.lower().startswith(lower) or lower.startswith(word.lower() + "_")]
+    return same_beginning if len(same_beginning) <= 3 else []
 
 
 def notation(text: str) -> str:
-    """Return a hint for the notation of the number that a text seems to mean, or "".
+    """Return a hint on how to write the number in a text, e.g. "write 10 us" for "10µs"; "" for no hint.
 
     Args:
         text: text in place of a number, e.g. "10 ms".
@@ -257,7 +257,7 @@ def _decimal(word: str) -> str:
 
 
 def axes(text: str) -> str:
-    """Return a hint for the notation of the sizes that a text seems to mean, e.g. "8x8", or ""."""
+    """Return a hint on how to write sizes, e.g. "write [8, 8]" for "8x8"; "" for no hint."""
     if decimal := _decimal(text.strip()):
         return decimal
     sizes = re.findall(r"\d+", text)

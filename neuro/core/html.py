@@ -1,4 +1,4 @@
-"""Elements of a page. All values that are not elements are escaped."""
+"""Elements of an HTML page. Values that are not elements are escaped."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def style_sheets(*names: str) -> str:
 
 
 def player_script() -> str:
-    """Return the script that pages share: round marks on an axis."""
+    """Return the script that pages share; it computes round tick marks of an axis."""
     return (_FOLDER / "player.js").read_text("utf-8").strip()
 
 
@@ -96,7 +96,7 @@ def tag(name: str, *parts: object, **attributes: object) -> Html:
 
     Args:
         name: name of the element.
-        parts: content: elements, and other values as text; None is left out.
+        parts: content: elements, and other values, which are escaped; None is left out.
         attributes: attributes by name; `class_` is "class", "_" is "-", None is left out, floats have at most two
             decimals.
     """
@@ -110,7 +110,7 @@ def tag(name: str, *parts: object, **attributes: object) -> Html:
 
 def join(parts: Iterable[object]) -> Html:
     """Join elements and texts."""
-    return Html("".join(p if isinstance(p, Html) else escape(_text(p)) for p in parts if p is not None))
+    return Html("".join(part if isinstance(part, Html) else escape(_text(part)) for part in parts if part is not None))
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> Html:
@@ -129,13 +129,13 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str
     return tag("div", tag("table", title, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
 
 
-def card(what: str, big: str, below: object) -> Html:
-    """Return a card with a large figure and its meaning. Cards are arranged by an element of class "cards"."""
-    return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
+def card(title: str, big: str, below: object) -> Html:
+    """Return a card with a large figure and its meaning. Put cards into an element of class "cards"."""
+    return tag("section", tag("h3", title), tag("p", big, class_="big"), tag("p", below), class_="card")
 
 
 def figure(picture: Html, caption: object, title: str = "", class_: str | None = None) -> Html:
-    """Return a picture with a caption: above with a title, below without."""
+    """Return a picture with a caption. The caption is above if there is a title, else below."""
     if title:
         return tag(
             "figure", tag("figcaption", tag("b", title), tag("span", caption)), tag("div", picture), class_=class_
@@ -174,8 +174,8 @@ def figure_svg(drawing: Figure, label: str) -> Html:
     """Return a Matplotlib figure as SVG, with text as text, in the colours of the page, light or dark.
 
     Args:
-        drawing: the figure. Its attribute `titles` has, by the `gid` of an artist, a text for each marker, line or cell
-            of the artist; the page shows the text under the pointer.
+        drawing: the figure. Its attribute `titles` maps the `gid` of an artist to a text for each marker, line or cell
+            of the artist. The page shows the text under the pointer.
         label: description for screen readers.
     """
     from matplotlib import rc_context
@@ -203,19 +203,19 @@ def figure_svg(drawing: Figure, label: str) -> Html:
     return tag("svg", Html(content), viewBox=box, role="img", aria_label=label, style=style)
 
 
-def _shorter(name: str, value: str) -> str:
+def _shorter(name: str, number: str) -> str:
     """Return an attribute of an SVG with two decimals, without superfluous spaces and without the font."""
     if name in ("d", "x", "y", "transform"):
-        value = re.sub(r"(\.\d\d)\d+", r"\1", " ".join(value.split()))
-        return re.sub(r" (?=[MLCQz-])|(?<=[MLCQ]) ", "", value) if name == "d" else value
+        number = re.sub(r"(\.\d\d)\d+", r"\1", " ".join(number.split()))
+        return re.sub(r" (?=[MLCQz-])|(?<=[MLCQ]) ", "", number) if name == "d" else number
     if name == "style":
-        value = re.sub(r"font: ([\d.]+px)[^;]*", r"font-size: \1", value)
-        return re.sub(r"font-family: [^;]*;? ?|(?<=[:;]) ", "", value)
-    return value
+        number = re.sub(r"font: ([\d.]+px)[^;]*", r"font-size: \1", number)
+        return re.sub(r"font-family: [^;]*;? ?|(?<=[:;]) ", "", number)
+    return number
 
 
 def legend(*entries: tuple[str, str]) -> Html:
-    """Return small squares of some classes, with their meanings."""
+    """Return a legend: a coloured square and a text for each entry."""
     return tag("p", *(tag("span", tag("i", class_=kind), text) for kind, text in entries), class_="legend")
 
 

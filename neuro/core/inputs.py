@@ -35,13 +35,13 @@ def recorded_inputs() -> tuple[str, ...]:
 
 @contextmanager
 def gathering() -> Iterator[dict[str, None]]:
-    """Collect the files that are read in a block, as keys."""
+    """Collect the files read in a block, as the keys of a dictionary."""
     files: dict[str, None] = {}
     _lists.append(files)
     try:
         yield files
     finally:
-        _lists[:] = [other for other in _lists if other is not files]
+        _lists[:] = [outer for outer in _lists if outer is not files]
 
 
 def _folder_digest(folder: Path) -> str:
@@ -81,20 +81,20 @@ def digest_of(path: str | os.PathLike[str]) -> str:
         return ""
 
 
-def file_path(value: Any, what: str) -> Path:
+def file_path(value: Any, label: str) -> Path:
     """Return a value as a path.
 
     Args:
         value: text or a path.
-        what: name of the value in the message.
+        label: name of the value in the message.
 
     Raises:
-        ModelError: the value is neither text nor a path, or no file can have that name.
+        ModelError: `value` is neither text nor a path, or cannot be the name of a file.
     """
     if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
-        raise ModelError(f"{what} = {value!r:.60}: expected the name of a file")
+        raise ModelError(f"{label} = {value!r:.60}: expected the name of a file")
     if "\0" in os.fspath(value):
-        raise ModelError(f"{what} = {os.fspath(value)!r:.60}: expected the name of a file, without a zero byte")
+        raise ModelError(f"{label} = {os.fspath(value)!r:.60}: expected the name of a file, without a zero byte")
     return Path(value)
 
 

@@ -1,4 +1,4 @@
-"""Requests to end during work that must be finished, or while compiled code runs."""
+"""Handling of Ctrl-C and other requests to end, during work that must be finished and during compiled code."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from neuro.core.errors import ModelError
 
 @contextmanager
 def ending_by(end: Callable[[], object]) -> Iterator[None]:
-    """Within the block, call a function on the first request to end; a second request ends at once.
+    """Call a function on the first request to end within the block; a second request raises KeyboardInterrupt.
 
     Requests are Ctrl-C, SIGTERM, and a terminal that closes. Signals reach the main thread only; in another thread
     the block does nothing.
@@ -42,7 +42,7 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
         end()
 
     signals = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores it
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         signals.append(signal.SIGHUP)
     previous = {number: signal.signal(number, ask) for number in signals}
     try:
@@ -52,13 +52,13 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-# Python calls the handler of a signal between two of its instructions, so never while compiled code runs. The signal
-# also writes its number into a pipe at once. A thread reads the pipe and sets a number that compiled loops test.
+# Python calls signal handlers between two of its instructions, so never while compiled code runs. A signal
+# also writes its number into a pipe, at once. A thread reads the pipe and sets a number that compiled loops test.
 BETWEEN_STEPS, AT_ONCE = 1, 2
-"""Requests to a compiled loop: end between two steps, or at once, which leaves a step unfinished."""
+"""Requests to a compiled loop: end between two steps, or end at once and leave a step unfinished."""
 
 PATIENCE_S = 0.25
-"""Time in s after which a loop that has not ended between two steps must end at once."""
+"""Seconds that a loop has to end between two steps, before it must end at once."""
 
 _ASKING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
@@ -68,7 +68,7 @@ class _Watch:
 
     Attributes:
         stop: the number that the compiled code of the main thread tests.
-        before: descriptor that others had set; signals are passed on to it.
+        before: descriptor set by other code; signals are passed on to it.
         set_at: time at which the descriptor was last set.
     """
 
@@ -96,11 +96,11 @@ class _Watch:
 _watch: _Watch | None = None
 _MAIN = threading.main_thread().ident
 _AGAIN_S = 0.01
-"""Time in s after which the descriptor is set again, as others may set theirs. Setting takes as long as a step."""
+"""Seconds after which the descriptor is set again, since other code may replace it. Setting takes as long as a step."""
 
 
 def _forget() -> None:
-    """Let a forked process, which has no watching thread, start its own."""
+    """Forget the watch in a forked process, which has no watching thread and starts its own."""
     global _watch
     _watch = None
 
@@ -123,7 +123,7 @@ class Interruptible:
 
     def __enter__(self) -> None:
         global _watch
-        if self._stop.item():  # a signal came at the end of the last block
+        if self._stop.item():  # the signal came at the end of the last block
             self._stop[0] = 0
         if get_ident() != _MAIN:
             return
@@ -158,8 +158,8 @@ def end_if_stopped(stop: NDArray[np.int64]) -> None:
 
 
 def torn() -> ModelError:
-    """Return the error for a network that continues after it was interrupted within a step."""
+    """Return the error for a network that was interrupted within a step and should continue."""
     return ModelError(
         "the network was interrupted within a step: expected whole steps",
-        hint="use sim.reset() to begin anew, or sim.restore to continue from a saved state",
+        hint="use sim.reset() to start again, or sim.restore to continue from a saved state",
     )

@@ -1,4 +1,4 @@
-"""Random numbers as a function of a key, so that nothing else can change them.
+"""Random numbers as a function of a key only.
 
 A draw depends on (seed, purpose, name of the part, neuron, step) alone: it is the same on every backend, for
 any number of threads, for any division of a run, and when another part is added to the network.
@@ -39,34 +39,34 @@ def mix(z: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def uniform(part_key: int, step: int, neurons: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return a number in [0, 1) for each neuron and one step, with 53 random bits."""
+    """Return a uniform number in [0, 1) for each neuron in one step, with 53 random bits."""
     base = mix(np.array([(part_key + step * STEP_STRIDE) & 0xFFFFFFFFFFFFFFFF], dtype=np.uint64))
-    words = mix(base + neurons.astype(np.uint64) * np.uint64(NEURON_STRIDE))
-    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    bits = mix(base + neurons.astype(np.uint64) * np.uint64(NEURON_STRIDE))
+    return (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 def nth(step: int, n: int) -> int:
-    """Return a number that replaces the step in draws of the n-th event of a step, from 0."""
+    """Return the number to use instead of the step in draws for the n-th event of a step; n starts at 0."""
     return step + n * NTH_STRIDE
 
 
 def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDArray[np.float64]:
     """Return the numbers of `uniform` for many steps and the first `neurons` neurons, shape (steps, neurons)."""
     base = mix(np.uint64(part_key) + steps.astype(np.uint64) * np.uint64(STEP_STRIDE))
-    words = mix(base[:, None] + np.arange(neurons, dtype=np.uint64) * np.uint64(NEURON_STRIDE))
-    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    bits = mix(base[:, None] + np.arange(neurons, dtype=np.uint64) * np.uint64(NEURON_STRIDE))
+    return (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 def uniform_pairs(part_key: int, pre: NDArray[np.int64], post: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return a number in [0, 1) for each pair of neurons: `uniform` of neuron `post` at step `pre`."""
+    """Return a uniform number in [0, 1) for each pair of neurons: that of neuron `post` at step `pre`."""
     base = mix(np.uint64(part_key) + pre.astype(np.uint64) * np.uint64(STEP_STRIDE))
-    words = mix(base + post.astype(np.uint64) * np.uint64(NEURON_STRIDE))
-    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    bits = mix(base + post.astype(np.uint64) * np.uint64(NEURON_STRIDE))
+    return (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 @lru_cache(maxsize=1024)
 def poisson_table(mean: float) -> NDArray[np.float64]:
-    """Return the cumulative probabilities of a Poisson variable, up to the last that differs from its predecessor.
+    """Return the cumulative probabilities of a Poisson variable, until they no longer increase.
 
     The number drawn for a uniform u is the count of entries <= u. `mean` must not exceed `LARGEST_MEAN`.
     """

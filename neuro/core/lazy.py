@@ -1,4 +1,4 @@
-"""Public names that are imported on first use, so that a start imports few modules."""
+"""Import of public names on first use. `import neuro` then loads few modules."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def public_names(
 ) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
     """Return `__getattr__`, `__dir__` and `__all__` for a public module.
 
-    The names are those that the module's block `if TYPE_CHECKING:` imports as themselves (`from home import name as
-    name`); `from home import *` adds the names that the module `home` imports in the same way. Type checkers read the
-    same lines, so each name is listed once.
+    The block `if TYPE_CHECKING:` of the module lists the names, as `from home import name as name`. A line
+    `from home import *` adds the names that `home` imports in the same form. Type checkers read the same lines, so
+    each name is listed once.
 
     Args:
         module: name of the module.
@@ -61,14 +61,14 @@ def public_names(
 
 
 def missing(package: str) -> str:
-    """Return the end of a message about a part of a package of `apps` that is not installed."""
+    """Return the end of a message about a missing package of `apps`."""
     return f"is in the package {package}, which is not installed: it comes with {DISTRIBUTION}"
 
 
 def taken_away(entry: EntryPoint) -> str:
-    """Return the deleted package of an entry point of this distribution, e.g. of a command; "" for all others.
+    """Return the missing package of one of this distribution's own entry points, e.g. a command; "" if none is missing.
 
-    A missing package of another distribution is an error, which its user reports.
+    A missing package of another distribution is an error of that distribution.
     """
     from importlib.util import find_spec
 
@@ -79,9 +79,9 @@ def taken_away(entry: EntryPoint) -> str:
 
 
 class PublicModules:
-    """Finder of public modules of `neuro` that separate packages provide, e.g. `neuro.events`, and of the submodules.
+    """Import finder for the public modules of `neuro` in separate packages, e.g. `neuro.events`, and their submodules.
 
-    `neuro.events.filters` and `neuro_events.filters` are one module, which is imported on first use of either name.
+    `neuro.events.filters` and `neuro_events.filters` are one module, imported on first use of either name.
     """
 
     def find_spec(
@@ -112,14 +112,19 @@ class PublicModules:
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Restore the module's own spec, which the import by its public name has replaced."""
+        """Restore the module's own spec. The import by the public name has replaced it."""
         spec = module.__spec__
         if spec is not None:
             module.__spec__ = spec.loader_state[1]
 
 
 def homes_in(file: str, block: str = "") -> dict[str, str]:
-    """Return the module of each name that a file imports as itself, in the block under a line or everywhere."""
+    """Return the home module of each name in lines `from home import name as name`.
+
+    Args:
+        file: path of the source file.
+        block: line that opens the block to search; "" for the whole file.
+    """
     homes: dict[str, str] = {}
     home, is_in_block = "", not block
     # The file is split into words, since importing `ast`, `re` or `pathlib` would take half as long as `import neuro`.

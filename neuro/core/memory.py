@@ -20,8 +20,8 @@ _HUGE = 1 << 21
 def free_memory() -> int | None:
     """Return the bytes that this process may allocate without swapping; None if unknown.
 
-    The number is the smallest of the free memory of the machine, of the rest of the limits of control groups, and of
-    the rest of the address space (`ulimit -v`).
+    The result is the smallest of three numbers: the free memory of the machine, the unused part of each control
+    group's limit, and the unused part of the address space (`ulimit -v`).
     """
     limits = [bytes_ for bytes_ in (_of_machine(), *map(_of_group, _groups()), _of_addresses()) if bytes_ is not None]
     return min(limits, default=None)
@@ -45,13 +45,13 @@ def _groups() -> list[Path]:
         lines = _OURS.read_text().splitlines()
     except OSError:
         lines = []
-    inner = [line[4:] for line in lines if line.startswith("0::/")]
-    own = [_GROUP / name for name in inner if ".." not in name]
+    paths = [line[4:] for line in lines if line.startswith("0::/")]
+    own = [_GROUP / name for name in paths if ".." not in name]
     return list(dict.fromkeys([_GROUP, *(group for g in own for group in (g, *g.parents) if _GROUP in group.parents)]))
 
 
 def _of_group(group: Path) -> int | None:
-    """Return the rest of the limit of a control group; the cache of inactive files counts as free."""
+    """Return the unused part of a control group's limit. The cache of inactive files counts as unused."""
     try:
         limit, current = ((group / name).read_text().strip() for name in ("memory.max", "memory.current"))
     except OSError:
@@ -61,7 +61,7 @@ def _of_group(group: Path) -> int | None:
 
 
 def _table(path: Path) -> dict[str, int]:
-    """Return the lines of a file that consist of a word and a whole number."""
+    """Return the numbers in a file by word. Other lines than a word and a whole number are left out."""
     try:
         lines = [line.split() for line in path.read_text().splitlines()]
     except OSError:
@@ -70,10 +70,10 @@ def _table(path: Path) -> dict[str, int]:
 
 
 def discard(array: NDArray[Any], first: int, last: int) -> None:
-    """Return the memory pages of items first:last of a flat array to the system, after those of earlier items.
+    """Return the memory pages of items first:last of a flat array to the system. Discard earlier items first.
 
     The items are lost; the array keeps its size. Systems other than Linux may hold the pages until the array is
-    freed. Huge pages are returned as a whole, since the system holds a partly returned one until memory is short.
+    freed. Huge pages are returned whole: the system holds a partly returned page until memory is short.
     """
     if not hasattr(mmap, "MADV_DONTNEED"):
         return
@@ -85,7 +85,7 @@ def discard(array: NDArray[Any], first: int, last: int) -> None:
 
 
 def give_back() -> None:
-    """Return freed memory that the C library holds to the system, if the library can."""
+    """Return memory that was freed but is held by the C library to the system, if the library can."""
     try:
         _library().malloc_trim(0)
     except (AttributeError, OSError, TypeError):  # another C library, or another system

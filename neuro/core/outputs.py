@@ -1,12 +1,12 @@
-"""Output files: written atomically, and never in place of files of others.
+"""Output files: written atomically. Files of other programs are never replaced.
 
 The rule for every file that this package and its apps write:
 
-- A file gets the final name after the last byte is written. If the work fails or is interrupted, no file is left. For
-  work that cannot be repeated, such as events from the network, `FILE.part` is left; no later run removes or replaces
-  that file.
+- A file gets the final name after the last byte is written. If the work fails or is interrupted, no file is left. The
+  exception is work that cannot be repeated, such as events from the network: `FILE.part` is left, and no later run
+  removes or replaces it.
 - An existing file is replaced atomically at the end if a mark in the file shows that this package wrote a file of the
-  same kind (see `Kind`), or if the user asks. Other files stay, also texts that were edited since.
+  same kind (see `Kind`), or if the user asks for it. Other files stay, also texts that a person has edited.
 - If the name is a link, the file behind the link is replaced; the link stays.
 - Pipes, character devices and descriptors such as /dev/stdout are written to directly. Folders, disks and sockets are
   refused.
@@ -66,11 +66,11 @@ _number = itertools.count()
 _swept: set[Path] = set()
 _pipes: dict[tuple[int, int], int] = {}
 _READER_S = 2.0
-"""Time within which the reader of a pipe must open the pipe, s."""
+"""Seconds that the reader of a pipe has to open it."""
 
 
 class Unwritable(ModelError):
-    """A file cannot be written, or an existing file must not be replaced.
+    """Error for a file that cannot be written, or that must not be replaced.
 
     Attributes:
         what: the message without the name of the file.
@@ -87,9 +87,9 @@ class Kind:
 
     Attributes:
         what: noun for messages, e.g. "a page of 'neuro compare'".
-        ours: function that returns whether this package wrote a file of this kind. Kinds without a mark, such as event
-            files, return False, and are replaced only if the user asks.
-        ask: option with which the user asks to replace a file, "" if there is none.
+        ours: function that returns whether this package wrote a file of this kind. For kinds without a mark, such as
+            event files, it returns False; such files are replaced only if the user asks for it.
+        ask: option that lets the user replace a file; "" for none.
         seal: function that adds a digest to a text before it is written, so that later edits are detected.
     """
 
@@ -100,7 +100,7 @@ class Kind:
 
 
 def marked(what: str, mark: str, ask: str = "", anywhere: bool = False) -> Kind:
-    """Return a kind of file that contains a text near its beginning, or anywhere."""
+    """Return a kind of file with a mark near the beginning, or anywhere in the text."""
 
     def ours(path: Path) -> bool:
         with path.open("rb") as file:
@@ -120,7 +120,7 @@ def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
         digest: format of the digest, with "{}" for the digits.
         ask: see `Kind`.
     """
-    prefix, suffix = (part.encode() for part in digest.split("{}"))
+    prefix, suffix = (half.encode() for half in digest.split("{}"))
     pattern = re.compile(
         re.escape(mark.encode()) + b"(" + re.escape(prefix) + b"([0-9a-f]{32})" + re.escape(suffix) + b")"
     )
@@ -131,9 +131,9 @@ def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
         return match is not None and _digest(content[: match.start(1)], content[match.end(1) :]) == match[2].decode()
 
     def seal(text: str) -> str:
-        head, there, rest = text.partition(mark)
-        head += there
-        return head + digest.format(_digest(head.encode(), rest.encode())) + rest
+        head, found_mark, tail = text.partition(mark)
+        head += found_mark
+        return head + digest.format(_digest(head.encode(), tail.encode())) + tail
 
     return Kind(what, ours, ask, seal)
 
@@ -146,17 +146,17 @@ def _digest(*parts: bytes) -> str:
 def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep: bool = False) -> Iterator[Path]:
     """Open a new empty file, which takes the name `path` when the block succeeds.
 
-    A name that cannot be written raises the error at once, before the work of the block.
+    If the file cannot be written, the error is raised at once, before the work of the block.
 
     Args:
         path: path of the file.
         kind: kind of the file.
         replace: whether to replace files of other kinds.
-        keep: whether to write to `path` with ".part" appended, and to leave that file, unless it is empty, if the block
-            fails or the process is killed; if such a file exists, the new one gets a number, e.g. walk.2.dat.part.
+        keep: whether to write to `path` with ".part" appended. That file is left, unless it is empty, if the block
+            fails or the process is killed. If such a file exists, the new one gets a number, e.g. walk.2.dat.part.
 
     Raises:
-        Unwritable: see `check_output`; or the disk is full.
+        Unwritable: the disk is full, or `check_output` fails.
     """
     path = file_path(path, "path")
     check_output(path, kind, replace)
@@ -173,7 +173,7 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False, keep
 
 
 def check_output(path: Path, kind: Kind, replace: bool = False) -> None:
-    """Raise an error if a file cannot be written. Called before long work; no file is left.
+    """Raise an error if a file cannot be written. Call it before long work; no file is left behind.
 
     Args:
         path: path of the file.
@@ -215,16 +215,16 @@ def _check_existing(path: Path, mode: int) -> None:
 
 
 def _open_pipe(path: Path) -> None:
-    """Open a pipe that has a reader, and keep it open until the write, because a reader stops without a writer."""
+    """Open a pipe that has a reader. The pipe stays open until the write, because a reader stops without a writer."""
     state = path.stat()
-    until = time.monotonic() + _READER_S
+    deadline_s = time.monotonic() + _READER_S
     while (state.st_dev, state.st_ino) not in _pipes:
         try:
             _pipes[state.st_dev, state.st_ino] = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
         except OSError as error:
             if error.errno != errno.ENXIO:
                 raise
-            if time.monotonic() > until:
+            if time.monotonic() > deadline_s:
                 raise Unwritable(
                     path, "is a pipe that nobody reads: expected a reader, or the name of a file"
                 ) from None
@@ -232,7 +232,7 @@ def _open_pipe(path: Path) -> None:
 
 
 def _descriptor(path: Path) -> int | None:
-    """Return the open descriptor of a name, or of a link with that name; None for all other names."""
+    """Return the descriptor that a name such as /dev/stdout means, also through a link; None for other names."""
     name = os.path.abspath(path)
     for _ in range(40):
         match = _DESCRIPTOR.fullmatch(name)
@@ -301,7 +301,7 @@ def make_folder(path: Path) -> None:
 
 @contextmanager
 def _telling(path: Path, part: Path | None = None) -> Iterator[None]:
-    """Report errors of the system with the name of the user's file. Errors about other files are passed on."""
+    """Convert errors of the system to `Unwritable` with the user's file. Errors about other files are passed on."""
     try:
         yield
     except OSError as error:
@@ -313,20 +313,20 @@ def _telling(path: Path, part: Path | None = None) -> Iterator[None]:
 
 
 def _part(path: Path) -> Path:
-    """Return a new name in the folder of the file, or in the folder of temporary files for pipes and devices."""
+    """Return a temporary name: in the file's folder, or for pipes and devices in the system's temporary folder."""
     folder = Path(tempfile.gettempdir()) if _is_special(path) else _leads_to(path).parent
     return folder / f".{path.name[:50]}.{_HOST}.{os.getpid()}.{next(_number)}.part"
 
 
 def kept_parts(path: Path) -> Iterator[Path]:
-    """Yield names of parts that stay after a failure: walk.dat.part, walk.2.dat.part, ... for walk.dat."""
+    """Yield the names for parts left by a failure: walk.dat.part, walk.2.dat.part, ... for walk.dat."""
     target = _leads_to(path)
     names = itertools.chain([target.name], (f"{target.stem}.{k}{target.suffix}" for k in itertools.count(2)))
     return (target.with_name(name + PART) for name in names)
 
 
 def free_part(path: Path, is_kept: Callable[[Path], bool] = os.path.lexists) -> Path:
-    """Return the first name of `kept_parts` that may be written.
+    """Return the first free name of `kept_parts`.
 
     Args:
         path: path of the complete file.
@@ -370,9 +370,9 @@ def _opened(path: Path) -> IO[bytes]:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove files that killed processes of this user and machine have left in a folder, if possible.
+    """Try to remove files that killed processes of this user and machine left in a folder.
 
-    A folder is searched only once, since it may have many files.
+    Each folder is searched once only, since it may have many files.
     """
     if folder in _swept:
         return

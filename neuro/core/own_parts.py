@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) -> None:
-    """Refuse a model whose arithmetic lacks a function, or has one with other arguments.
+    """Refuse a model if its arithmetic lacks a function, or a function has other arguments.
 
     Args:
         label: name of the model in messages.
@@ -43,22 +43,22 @@ def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
         ) from None
 
 
-def check_method(part: type[T], base: type[Any], name: str, does: str) -> type[T]:
-    """Check that a third-party class overrides a method of the base class, and return the class.
+def check_method(part: type[T], base: type[Any], name: str, purpose: str) -> type[T]:
+    """Check that a third-party class overrides a method of the base class, with the right arguments.
 
     Args:
         part: the class.
         base: base class of the kind of parts; its method has the right arguments.
         name: name of the method.
-        does: what the method does, for the message.
+        purpose: verb phrase for the message, e.g. "draws the values".
 
     Raises:
         TypeError: the method is missing, or has other arguments.
     """
-    own, method, message = getattr(base, name), getattr(part, name), f"{base.kind} '{part.__name__}'"
-    expected = own.__code__.co_varnames[: own.__code__.co_argcount]
-    if method is own:
-        raise TypeError(f"{message} has no method '{name}', which {does}")
+    overriding, method, message = getattr(base, name), getattr(part, name), f"{base.kind} '{part.__name__}'"
+    expected = overriding.__code__.co_varnames[: overriding.__code__.co_argcount]
+    if method is overriding:
+        raise TypeError(f"{message} has no method '{name}', which {purpose}")
     arguments = method.__code__.co_argcount
     if arguments != len(expected):
         text = f"'{name}' takes {arguments} arguments: expected {len(expected)}, ({', '.join(expected)})"

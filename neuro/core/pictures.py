@@ -21,7 +21,7 @@ _PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Write a figure as PNG, PDF or SVG, by the ending of the name; see `output` for errors."""
+    """Write a figure as PNG, PDF or SVG, as the ending of the name says. See `output` for errors."""
     ending = path.suffix if path.suffix in _PICTURES else ".png"
     kind, metadata = _PICTURES[ending]
     with output(path, kind) as part:
@@ -29,7 +29,7 @@ def write_picture(path: Path, figure: Figure) -> None:
 
 
 def check_picture(path: Path) -> None:
-    """Raise an error if a picture cannot be written, see `check_output`, or if the name has another ending."""
+    """Raise an error if a picture cannot be written, or if its name has an unknown ending. See `check_output`."""
     if path.suffix not in _PICTURES:
         raise ModelError(f"{path}: expected a name ending in {', '.join(_PICTURES)}")
     check_output(path, _PICTURES[path.suffix][0])

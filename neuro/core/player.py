@@ -124,13 +124,13 @@ class Timeline:
 
 
 def closest(speeds: Sequence[tuple[str, float]], speed: float) -> int:
-    """Return the index of the speed that is nearest to a given speed, by their ratio."""
+    """Return the index of the listed speed with the smallest ratio to a given speed."""
     return min(range(len(speeds)), key=lambda k: abs(log(speeds[k][1] / speed)))
 
 
-def evenly(many: int, most: int) -> int:
-    """Return n so that every n-th of `many` items are at most `most` items."""
-    return max(1, -(-many // most))
+def evenly(count: int, limit: int) -> int:
+    """Return n so that every n-th of `count` items gives at most `limit` items."""
+    return max(1, -(-count // limit))
 
 
 def page(
@@ -188,26 +188,26 @@ def page(
 """
 
 
-def write(file: Path, kind: Kind, what: str, make: Callable[[], tuple[str, T]]) -> T:
-    """Write a page; the name of the file is checked before the page is made.
+def write(file: Path, kind: Kind, subject: str, build: Callable[[], tuple[str, T]]) -> T:
+    """Write a page. The name of the file is checked before the page is built.
 
     Args:
         file: path of the page.
         kind: kind of the file.
-        what: subject for the message, such as "a lap is written as".
-        make: function that returns the page as text, and a result.
+        subject: beginning of the message, such as "a lap is written as".
+        build: function that returns the page as text, and a result.
 
     Returns:
-        the result.
+        The result.
 
     Raises:
         ModelError: the name does not end in .html.
         Unwritable: a file of another kind has this name, or the file cannot be written.
     """
     if file.suffix.lower() not in (".html", ".htm"):
-        raise ModelError(f"{file}: {what} a page for a browser: expected a name that ends in .html")
+        raise ModelError(f"{file}: {subject} a page for a browser: expected a name that ends in .html")
     with output(file, kind) as part:
-        text, result = make()
+        text, result = build()
         part.write_text(kind.seal(text), "utf-8")
     return result
 

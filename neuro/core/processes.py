@@ -1,7 +1,7 @@
 """Worker processes of this machine, one job at a time each. A worker that dies is restarted; its job is retried once.
 
-A worker communicates by a pipe, see `neuro.core.worker_process`. Ctrl-C is handled by the parent, and workers end
-with the parent, also if it is killed. Each worker has a process group, so that processes forked by a job end with it.
+A worker communicates by a pipe, see `neuro.core.worker_process`. The parent handles Ctrl-C. Workers end with the
+parent, even if the parent is killed. Each worker leads a process group, so that processes forked by a job end too.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from neuro.core.system import only_on_linux, usable_cores
 
 TRIES = 2
 END_S = 5.0
-"""How long a process that has closed its pipe may take to end."""
+"""Seconds that a process may take to end after its pipe is closed."""
 
 Tell: TypeAlias = Callable[[Any], None]
 """Function that takes a report of a running job."""
 
 Work: TypeAlias = Callable[[Any, int, Tell], Any]
-"""Function of a job, the number of this attempt, and a function to report with; returns the result."""
+"""Function of a job, the number of the attempt, and a function that sends reports; returns the result."""
 
 
 class Lost(ModelError):
-    """A job that is given up: its process ended too often, or exceeded the time limit.
+    """Error of a job that is not tried again: its process ended too often, or exceeded the time limit.
 
     Attributes:
         how: the end of the last process, in words.
@@ -62,7 +62,7 @@ class Task(Future[Any]):
 
     Attributes:
         job: the job.
-        tell: called with each report of the job, by the process that asked.
+        tell: function called in the parent process with each report of the job.
         attempt: number of attempts so far.
     """
 
@@ -79,7 +79,7 @@ class RemoteTraceback(Exception):
 
 
 loading_script = False
-"""Whether this process is one of them, and now runs the script of the process that asked to find what is in it."""
+"""Whether this process is a worker that runs the parent's script to load the functions defined there."""
 
 
 @dataclass(eq=False)
@@ -99,7 +99,7 @@ class _Process:
 
 
 class Processes:
-    """Worker processes for jobs; they start when jobs come, and stay until `close`.
+    """Worker processes for jobs. A process starts when a job needs it, and stays until `close`.
 
     Args:
         begin: function called in each process; it returns the function that runs a job. `begin`, jobs and results
@@ -113,13 +113,13 @@ class Processes:
 
     def __init__(self, begin: Callable[[], Work], count: int, seconds: float | None = None) -> None:
         if loading_script:
-            message = f"{sys.argv[0]}: starts processes wherever it is read, and they read it to find what they run"
-            raise ModelError(message, hint='write the call below: if __name__ == "__main__":')
+            message = f"{sys.argv[0]}: starts processes when it is imported: expected the call in the main block"
+            raise ModelError(message, hint='put the call below: if __name__ == "__main__":')
         only_on_linux("work in several processes")
         self._begin, self._count, self._seconds = begin, count, seconds
         self._waiting: deque[Task] = deque()
         self._processes: list[_Process] = []
-        self._unborn = 0
+        self._failed_starts = 0
 
     def __enter__(self) -> Processes:
         return self
@@ -128,27 +128,27 @@ class Processes:
         self.close()
 
     def close(self) -> None:
-        """End all processes, and what they work on."""
-        for each in self._processes:
-            _kill(each)
+        """End all processes and their jobs."""
+        for worker in self._processes:
+            _kill(worker)
         while self._processes:
             self._terminate(self._processes[-1])
         self._waiting.clear()
 
     @property
     def waiting(self) -> int:
-        """Number of jobs that no process has begun."""
+        """Number of jobs in the queue."""
         return len(self._waiting)
 
     @property
     def free(self) -> int:
-        """Number of further jobs that could begin at once."""
-        return self._count - sum(bool(each.task) for each in self._processes) - len(self._waiting)
+        """Number of further jobs that could start immediately."""
+        return self._count - sum(bool(worker.task) for worker in self._processes) - len(self._waiting)
 
     @property
     def busy(self) -> bool:
         """True if a job is waiting or running."""
-        return bool(self._waiting) or any(each.task for each in self._processes)
+        return bool(self._waiting) or any(worker.task for worker in self._processes)
 
     def put(self, job: Any, tell: Tell | None = None) -> Task:
         """Queue a job, and return its task; `tell` is called with each report."""
@@ -157,150 +157,150 @@ class Processes:
         return task
 
     def hear(self, seconds: float | None = None) -> list[Task]:
-        """Hand jobs out, wait until something is heard of one, and return the tasks that have ended.
+        """Assign waiting jobs, wait for the next message of a process, and return the tasks that have ended.
 
         Args:
-            seconds: to wait at most; None for as long as it takes, and not at all if there is no job.
+            seconds: longest time to wait; None for no limit. Without jobs the call returns at once.
 
         Raises:
-            ModelError: no process can begin.
-            Exception: that `begin` raises.
+            ModelError: no process can start.
+            Exception: the error of `begin`, if it raised one.
         """
         self._hand_out()
-        ended: list[Task] = []
-        ends: list[Any] = [end for each in self._processes for end in (each.pipe, each.end)]
-        signalled = set(connection.wait(ends, self._patience(seconds)))
-        for each in list(self._processes):
-            if each.pipe in signalled:
-                ended += self._receive(each)
-            elif each.end in signalled:
-                ended += self._receive(each) if each.pipe.poll() else self._retry(each)
-        ended += self._end_overdue()
+        finished: list[Task] = []
+        handles: list[Any] = [end for worker in self._processes for end in (worker.pipe, worker.end)]
+        ready_handles = set(connection.wait(handles, self._wait_s(seconds)))
+        for worker in list(self._processes):
+            if worker.pipe in ready_handles:
+                finished += self._receive(worker)
+            elif worker.end in ready_handles:
+                finished += self._receive(worker) if worker.pipe.poll() else self._retry(worker)
+        finished += self._end_overdue()
         self._hand_out()
-        return ended
+        return finished
 
     def _hand_out(self) -> None:
-        working = sum(bool(each.task) for each in self._processes)
+        working = sum(bool(worker.task) for worker in self._processes)
         while len(self._processes) < min(self._count, len(self._waiting) + working):
             self._start()
-        for each in self._processes:
-            if self._waiting and each.has_started and each.task is None:
-                self._ask(each, self._waiting.popleft())
+        for worker in self._processes:
+            if self._waiting and worker.has_started and worker.task is None:
+                self._ask(worker, self._waiting.popleft())
 
     def _start(self) -> None:
-        mine, its = Pipe()
+        own_end, worker_end = Pipe()
         paths = [os.path.abspath(path) for path in sys.path]
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "neuro.core.worker_process", str(its.fileno())],
+            [sys.executable, "-P", "-m", "neuro.core.worker_process", str(worker_end.fileno())],
             stdin=subprocess.DEVNULL,
-            pass_fds=[its.fileno()],
+            pass_fds=[worker_end.fileno()],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
             process_group=0,
         )
-        its.close()
+        worker_end.close()
         os.environ["NEURO_COMPILING_REPORTED"] = (
             "1"  # this process reports compilation, see `neuro.kernels.compile_report`
         )
-        each = _Process(process, mine, os.pidfd_open(process.pid))
-        self._processes.append(each)
+        worker = _Process(process, own_end, os.pidfd_open(process.pid))
+        self._processes.append(worker)
         script = {word: value for word, value in spawn.get_preparation_data("").items() if word.startswith("init_main")}
-        words: dict[str, Any] = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
-        words |= {
+        settings: dict[str, Any] = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
+        settings |= {
             "python_path": os.environ.get("PYTHONPATH"),
             "begin": pickle.dumps(self._begin),
             "read": inputs.recorded_inputs(),
         }
-        _send(each, words)
+        _send(worker, settings)
 
-    def _ask(self, each: _Process, task: Task) -> None:
-        each.task, each.began = task, time.monotonic()
-        each.deadline = each.began + self._seconds if self._seconds else float("inf")
+    def _ask(self, worker: _Process, task: Task) -> None:
+        worker.task, worker.began = task, time.monotonic()
+        worker.deadline = worker.began + self._seconds if self._seconds else float("inf")
         task.attempt += 1
-        _send(each, (task.attempt, task.job))
+        _send(worker, (task.attempt, task.job))
 
-    def _receive(self, each: _Process) -> list[Task]:
+    def _receive(self, worker: _Process) -> list[Task]:
         try:
-            is_, what = pickle.loads(each.pipe.recv_bytes())
+            kind, content = pickle.loads(worker.pipe.recv_bytes())
         except (EOFError, ConnectionResetError):
-            return self._retry(each)
-        if is_ in ("refused", "raised"):
-            error, trace = what
+            return self._retry(worker)
+        if kind in ("refused", "raised"):
+            error, trace = content
             error.__cause__ = RemoteTraceback(trace)
-            if is_ == "refused":
+            if kind == "refused":
                 raise error
-            what = error
-        if is_ == "read":
-            for name in what:
+            content = error
+        if kind == "read":
+            for name in content:
                 inputs.record_input(name)
-        elif is_ == "ready":
-            each.has_started, self._unborn = True, 0
-        elif each.task is not None and is_ == "said":
-            each.task.tell(what)
-        elif each.task is not None:
-            task, each.task, each.deadline = each.task, None, float("inf")
-            task.set_result(what) if is_ == "done" else task.set_exception(what)
+        elif kind == "ready":
+            worker.has_started, self._failed_starts = True, 0
+        elif worker.task is not None and kind == "said":
+            worker.task.tell(content)
+        elif worker.task is not None:
+            task, worker.task, worker.deadline = worker.task, None, float("inf")
+            task.set_result(content) if kind == "done" else task.set_exception(content)
             return [task]
         return []
 
-    def _retry(self, each: _Process) -> list[Task]:
-        """Queue the job of a dead process again; up to `TRIES` attempts, then it is `Lost`."""
-        connection.wait([each.end], END_S)  # a pipe is closed a little before
-        if each.task is not None and each.task.attempt >= TRIES:
-            return self._lose(each)
-        how = self._terminate(each)
-        if each.task is not None:
-            self._waiting.appendleft(each.task)
+    def _retry(self, worker: _Process) -> list[Task]:
+        """Queue the job of a dead process again. After `TRIES` attempts the job is `Lost`."""
+        connection.wait([worker.end], END_S)  # the pipe closes shortly before the process ends
+        if worker.task is not None and worker.task.attempt >= TRIES:
+            return self._lose(worker)
+        outcome = self._terminate(worker)
+        if worker.task is not None:
+            self._waiting.appendleft(worker.task)
             return []
-        self._unborn += not each.has_started
-        if self._unborn >= TRIES:
-            raise ModelError(f"a process that should do runs {how} before its first: see above")
+        self._failed_starts += not worker.has_started
+        if self._failed_starts >= TRIES:
+            raise ModelError(f"a worker process {outcome} before its first job: see its output above")
         return []
 
-    def _lose(self, each: _Process, timed_out: bool = False) -> list[Task]:
+    def _lose(self, worker: _Process, timed_out: bool = False) -> list[Task]:
         """End a process and give up its job."""
-        seconds, how, task = time.monotonic() - each.began, self._terminate(each), each.task
+        seconds, outcome, task = time.monotonic() - worker.began, self._terminate(worker), worker.task
         assert task is not None
-        task.set_exception(Lost(how, task.attempt, seconds, timed_out))
+        task.set_exception(Lost(outcome, task.attempt, seconds, timed_out))
         return [task]
 
     def _end_overdue(self) -> list[Task]:
         """End the processes whose job exceeds the time limit."""
         now = time.monotonic()
-        return [task for each in list(self._processes) if each.deadline < now for task in self._lose(each, True)]
+        return [task for worker in list(self._processes) if worker.deadline < now for task in self._lose(worker, True)]
 
-    def _patience(self, seconds: float | None) -> float | None:
-        """Until when there is nothing to do but listen."""
+    def _wait_s(self, seconds: float | None) -> float | None:
+        """Return the time to wait for a message: until `seconds` or the next deadline; None for no limit."""
         if not self.busy:
             return seconds or 0.0
-        first = min((each.deadline for each in self._processes), default=float("inf"))
-        most = float("inf") if seconds is None else seconds
-        patience = min(most, max(0.0, first - time.monotonic()) + 0.001)
-        return None if patience == float("inf") else patience
+        next_deadline = min((worker.deadline for worker in self._processes), default=float("inf"))
+        limit_s = float("inf") if seconds is None else seconds
+        wait_s = min(limit_s, max(0.0, next_deadline - time.monotonic()) + 0.001)
+        return None if wait_s == float("inf") else wait_s
 
-    def _terminate(self, each: _Process) -> str:
-        """Forget a process, which ends if it has not; how it ended, in words."""
-        self._processes.remove(each)
-        _kill(each)
-        each.pipe.close()
-        os.close(each.end)
-        code = each.process.wait()
+    def _terminate(self, worker: _Process) -> str:
+        """Kill and remove a process. Return the way it ended, in words."""
+        self._processes.remove(worker)
+        _kill(worker)
+        worker.pipe.close()
+        os.close(worker.end)
+        code = worker.process.wait()
         return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
 
 
-def _kill(each: _Process) -> None:
+def _kill(worker: _Process) -> None:
     """Kill a process with its whole group, because children may outlive the process."""
     with suppress(ProcessLookupError):
-        os.killpg(each.process.pid, signal.SIGKILL)
+        os.killpg(worker.process.pid, signal.SIGKILL)
 
 
-def _send(each: _Process, what: Any) -> None:
-    message = pickle.dumps(what)
-    with suppress(BrokenPipeError, ConnectionResetError):  # it has ended, which is heard next
-        each.pipe.send_bytes(message)
+def _send(worker: _Process, content: Any) -> None:
+    message = pickle.dumps(content)
+    with suppress(BrokenPipeError, ConnectionResetError):  # the process has ended; `hear` notices next
+        worker.pipe.send_bytes(message)
 
 
 def cores(threads: int = 1) -> int:
-    """Return the number of processes with so many threads for which this process has cores."""
+    """Return the number of processes that the usable cores can run, at `threads` threads a process."""
     return max(1, usable_cores() // threads)
 
 
@@ -315,17 +315,17 @@ def side_by_side(
     """Run jobs in parallel on the cores of this machine; a single job runs in this process.
 
     If a process is killed, a new one runs the job a second time, so a job should continue from a checkpoint.
-    An interrupt, or the end of this process, ends all. Files given by `--with` run in the workers, too.
+    An interrupt, or the end of this process, ends all workers. Files given by `--with` run in the workers, too.
 
     Args:
-        run: function of a job and of a function to report with; a function of a module or script. Jobs, reports and
+        run: function of a job and of a function that sends reports, defined in a module or script. Jobs, reports and
             results must be picklable.
         jobs: jobs to run.
-        processes: processes at a time; by default the number of cores.
-        report: called in this process with every report.
+        processes: largest number of processes; by default the number of cores.
+        report: function called in this process with every report.
 
     Returns:
-        results in the order of the jobs.
+        Results in the order of the jobs.
 
     Raises:
         ModelError: the process of a job was killed twice.

@@ -18,7 +18,7 @@ def _is_terminal() -> bool:
 
 
 class Bar:
-    """A bar with a description and the remaining time, which is removed at the end.
+    """A progress bar with a description and the remaining time. The bar disappears at the end.
 
     If stderr is no terminal, e.g. a log, a line is printed every ten seconds instead.
     """
@@ -50,12 +50,12 @@ class Bar:
         self._line(text)
 
     def begin(self, done: float) -> None:
-        """Start the clock at this amount of work; the time before is left out of the estimate."""
+        """Start the clock at an amount of work. The estimate leaves out the time before."""
         self._bar.reset(self._task)
         self._began, self._done, self._from = time.monotonic(), done, done
 
     def show(self, done: float, total: float, text: str, line: bool = True) -> None:
-        """Show the progress; an amount below the last one starts new work.
+        """Show the progress. An amount below the previous one restarts the clock.
 
         Args:
             done: completed amount.
@@ -68,8 +68,8 @@ class Bar:
             self._began, self._from = time.monotonic(), 0.0
         self._done = done
         self._bar.update(self._task, description=text, completed=done, total=total)
-        since = done - self._from
-        remaining_s = (time.monotonic() - self._began) * (total - done) / since if since else 0.0
+        work_done = done - self._from
+        remaining_s = (time.monotonic() - self._began) * (total - done) / work_done if work_done else 0.0
         if line:
             self._line(f"{text}, {remaining_s:,.0f} s left" if remaining_s >= 1 else text)
 
@@ -85,9 +85,10 @@ class Bar:
 
 
 def advance(sim: Any, steps: int, bar: Bar) -> float:
-    """Run in stretches of about a fifth of a second. Between them the bar moves and Ctrl-C is handled.
+    """Run a simulation in stretches of about 0.2 s. Between stretches the bar moves and Ctrl-C is handled.
 
-    Running in parts gives the same bits. Processes that share a network must keep step, so they run at once.
+    The results have the same bits as a single run. Processes that share a network must keep step: they run all steps in
+    one stretch.
 
     Args:
         sim: a simulation of `neuro.compile`, or an object that runs like it.
@@ -95,10 +96,10 @@ def advance(sim: Any, steps: int, bar: Bar) -> float:
         bar: bar that shows the progress.
 
     Returns:
-        duration of the first of several steps in s, else 0. The first step compiles kernels, once on a machine, so it
-        is no measure for the others.
+        Seconds of the first step, if there are several steps; else 0. The first step may compile kernels, so its
+        duration says nothing about the others.
     """
-    from neuro.core.clock import Clock  # imports numpy, which a start of the command line avoids
+    from neuro.core.clock import Clock  # imports numpy, which would slow down the start of each command
 
     clock = Clock(sim.program.resolution)
     sim.check_room(steps)

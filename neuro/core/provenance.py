@@ -1,4 +1,4 @@
-"""Provenance of files: the facts that reproduce a file, and that show what has changed since.
+"""Provenance of files: a record of all that is needed to reproduce a file, or to see what has changed.
 
 A record is plain data, written as JSON into every file of results, states, models and reports:
 
@@ -51,13 +51,13 @@ def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[s
         files: input files; by default all files that were read so far.
         of_a_run: backend, threads, seed and network of a run; None is left out.
     """
-    read = _outermost(inputs.recorded_inputs() if files is None else files)
+    outermost = _outermost(inputs.recorded_inputs() if files is None else files)
     return {
         "neuro": VERSION,
         "commit": commit(),
         "versions": versions(),
         **{word: value for word, value in of_a_run.items() if value is not None},
-        "inputs": {name: digest for name in read if (digest := inputs.digest_of(name))},
+        "inputs": {name: digest for name in outermost if (digest := inputs.digest_of(name))},
         "command": command(),
         "folder": os.getcwd(),
         "machine": machine(),
@@ -65,21 +65,21 @@ def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[s
 
 
 def _outermost(files: Iterable[str]) -> list[str]:
-    """Remove this package's tables and files within folders that are inputs; many files of a folder become one."""
+    """Shorten a list of files: drop this package's own and those in listed folders; many files become their folder."""
     own_folder, names = str(_FOLDER / "neuro") + os.sep, list(dict.fromkeys(files))
     names = [name for name in names if not name.startswith(own_folder)]
     if len(names) > _MANY:
         by_folder: dict[str, list[str]] = {}
         for name in names:
             by_folder.setdefault(os.path.dirname(name), []).append(name)
-        names = [name for folder, part in by_folder.items() for name in ([folder] if len(part) > _MANY else part)]
+        names = [name for folder, group in by_folder.items() for name in ([folder] if len(group) > _MANY else group)]
     folders = {name + os.sep for name in names if os.path.isdir(name)}
     return [name for name in names if not any(name.startswith(folder) for folder in folders)]
 
 
 @cache
 def commit() -> str:
-    """Return the commit of the running sources, with "+" if they were edited; "" if they are no checkout."""
+    """Return the commit of the running sources, with "+" after edits; "" outside of a checkout."""
     if not (_FOLDER / ".git").exists():
         return ""
     try:
@@ -127,13 +127,13 @@ def _processor() -> str:
     return model_name[1].strip() if model_name else platform.machine()
 
 
-def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+def differences(record: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:
     """Return the differences between two records as text; command and folder are ignored."""
     lines = []
     for word in ("neuro", "commit", "backend", "threads", "seed", "network", "machine"):
-        if word in then and word in now and then[word] != now[word]:
-            lines.append(f"{word}: {then[word]} then, {now[word]} now")
-    old_versions, new_versions = then.get("versions", {}), now.get("versions", {})
+        if word in record and word in current and record[word] != current[word]:
+            lines.append(f"{word}: {record[word]} then, {current[word]} now")
+    old_versions, new_versions = record.get("versions", {}), current.get("versions", {})
     for name in sorted(old_versions.keys() & new_versions.keys()):
         if old_versions[name] != new_versions[name]:
             lines.append(f"{name}: {old_versions[name]} then, {new_versions[name]} now")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from neuro.core.errors import ModelError, words_of
 
 LARGEST = 2**31 - 1
-"""Largest whole number, and the negative of the smallest, unless a quantity has its own bound."""
+"""Largest absolute value of a whole number, if its quantity has no bound."""
 
 Value: TypeAlias = Any  # float | per-element array | Choice (a distribution) | FromFile; narrowed by check()
 
@@ -25,7 +25,7 @@ class Kind(NamedTuple):
 
     Attributes:
         noun: noun for a value in messages.
-        check: function that returns a value in its canonical form; its arguments are the quantity, the value, and the
+        check: function that returns a value in its canonical form. The arguments are the quantity, the value, and the
             name of the value in messages.
         is_list: True if a value is a list, which may also come from a file.
     """
@@ -151,7 +151,7 @@ def field_of(word: str) -> str:
     return f"{word}_" if keyword.iskeyword(word) else word
 
 
-def with_unit(q: Quantity, value: str, what: str) -> float:
+def with_unit(q: Quantity, value: str, label: str) -> float:
     """Convert a number written with its unit to the unit of the quantity.
 
     Raises:
@@ -162,22 +162,22 @@ def with_unit(q: Quantity, value: str, what: str) -> float:
     try:
         number = converted(value, "ms" if q.kind in ("delay", "times") else q.unit or q.taken_in)
     except ModelError as error:
-        raise error.but(message=f"{what} = {value.strip()}: {error.message}") from None
+        raise error.but(message=f"{label} = {value.strip()}: {error.message}") from None
     if math.isinf(number):
-        raise ModelError(f"{what} = {value.strip()}: expected a number below 1.8e308")
+        raise ModelError(f"{label} = {value.strip()}: expected a number below 1.8e308")
     return number
 
 
-def in_ms(value: Any, what: str) -> Any:
+def in_ms(value: Any, label: str) -> Any:
     """Convert a time written with its unit to ms; other values are returned unchanged.
 
     Raises:
         ModelError: the value has another dimension, or the unit does not exist.
     """
     try:
-        return with_unit(Quantity("ms"), value, what) if is_written(value) else value
+        return with_unit(Quantity("ms"), value, label) if is_written(value) else value
     except ModelError as error:
-        raise error.but(path=words_of(what)) from None
+        raise error.but(path=words_of(label)) from None
 
 
 def is_written(value: Any) -> bool:

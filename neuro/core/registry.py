@@ -56,9 +56,9 @@ class Registry(Mapping[str, T], Generic[T]):
             is an argument of `register`.
         group: group of entry points of installed packages.
         name: function that returns the name of a part.
-        complete: function that returns a third-party part if it has all needed functions, and else raises `TypeError`.
-            It is called at the first use of the part: when a decorator registers a class, functions that follow the
-            class in its module are not defined yet.
+        complete: function that returns a third-party part, or raises `TypeError` if the part lacks a needed function.
+            The registry calls `complete` at the first use of the part, because a decorator registers a class before
+            the rest of its module is defined.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self._registered[name] = part
 
     def check(self, part: T) -> None:
-        """Refuse a part, registered or not, that lacks a needed function.
+        """Raise an error if a part, registered or not, lacks a needed function.
 
         Raises:
             ModelError: a function is missing; the message names it.
@@ -108,7 +108,7 @@ class Registry(Mapping[str, T], Generic[T]):
             self._completed(part)
 
     def close(self, reason: str) -> None:
-        """Refuse further parts, for a reason that messages contain."""
+        """Refuse further parts; messages contain the reason."""
         self._closed_by = self._closed_by or reason
 
     def __getitem__(self, name: str) -> T:
@@ -130,12 +130,12 @@ class Registry(Mapping[str, T], Generic[T]):
                 if self.takes is not None and not self.takes(part):
                     raise ModelError(f"{message}: found {part!r:.60}: expected a {self.kind}")
                 if self._name(part) != name:
-                    raise ModelError(f"{message}: it is called '{self._name(part)}': expected the same name")
+                    raise ModelError(f"{message}: found a part named '{self._name(part)}': expected the same name")
                 self._parts[name] = self._completed(part)
         return self._parts[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Yield names, those of installed packages last, so that built-in parts need no look at entry points."""
+        """Yield all names. Names of installed packages come last, so a search for built-in parts skips entry points."""
         local_names = dict.fromkeys((*self._homes, *self._parts, *self._registered))
         yield from local_names
         yield from (name for name in sorted(self._present()) if name not in local_names)
@@ -155,7 +155,7 @@ class Registry(Mapping[str, T], Generic[T]):
         """Return all parts with their names. Parts of installed packages that cannot be loaded are left out."""
         return _Items(self)
 
-    def _whole_ones(self) -> Iterator[tuple[str, T]]:
+    def _usable_items(self) -> Iterator[tuple[str, T]]:
         for name in self:
             try:
                 part = self[name]
@@ -169,11 +169,11 @@ class Registry(Mapping[str, T], Generic[T]):
             origin = installed(self._group)[name].value
             self._tell(name, f"{self.kind} '{name}' of {origin} is not used: the name is taken")
 
-    def _tell(self, name: str, what: str) -> None:
-        """Warn once of a part of an installed package that cannot be used."""
+    def _tell(self, name: str, problem: str) -> None:
+        """Warn once about an unusable part of an installed package."""
         if name not in self._told:
             self._told.add(name)
-            warnings.warn(what, stacklevel=2)
+            warnings.warn(problem, stacklevel=2)
 
     def _entries(self) -> set[str]:
         return installed(self._group).names if self._group else set()
@@ -193,12 +193,12 @@ class Registry(Mapping[str, T], Generic[T]):
 
 
 class _Values(ValuesView[T]):
-    """The parts of a registry. A part is loaded at its turn, so built-in parts need no look at packages."""
+    """The parts of a registry. Each part is loaded when the iteration reaches it."""
 
     _mapping: Registry[T]
 
     def __iter__(self) -> Iterator[T]:
-        return (part for _, part in self._mapping._whole_ones())
+        return (part for _, part in self._mapping._usable_items())
 
 
 class _Items(ItemsView[str, T]):
@@ -207,7 +207,7 @@ class _Items(ItemsView[str, T]):
     _mapping: Registry[T]
 
     def __iter__(self) -> Iterator[tuple[str, T]]:
-        return self._mapping._whole_ones()
+        return self._mapping._usable_items()
 
 
 @cache
@@ -219,7 +219,7 @@ def installed(group: str) -> EntryPoints:
 
 @cache
 def _installed() -> Any:
-    from importlib.metadata import entry_points  # this import takes as long as the import of all models
+    from importlib.metadata import entry_points  # importing this module takes as long as importing all models
 
     return entry_points()
 
@@ -242,7 +242,7 @@ def register(thing: Any = None, *, kind: str = "") -> Any:
         The part itself.
 
     Raises:
-        ModelError: the part is of no known kind, its name is taken, or it is registered too late.
+        ModelError: the part has no known kind or a name in use, or is registered too late.
     """
     if thing is None:
         return lambda function: register(function, kind=kind)
@@ -279,13 +279,13 @@ def registered() -> int:
 
 
 class OfModule:
-    """The class attribute `arithmetic`: the nearest class or module that defines one of a model's functions.
+    """Descriptor of the class attribute `arithmetic`: the nearest class or module that defines a model's functions.
 
     Functions in the body of a class have no `self`, because the caller writes `model.arithmetic.step(...)`. A subclass
     without functions inherits the functions of the base class. Functions may also be in the module of the class.
 
     Args:
-        functions: names of the functions, one of which must be defined.
+        functions: names of the functions; at least one must be defined.
     """
 
     def __init__(self, functions: Collection[str]) -> None:

@@ -1,8 +1,8 @@
 """Settings as data: frozen dataclasses whose fields have unit, bounds, meaning and source; parts by name.
 
-A method consists of numbers and parts. A part (a segmenter, a readout) comes from the `Registry` of its kind. The
-name of a value is enough if only one part has a value of that name. Otherwise the name of the part and a dot precede,
-as in ``segmenter.tau``. The name of a part replaces the part: ``readout=rbf``.
+A method consists of numbers and parts. A part (a segmenter, a readout) comes from the `Registry` of its kind. A value
+is set by its name, or by part and name, as in ``segmenter.tau``, if several parts have the name. A part is replaced by
+the name of another part, as in ``readout=rbf``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", *, op
     """Make a field for a value, or a tuple of values, within bounds.
 
     Args:
-        default: a tuple takes lists of values, with kind "names" also empty ones; None may stay None.
+        default: default value. A tuple accepts lists, with kind "names" also empty ones; None accepts None.
         unit: physical unit.
         doc: meaning of the value.
         source: origin of the default.
@@ -56,11 +56,11 @@ class Row:
 class Settings:
     """Base of settings: values that are checked when an instance is made.
 
-    A field is made by `setting` or `part`. A plain field has a name as well, but no check; a field with the metadata
-    ``{"fixed": True}`` can be neither changed by name nor written to a file.
+    Make fields with `setting` or `part`. A plain field is not checked. A field with the metadata ``{"fixed": True}``
+    can be neither changed by name nor written to a file.
 
     Class attributes:
-        known_as: the name by which a user chooses the class; the name of the class in small letters if empty.
+        known_as: name by which a user chooses the class; "" for the name of the class in small letters.
     """
 
     known_as: ClassVar[str] = ""
@@ -72,23 +72,23 @@ class Settings:
                 name = f"{place}: {entry.name}" if place else entry.name
                 object.__setattr__(self, entry.name, self.checked(entry, q, getattr(self, entry.name), name))
 
-    def checked(self, entry: Field[Any], q: Quantity, value: Any, what: str) -> Any:
+    def checked(self, entry: Field[Any], q: Quantity, value: Any, label: str) -> Any:
         """Return the value of a field in its canonical form; several values become a tuple.
 
         Args:
             entry: the field.
             q: quantity of the field.
             value: value to check.
-            what: name of the value in messages.
+            label: name of the value in messages.
 
         Raises:
-            ModelError: the value is out of bounds, or no list although the default is a list.
+            ModelError: the value is out of bounds, or is not a list although the default is one.
         """
         if not isinstance(entry.default, tuple) or q.kind == "names":
-            return check(q, value, what)
+            return check(q, value, label)
         if not isinstance(value, (list, tuple)) or not value:
-            raise ModelError(f"{what} = {value!r}: expected a list, each of it {q.expected()}")
-        return tuple(check(q, single, f"{what}[{k}]") for k, single in enumerate(value))
+            raise ModelError(f"{label} = {value!r}: expected a list of elements, each {q.expected()}")
+        return tuple(check(q, single, f"{label}[{k}]") for k, single in enumerate(value))
 
     @classmethod
     def called(cls) -> str:
@@ -96,7 +96,7 @@ class Settings:
         return cls.known_as or cls.__name__.lower()
 
     def place(self) -> str:
-        """Return what messages write before the name of a value, "" for nothing."""
+        """Return the prefix of a value's name in messages; "" for none."""
         return self.called()
 
     @classmethod
@@ -104,39 +104,39 @@ class Settings:
         """Return the fields that can be changed by name."""
         return {entry.name: entry for entry in fields(cls) if "fixed" not in entry.metadata}
 
-    def rows(self, before: str = "") -> Iterator[Row]:
+    def rows(self, prefix: str = "") -> Iterator[Row]:
         """Yield all checked values; values of parts have the name of the part as prefix."""
         for entry in fields(self):
             value = getattr(self, entry.name)
             if isinstance(value, Part):
-                yield Row(before + entry.name, value.called(), "", value.about(), value.source)
-                yield from value.rows(f"{before}{entry.name}.")
+                yield Row(prefix + entry.name, value.called(), "", value.about(), value.source)
+                yield from value.rows(f"{prefix}{entry.name}.")
             elif q := entry.metadata.get("quantity"):
-                yield Row(before + entry.name, value, q.unit, q.doc, entry.metadata["source"])
+                yield Row(prefix + entry.name, value, q.unit, q.doc, entry.metadata["source"])
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Return settings with some values changed.
 
         Args:
-            values: new values by name. A part takes the name of another part, and its values are ``part.value``, or
-                only the name of the value if no other part has that name.
+            values: new values by name. The value of a part is the name of another part. A value inside a part has the
+                name ``part.value``, or only ``value`` if no other part has a value of that name.
 
         Raises:
             ModelError: a name is unknown or ambiguous, or a value is out of bounds.
         """
         known = self.own()
-        new = {name: self._part_of(known[name], v) for name, v in values.items() if _holds_part(known.get(name))}
-        new |= {name: values[name] for name in values if name in known and name not in new}
-        new_settings = replace(self, **new)
-        inner: dict[str, dict[str, Any]] = {}
+        changes = {name: self._part_of(known[name], v) for name, v in values.items() if _holds_part(known.get(name))}
+        changes |= {name: values[name] for name in values if name in known and name not in changes}
+        new_settings = replace(self, **changes)
+        of_parts: dict[str, dict[str, Any]] = {}
         for name in values:
             if name not in known:
                 holder, word = new_settings._holder(name)
-                inner.setdefault(holder, {})[word] = values[name]
-        return replace(new_settings, **{name: getattr(new_settings, name).changed(v) for name, v in inner.items()})
+                of_parts.setdefault(holder, {})[word] = values[name]
+        return replace(new_settings, **{name: getattr(new_settings, name).changed(v) for name, v in of_parts.items()})
 
     def _part_of(self, entry: Field[Any], value: Any) -> Part:
-        """Return the part with a name; the current part keeps its values."""
+        """Return the part with a name. The current part keeps its values."""
         kind: type[Part] = entry.metadata["part"]
         if isinstance(value, kind):
             return value
@@ -144,23 +144,21 @@ class Settings:
         return present if value == present.called() else kind.named(value)
 
     def _holder(self, name: str) -> tuple[str, str]:
-        """Return the part, and the value in it, that a name means."""
+        """Split a name such as "tau" or "segmenter.tau" into the name of the part and the name of the value."""
         parts = {word: getattr(self, word) for word, entry in self.own().items() if _holds_part(entry)}
         part_name, dot, value_name = name.partition(".")
         if dot and part_name in parts:
             return part_name, value_name
         holders = [word for word, part in parts.items() if part.takes(name)]
         if len(holders) > 1:
-            raise ModelError(
-                f"'{name}' could mean {' or '.join(f'{h}.{name}' for h in holders)}: expected one of these"
-            )
+            raise ModelError(f"'{name}' can mean {' or '.join(f'{h}.{name}' for h in holders)}: expected one of these")
         if not holders:
             names = [row.name if dot else row.name.rpartition(".")[2] for row in self.rows()]
             raise unknown(f"setting of {self.place()}", name, names)
         return holders[0], name
 
     def takes(self, name: str) -> bool:
-        """Return whether a value of its own has this name."""
+        """Return whether the part has a value with this name."""
         return name in self.own()
 
     def as_words(self) -> dict[str, Any]:
@@ -176,7 +174,7 @@ class Settings:
 
     @classmethod
     def from_words(cls, words: Mapping[str, Any]) -> Self:
-        """Return the settings from the result of `as_words`, also after storage as JSON."""
+        """Return the settings that `as_words` gave as plain data, also after storage as JSON."""
         values: dict[str, Any] = {}
         for name, entry in cls.own().items():
             value = words[name]

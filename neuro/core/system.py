@@ -17,17 +17,17 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-def only_on_linux(what: str) -> None:
-    """Refuse a part that needs interfaces of Linux.
+def only_on_linux(subject: str) -> None:
+    """Refuse a part that needs Linux on other systems.
 
     Args:
-        what: name of the part, the subject of the message.
+        subject: name of the part, for the message.
 
     Raises:
         ModelError: the system is not Linux.
     """
     if sys.platform != "linux":
-        raise ModelError(f"{what} needs Linux: found the system '{sys.platform}'")
+        raise ModelError(f"{subject} needs Linux: found the system '{sys.platform}'")
 
 
 # Processes started by mpirun work together only on a distributed backend. Otherwise, e.g. in a sweep of independent
@@ -94,7 +94,7 @@ def mapped(function: Callable[[T], R], items: Sequence[T], threads: int) -> Iter
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Stop the collector of cycles while millions of small objects are made, which it would check many times."""
+    """Stop Python's garbage collector while millions of small objects are made. A collection checks them all."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -102,5 +102,5 @@ def uncollected() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.freeze()
-            gc.unfreeze()  # moves the objects to the oldest generation, which is checked least often
+            gc.unfreeze()  # moves the objects to the oldest generation, which the collector checks least often
             gc.enable()

@@ -73,7 +73,7 @@ def _html(table: Table) -> str:
 
 
 def console() -> Any:
-    """Return standard output. If it is no terminal, the width of tables is COLUMNS, or 120."""
+    """Return standard output. If it is no terminal, tables are COLUMNS or 120 characters wide."""
     from rich.console import Console
 
     out = Console(highlight=False)
@@ -90,7 +90,7 @@ def echo(text: str) -> None:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> Any:
-    """Return a table that fits `console()`; columns whose name begins with ">" are numbers, aligned to the right.
+    """Return a table that fits `console()`. Columns with a name that begins with ">" are numbers, aligned to the right.
 
     Cells wrap between words. Words are split only if the longest words of all columns are wider than the console.
     """
@@ -119,7 +119,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str =
 
 
 def _fitted(widths: Sequence[int], lowest: Sequence[int], available: int) -> Sequence[int | None]:
-    """Return the widths of columns, the widest ones reduced towards `least` until all fit; None if they do not fit."""
+    """Reduce the widest columns towards `lowest` until all fit, and return the widths; None if they do not fit."""
     fitted = list(widths)
     while sum(fitted) > available:
         reducible = [k for k, width in enumerate(fitted) if width > lowest[k]]

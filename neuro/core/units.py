@@ -1,4 +1,4 @@
-"""Units: a dimension is a product of powers of mV, ms and pA, the units of all computed values.
+"""Units and dimensions. A dimension is a product of powers of mV, ms and pA, the units of all computed values.
 
 Derived units follow: pA/mV is nS, pA ms/mV is pF, mV/pA is GOhm, 1/ms is kHz.
 """
@@ -61,11 +61,11 @@ def unit_of(dimension: Dimension) -> str:
     if times(dimension, TIME) in _NAMES:
         return f"{_NAMES[times(dimension, TIME)]}/ms"
     powers = dict(zip(("mV", "ms", "pA"), dimension, strict=True))
-    above = [_power(name, power) for name, power in powers.items() if power > 0]
-    below = [_power(name, -power) for name, power in powers.items() if power < 0]
-    if not below:
-        return " ".join(above)
-    return f"{' '.join(above) or '1'}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
+    top = [_power(name, power) for name, power in powers.items() if power > 0]
+    bottom = [_power(name, -power) for name, power in powers.items() if power < 0]
+    if not bottom:
+        return " ".join(top)
+    return f"{' '.join(top) or '1'}/{bottom[0] if len(bottom) == 1 else '(' + ' '.join(bottom) + ')'}"
 
 
 def _power(name: str, power: Fraction) -> str:
@@ -119,8 +119,8 @@ def _unit(expression: Expression, tree: Tree) -> tuple[int, Dimension]:
         case Number(1.0, name) if name in TENS:
             return TENS[name]
         case Binary("*" | "/" as sign, left, right):
-            (a, of_a), (b, of_b) = _unit(expression, left), _unit(expression, right)
-            return (a + b, times(of_a, of_b)) if sign == "*" else (a - b, times(of_a, of_b, -1))
+            (a, dim_a), (b, dim_b) = _unit(expression, left), _unit(expression, right)
+            return (a + b, times(dim_a, dim_b)) if sign == "*" else (a - b, times(dim_a, dim_b, -1))
         case Binary("^", left, Number(power, "")) if power in (1.0, 2.0, 3.0):
             tens, dimension = _unit(expression, left)
             return tens * int(power), times(NONE, dimension, int(power))
@@ -172,27 +172,27 @@ def in_base(value: str) -> tuple[float, Dimension]:
     return scaled(number, tens), dimension
 
 
-def converted(value: str, to: str) -> float:
+def converted(value: str, to_unit: str) -> float:
     """Convert a number with a unit to another unit, as the nearest double, e.g. `1 s` to 1000 in ms.
 
     Args:
         value: number with a unit, for which `is_measure` holds.
-        to: the other unit, "" for none.
+        to_unit: the other unit; "" for none.
 
     Raises:
         ModelError: the number has another dimension, or its unit is unknown.
     """
     try:
-        wanted_tens, target = _tens_of(to)
+        wanted_tens, target = _tens_of(to_unit)
     except ModelError:
         match = _WRITTEN.fullmatch(value)  # a unit without conversion, e.g. a degree
-        if match is None or match[2].strip() != to:
-            raise ModelError(f"expected a number in {to}") from None
+        if match is None or match[2].strip() != to_unit:
+            raise ModelError(f"expected a number in {to_unit}") from None
         return float(match[1])
     number, tens, dimension = _read(value)
     if dimension != target:
         kind = _KINDS.get(target, "a value")
-        raise ModelError(f"expected {kind} in {to}" if to else "expected a number without unit", kind="unit")
+        raise ModelError(f"expected {kind} in {to_unit}" if to_unit else "expected a number without unit", kind="unit")
     return scaled(number, tens - wanted_tens)
 
 

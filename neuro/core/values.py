@@ -44,7 +44,7 @@ def plain(value: Any) -> Any:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Return whether two values are equal. Arrays are compared by value, also in a `FromFile`."""
+    """Return whether two values are equal. Arrays, also those of a `FromFile`, are compared by value."""
     a, b = plain(a), plain(b)
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return type(a) is type(b) and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))

@@ -1,7 +1,7 @@
-"""A process that does jobs, one after the other, started by `neuro.core.processes`.
+"""The main function of a worker process, which `neuro.core.processes` starts.
 
-`python -m neuro.core.worker_process PIPE` reads first how to begin, then one job after the other, and ends when the
-pipe does.
+`python -m neuro.core.worker_process PIPE` reads the settings from the pipe, then jobs in turn, and ends
+when the pipe is closed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from neuro.core.extension import run_extensions
 
 
 class _Unpickler(pickle.Unpickler):
-    """Finds what a script defines, which is run for that as a module, once."""
+    """Unpickler that runs the parent's script once, as a module, when an object of the script is loaded."""
 
     script: Mapping[str, Any] = {}
 
@@ -43,73 +43,73 @@ def _read(message: bytes) -> Any:
 
 
 class _Pipe:
-    """The way back; jobs may tell from several threads."""
+    """The pipe to the parent. Jobs may send from several threads."""
 
     def __init__(self, pipe: connection.Connection) -> None:
-        self._pipe, self._one = pipe, Lock()
+        self._pipe, self._lock = pipe, Lock()
 
-    def tell(self, is_: str, what: Any = None) -> None:
-        message = pickle.dumps((is_, what))
-        with self._one:
+    def tell(self, kind: str, content: Any = None) -> None:
+        message = pickle.dumps((kind, content))
+        with self._lock:
             self._pipe.send_bytes(message)
 
-    def raised(self, is_: str, error: BaseException) -> None:
+    def raised(self, kind: str, error: BaseException) -> None:
         """Send an error with its traceback; an error that cannot be pickled is sent as a RuntimeError with its text."""
         picklable = error
         try:
             pickle.loads(pickle.dumps(error))
         except Exception:
             picklable = RuntimeError(f"{type(error).__name__}: {error}")
-        self.tell(is_, (picklable, "".join(traceback.format_exception(error))))
+        self.tell(kind, (picklable, "".join(traceback.format_exception(error))))
 
 
 def main() -> None:
-    """Do what is asked for until the pipe ends."""
+    """Run jobs until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     pipe = connection.Connection(int(sys.argv[1]))
     requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
-    def hear() -> None:
+    def receive() -> None:
         try:
             while True:
                 requests.put(pipe.recv_bytes())
         except (EOFError, OSError):
             os.killpg(0, signal.SIGKILL)  # the parent has ended, so this process and its forks end, too
 
-    Thread(target=hear, daemon=True).start()
-    back = _Pipe(pipe)
-    words = pickle.loads(requests.get())
-    _prepare(words)
+    Thread(target=receive, daemon=True).start()
+    replies = _Pipe(pipe)
+    settings = pickle.loads(requests.get())
+    _prepare(settings)
     try:
-        run_extensions(words["extensions"])
-        work = _read(words["begin"])()
+        run_extensions(settings["extensions"])
+        work = _read(settings["begin"])()
     except BaseException as error:
-        back.raised("refused", error)
+        replies.raised("refused", error)
         return
-    back.tell("ready")
-    reported = len(words["read"])
+    replies.tell("ready")
+    reported = len(settings["read"])
     while True:
         message = requests.get()
         try:
             attempt, job = _read(message)
-            result = work(job, attempt, lambda what: back.tell("said", what))
+            result = work(job, attempt, lambda content: replies.tell("said", content))
             read = inputs.recorded_inputs()
             if len(read) > reported:
-                back.tell("read", read[reported:])
+                replies.tell("read", read[reported:])
                 reported = len(read)
-            back.tell("done", result)
+            replies.tell("done", result)
         except BaseException as error:
-            back.raised("raised", error)
+            replies.raised("raised", error)
 
 
-def _prepare(words: Mapping[str, Any]) -> None:
+def _prepare(settings: Mapping[str, Any]) -> None:
     """Set arguments, paths and environment to those of the parent."""
     os.environ.pop("PYTHONPATH", None)
-    if words["python_path"] is not None:
-        os.environ["PYTHONPATH"] = words["python_path"]
-    sys.argv[:], sys.path[:] = words["argv"], words["paths"]
-    _Unpickler.script = words["script"]
-    for name in words["read"]:  # files that this process writes have the parent's inputs in their provenance
+    if settings["python_path"] is not None:
+        os.environ["PYTHONPATH"] = settings["python_path"]
+    sys.argv[:], sys.path[:] = settings["argv"], settings["paths"]
+    _Unpickler.script = settings["script"]
+    for name in settings["read"]:  # files that this process writes have the parent's inputs in their provenance
         inputs.record_input(name)
 
 

@@ -15,9 +15,9 @@ from neuro.core.values import is_number, shown
 _BOOLEANS = {"true": "true", "yes": "true", "on": "true", "false": "false", "no": "false", "off": "false"}
 
 
-def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
+def wrong(q: Quantity, value: Any, label: str, *index: int) -> ModelError:
     """Return the error for a value, or for its element at `index`, that a quantity does not accept."""
-    name = f"{what}[{', '.join(map(str, index))}]" if index else what
+    name = f"{label}[{', '.join(map(str, index))}]" if index else label
     assignment = f"{name} has no value" if value is None else f"{name} = {shown(value)}"
     expected = _with_exceeded(q, value).expected()
     if isinstance(value, float) and not math.isfinite(value):
@@ -26,7 +26,7 @@ def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
 
 
 def _with_exceeded(q: Quantity, value: Any) -> Quantity:
-    """Return the quantity, with the bound of whole numbers if the value exceeds that bound on an unbounded side."""
+    """Add the bound of whole numbers to a quantity if the value exceeds it and the quantity has no own bound there."""
     if q.kind in ("integer", "shape", "ids") and is_number(value):
         if q.at_most is None and value > LARGEST:
             return replace(q, at_most=LARGEST)

@@ -95,7 +95,7 @@ def test_thresholds_that_adapted_elsewhere_are_taken():
     adapting = neuro.iaf_psc_exp_adaptive_threshold(**shared)
     ((what, _, way),) = refusals(neuro.compile(net(adapting)).program, "loihi")
     assert what == "population 'cells': iaf_psc_exp_adaptive_threshold"
-    assert way == "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
+    assert way == "adapt on event, then use iaf_psc_exp here, with V_th + theta of each neuron as its V_th"
     sim = neuro.compile(net(adapting), seed=1)
     sim.run(200.0)
     raised = sim.get("cells", "V_th") + sim.get("cells", "theta")

@@ -1,4 +1,4 @@
-"""Reading a description together with the files that it includes, merged by section."""
+"""Read a description together with its included files, merged by section."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VERSION = 1
 
 
 def published() -> dict[str, Path]:
-    """Return the files of the published networks by name. Without the package `neuro_models` there are none."""
+    """Return the files of the published networks by name; empty without the package `neuro_models`."""
     spec = find_spec("neuro_models")
     folders = (spec and spec.submodule_search_locations) or ()
     return {file.stem: file for folder in folders for file in sorted(Path(folder).glob("*.yaml"))}
@@ -36,7 +36,7 @@ def refuse_name(path: Path) -> None:
 
 
 def gather(path: Path, reading: Callable[[Path], Node] = read) -> dict[str, Node]:
-    """Read a file with everything it includes.
+    """Read a file and all files that it includes.
 
     Args:
         path: the file.
@@ -89,7 +89,7 @@ def _included_sections(
         path = inside(node, node.value)
         real = path.resolve()
         if real in chain:
-            names = " -> ".join(p.name for p in [*chain[chain.index(real) :], real])
+            names = " -> ".join(parent.name for parent in [*chain[chain.index(real) :], real])
             raise mistake(node, f"'{node.value}' includes itself: {names}")
         if real in included:
             raise mistake(node, f"'{node.value}' is included twice", "include it once; every file can use its parts")
@@ -98,19 +98,19 @@ def _included_sections(
                 node, f"'{node.value}' is included at level {len(chain)}: expected at most {MAX_DEPTH} levels"
             )
     included.add(real)
-    inner = _sections(reading(path), [*chain, real], included, reading)
-    return {section: part for section, part in inner.items() if section not in OWN}
+    own_sections = _sections(reading(path), [*chain, real], included, reading)
+    return {section: part for section, part in own_sections.items() if section not in OWN}
 
 
 def _merge(merged: dict[str, Node], section: str, parts: Node) -> None:
     if section not in merged:
         merged[section] = parts
         return
-    first = merged[section]
+    first_place = merged[section]
     if section not in GATHERED:
-        raise ModelError(f"'{section}' is defined twice", where=parts.label, hint=f"first at {first.label}")
+        raise ModelError(f"'{section}' is defined twice", where=parts.label, hint=f"first at {first_place.label}")
     for name, node in parts.value.items():
-        if name in first.value:
-            earlier = first.value[name].label
+        if name in first_place.value:
+            earlier = first_place.value[name].label
             raise ModelError(f"{section}: '{name}' is defined twice", where=node.label, hint=f"first at {earlier}")
-    merged[section] = Node({**first.value, **parts.value}, first.where, first.label)
+    merged[section] = Node({**first_place.value, **parts.value}, first_place.where, first_place.label)

@@ -1,9 +1,11 @@
 """Loading of a description in YAML as a `Network`.
 
-Neurons of a population are given by the population's name, by an index such as `{exc: "0:100"}` or `{grid: "2:4, :"}`,
-by ids in a list or a file, or by columns of the table of neurons such as `{brain: {type: KC, side: left}}`. On a
-command line the index follows the name: `exc[0:100]`, `grid[2:4, :]`, ids `exc[[3, 7]]`, columns `brain[type=KC,
-side=left]`.
+| neurons | in YAML | on a command line |
+| --- | --- | --- |
+| whole population | `exc` | `exc` |
+| index | `{exc: "0:100"}`, `{grid: "2:4, :"}` | `exc[0:100]`, `grid[2:4, :]` |
+| ids | `{exc: [3, 7]}`, or a file | `exc[[3, 7]]` |
+| columns of the table of neurons | `{brain: {type: KC, side: left}}` | `brain[type=KC, side=left]` |
 """
 
 from __future__ import annotations
@@ -58,26 +60,26 @@ C = TypeVar("C", bound=Choice)
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 
-def choice(node: Node, kind: str, own: Mapping[str, type[Choice]] | None = None) -> Any:
-    """Return the object that a name, or `{name: {parameters}}`, describes.
+def choice(node: Node, kind: str, network_classes: Mapping[str, type[Choice]] | None = None) -> Any:
+    """Create the object for `name` or `{name: {parameters}}`.
 
     Args:
         node: the name or the mapping.
         kind: the kind of object, a key of `TABLES`.
-        own: classes that the network itself defines, by name.
+        network_classes: classes from the network's own section `models`, by name.
     """
-    own = own or {}
+    network_classes = network_classes or {}
     if isinstance(node.value, Choice):
         return node.value
     if isinstance(node.value, str):
-        cls = _class_named(node.value, node, kind, own)
+        cls = _class_named(node.value, node, kind, network_classes)
         return with_parameters(cls, Node({}, node.where, node.where, node.source))
     if not isinstance(node.value, dict) or len(node.value) != 1:
         raise mistake(
             node, f"{kind}: {found_text(node)}: expected a name, or {{name: {{parameters}}}}", _regroup(node, kind)
         )
     [(name, inner)] = node.value.items()
-    cls = _class_named(name, Node(name, inner.label, inner.label, node.source), kind, own)
+    cls = _class_named(name, Node(name, inner.label, inner.label, node.source), kind, network_classes)
     if inner.value is None:
         raise mistake(inner, f"{name} has no parameters here", f"write only '{name}'")
     return with_parameters(cls, inner)
@@ -104,13 +106,13 @@ def with_parameters(cls: type[C], node: Node) -> C:
         return cls.from_words(values)
 
 
-def value(q: Quantity, node: Node, what: str) -> Any:
-    """Return the value of a parameter. The bounds are checked later, by the class that has the parameter.
+def value(q: Quantity, node: Node, label: str) -> Any:
+    """Return the value of a parameter. The parameter's class checks the bounds later.
 
     Args:
         q: the parameter's quantity.
         node: the node with the value.
-        what: the full name of the parameter, for messages.
+        label: full name of the parameter, for messages.
     """
     if q.part is not None:
         return with_parameters(q.part, node)
@@ -119,7 +121,7 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     if q.kind == "file" and isinstance(node.value, str):
         return recording(node, node.value)
     if q.kind == "events":
-        return of_program(node, what)
+        return of_program(node, label)
     if isinstance(node.value, dict) and "file" in node.value and q.kind == "train":
         return train(node)
     if q.kind == "choices" and q.choice is not None and isinstance(node.value, dict):
@@ -129,12 +131,12 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     if q.choice is not None and (q.at_least is None or isinstance(node.value, (str, dict))):
         return choice(node, q.choice.kind)
     if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
-        distance_words = words(node, (of_distance.called(),), what)
+        distance_words = words(node, (of_distance.called(),), label)
         return of_distance(choice(distance_words[of_distance.called()], "profile"))
     if isinstance(node.value, dict) and "file" in node.value and (q.arrays or KINDS[q.kind].is_list):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
-        _refuse_bare_parameters(node, what)
+        _refuse_bare_parameters(node, label)
         return choice(node, "distribution")
     if q.arrays and isinstance(node.value, str) and node.value.partition("(")[0].strip() in DISTRIBUTIONS:
         return choice(node, "distribution")
@@ -142,65 +144,65 @@ def value(q: Quantity, node: Node, what: str) -> Any:
 
 
 def codes(node: Node) -> tuple[Any, ...]:
-    """Return the codes that a node lists. A single code gives a tuple of one."""
+    """Return the codes of a node, as a tuple even for a single code."""
     items = node.value if isinstance(node.value, list) else [node]
     return tuple(choice(item, "code") for item in items)
 
 
 def _with_array(cls: type[Choice], node: Node) -> Node:
-    """Return the mapping with `file` and `key` moved into the array that the two words describe."""
+    """Return the mapping with the words `file` and `key` replaced by one parameter with the array."""
     parameters = words(node, [*cls.quantities(), *FILE], cls.called(), kind=f"parameter of {cls.called()}")
     file_words = {word: parameters[word] for word in FILE if word in parameters}
     if not file_words:
         return node
-    first = next(iter(file_words.values()))
+    first_word = next(iter(file_words.values()))
     if cls.file_of in parameters:
         message = f"{cls.called()}: found both '{cls.file_of}' and '{next(iter(file_words))}': expected one of them"
-        raise mistake(first, message)
+        raise mistake(first_word, message)
     if "file" not in parameters:
-        raise mistake(first, f"{cls.called()}: found 'key' without 'file': expected both")
-    rest = {word: value for word, value in parameters.items() if word not in file_words}
-    array = Node(file_words, first.where, first.label, first.source)
-    return Node({cls.file_of: array, **rest}, node.where, node.label, node.source)
+        raise mistake(first_word, f"{cls.called()}: found 'key' without 'file': expected both")
+    other_parameters = {word: value for word, value in parameters.items() if word not in file_words}
+    array = Node(file_words, first_word.where, first_word.label, first_word.source)
+    return Node({cls.file_of: array, **other_parameters}, node.where, node.label, node.source)
 
 
-def part(node: Node, accepted: Iterable[str], what: str, needs: Iterable[str]) -> dict[str, Node]:
+def part(node: Node, accepted: Iterable[str], label: str, needs: Iterable[str]) -> dict[str, Node]:
     """Return the words of a part, see `words`.
 
-    If a parameter of the part's model is written one level too high, the error shows the right place.
+    If a parameter of the part's model stands one level too high, the error shows the right place.
     """
     names = list(accepted)
     for word, inner in node.value.items() if isinstance(node.value, dict) else ():
-        if word not in names and (correction := _correct_place(node, word)):
-            raise unknown(f"word of {what}", word, names, inner.label).but(hint=f"write {correction}", suggestion="")
-    return words(node, names, what, needs)
+        if word not in names and (correction := _corrected_line(node, word)):
+            raise unknown(f"word of {label}", word, names, inner.label).but(hint=f"write {correction}", suggestion="")
+    return words(node, names, label, needs)
 
 
-def _correct_place(node: Node, word: str) -> str:
-    """Return the text that puts a misplaced parameter into the choice that has the parameter, or ""."""
+def _corrected_line(node: Node, word: str) -> str:
+    """Return the line with a misplaced parameter in its right place, e.g. `model: {iaf_psc_exp: {tau_m: 5}}`, or ""."""
     for kind, table in TABLES.items():
         choice_node = node.value.get(kind)
         name = choice_node if choice_node is None else choice_node.value
         if isinstance(name, dict):
             name = next(iter(name), None)
-        if isinstance(name, str) and name in table and (parameter := _own_parameter(word, table[name])):
+        if isinstance(name, str) and name in table and (parameter := _parameter_named(word, table[name])):
             return f"{kind}: {{{name}: {{{parameter}: {shown(plain(node.value[word]))}}}}}"
     return ""
 
 
-def _own_parameter(word: str, cls: type[Choice]) -> str:
-    """Return the parameter of a class that a word means, also a word of another tool, or ""."""
+def _parameter_named(word: str, cls: type[Choice]) -> str:
+    """Return the parameter that a word of neuro or of another tool names in a class, or ""."""
     parameters = cls.quantities()
     return next((name for name in (word, *ELSEWHERE.get(word.lower(), ())) if name in parameters), "")
 
 
-def _class_named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) -> type[Choice]:
-    if name in own:
-        return own[name]
+def _class_named(name: str, node: Node, kind: str, network_classes: Mapping[str, type[Choice]]) -> type[Choice]:
+    if name in network_classes:
+        return network_classes[name]
     table = TABLES[kind]
     if name in table:
         return table[name]
-    error = unknown(kind, name, [*own, *table])
+    error = unknown(kind, name, [*network_classes, *table])
     words = (name,) if error.suggestion else (name, *ELSEWHERE.get(name.lower(), ()))
     kinds = [f"'{w}' is a {other}, not a {kind}" for w in words for other, names in TABLES.items() if w in names]
     hint = kinds[0] if kinds else error.hint
@@ -223,19 +225,19 @@ def _regroup(node: Node, kind: str) -> str:
     if not isinstance(node.value, dict):
         return ""
     table = TABLES[kind]
-    names = [word for word in node.value if word in table]
-    names += [n.value for n in node.value.values() if isinstance(n.value, str) and n.value in table]
-    if len(names) != 1:
+    matches = [word for word in node.value if word in table]
+    matches += [inner.value for inner in node.value.values() if isinstance(inner.value, str) and inner.value in table]
+    if len(matches) != 1:
         return ""
-    rest = {
-        _own_parameter(w, table[names[0]]) or w: plain(n)
-        for w, n in node.value.items()
-        if w != names[0] and n.value != names[0]
+    parameters = {
+        _parameter_named(word, table[matches[0]]) or word: plain(inner)
+        for word, inner in node.value.items()
+        if word != matches[0] and inner.value != matches[0]
     }
-    return f"write {shown({names[0]: rest})}"
+    return f"write {shown({matches[0]: parameters})}"
 
 
-def _refuse_bare_parameters(node: Node, what: str) -> None:
+def _refuse_bare_parameters(node: Node, label: str) -> None:
     """Raise an error for `{mean: 1, std: 2}`, which lacks the name of the distribution."""
     if any(word in DISTRIBUTIONS for word in node.value):
         return
@@ -244,7 +246,7 @@ def _refuse_bare_parameters(node: Node, what: str) -> None:
         values_text = shown(plain(node))
         raise mistake(
             node,
-            f"{what} = {values_text}: expected the name of a distribution",
+            f"{label} = {values_text}: expected the name of a distribution",
             f"write {{{candidates[0]}: {values_text}}}",
         )
 
@@ -253,14 +255,14 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
     """Read a network from a YAML file.
 
     Args:
-        path: the file. Other files that the description names must be in its folder or below.
+        path: the file. Files that it names must be in the same folder or below.
         params: values that replace values in the file's section `parameters`.
 
     Returns:
         The network, in which all `$names` are replaced by values.
 
     Raises:
-        ModelError: the description has a mistake. The error has the file, line and column, and the expected value.
+        ModelError: the description has a mistake. The error tells the file, line and column, and the expected value.
     """
     file = file_path(path, "path")
     refuse_name(file)
@@ -276,13 +278,13 @@ def build(sections: Mapping[str, Node], every_mistake: bool = False) -> Network:
 
     Args:
         sections: sections of the description.
-        every_mistake: whether the error has the mistakes of the other parts in the same section as `others`.
+        every_mistake: whether the error lists all mistakes of the section, in `others`.
     """
     return _Builder(sections, every_mistake).network()
 
 
 class _Builder:
-    """Builder of a network, which adds the sections in the order in which they refer to each other."""
+    """Builder of a network. Sections are added in an order in which each refers to earlier ones only."""
 
     def __init__(self, sections: Mapping[str, Node], every_mistake: bool) -> None:
         self.sections, self.every_mistake = sections, every_mistake
@@ -298,33 +300,33 @@ class _Builder:
                 with about(node):
                     settings = {"name": self.net.name, "resolution": self.net.resolution, word: plain(node)}
                     self.net = Network(settings["name"], resolution=settings["resolution"])
-        self.each("models", self.model)
-        self.each("populations", partial(self.part, Population))
-        self.each("projections", partial(self.part, Projection))
-        self.each("signals", partial(self.part, Signal))
-        self.each("groups", self.group)
+        self.add_parts("models", self.add_model)
+        self.add_parts("populations", partial(self.add_part, Population))
+        self.add_parts("projections", partial(self.add_part, Projection))
+        self.add_parts("signals", partial(self.add_part, Signal))
+        self.add_parts("groups", self.add_group)
         self.net.trials_section = self.section(Trials)
         self.net.trials_origin = self.sections["trials"].label if "trials" in self.sections else None
-        self.each("probes", partial(self.part, Probe))
+        self.add_parts("probes", partial(self.add_part, Probe))
         self.net.readout_section = self.section(Readout)
         self.net.world_section = self.section(World)
         self.net.world_origin = self.sections["world"].label if "world" in self.sections else None
         self.net.place = None
-        self.references()
+        self.check_references()
         return self.net
 
-    def each(self, section: str, add: Callable[[str, Node], None]) -> None:
+    def add_parts(self, section: str, add: Callable[[str, Node], None]) -> None:
         if section not in self.sections:
             return
-        word = section.removesuffix("s")
+        kind = section.removesuffix("s")
         errors: list[ModelError] = []
         for name, node in self.sections[section].value.items():
             self.net.place = node.label
-            check_name(name, word, node.label)
+            check_name(name, kind, node.label)
             try:
                 add(name, node)
             except ModelError as error:
-                named_error = error.at(None, f"{word} '{name}'")
+                named_error = error.at(None, f"{kind} '{name}'")
                 if not self.every_mistake:
                     raise named_error from None
                 errors += [named_error, *named_error.others]
@@ -332,7 +334,7 @@ class _Builder:
             errors[0].others = tuple(errors[1:])
             raise errors[0]
 
-    def model(self, name: str, node: Node) -> None:
+    def add_model(self, name: str, node: Node) -> None:
         from neuro.model.equations import model_from_words
 
         with about(node):
@@ -340,7 +342,7 @@ class _Builder:
             table = self.models if issubclass(model, Model) else self.synapses
             table[name] = model
 
-    def part(self, cls: type[Part], name: str, node: Node) -> None:
+    def add_part(self, cls: type[Part], name: str, node: Node) -> None:
         """Add a part to the network. Words that name neurons are read last, so that other errors are reported first."""
         has_table = isinstance(node.value, dict) and "neurons" in node.value
         required = [word for word in cls.needs if not (word == "shape" and has_table)]
@@ -353,20 +355,20 @@ class _Builder:
         with about(node):
             add(name=name, **values)
 
-    def value(self, q: Quantity, word: str, node: Node, others: Mapping[str, Any]) -> Any:
-        """Return the value of a word of a part. `others` has the values of the words before it."""
+    def value(self, q: Quantity, word: str, node: Node, values_so_far: Mapping[str, Any]) -> Any:
+        """Return the value of a word of a part. `values_so_far` has the values of the previous words."""
         if q.kind == "neurons":
             return neurons(node, self.net.populations, word)
         if q.kind == "states":
-            model = others["model"]
+            model = values_so_far["model"]
             quantities = {state.name: state.quantity() for state in model.states if not state.hidden}
             states = words(node, quantities, word, kind=f"state of {model.name}")
             return {state: value(quantities[state], inner, f"{word}.{state}") for state, inner in states.items()}
         if word == "model":
-            return self.by_name(node)
+            return self.model_named(node)
         return choice(node, word, self.synapses) if word == "synapse" else value(q, node, word)
 
-    def by_name(self, node: Node) -> Model:
+    def model_named(self, node: Node) -> Model:
         """Return the model of a population. Populations that give the same name without parameters share one object."""
         name = node.value if isinstance(node.value, str) else ""
         model: Model = self.shared_models[name] if name in self.shared_models else choice(node, "model", self.models)
@@ -374,7 +376,7 @@ class _Builder:
             self.shared_models[name] = model
         return model
 
-    def group(self, name: str, node: Node) -> None:
+    def add_group(self, name: str, node: Node) -> None:
         group = choice(node, "group")
         with about(node):
             self.net.group(name, group)
@@ -385,51 +387,51 @@ class _Builder:
         with within(cls.word):
             return with_parameters(cls, self.sections[cls.word])
 
-    def references(self) -> None:
+    def check_references(self) -> None:
         """Check names of populations and signals in parameters. Names in parts are checked when the parts are added."""
         for name, group in self.net.groups.items():
             node = follow(self.sections["groups"], (name, group.choice.name))
-            self.names(group.choice, node, f"group '{name}'")
+            self.check_names(group.choice, node, f"group '{name}'")
         for name, projection in self.net.projections.items():
             node = follow(self.sections["projections"], (name, "synapse", projection.synapse.name))
-            self.names(projection.synapse, node, f"projection '{name}'")
+            self.check_names(projection.synapse, node, f"projection '{name}'")
         for name, signal in self.net.signals.items():
             if isinstance(signal.values, Choice):
                 node = follow(self.sections["signals"], (name, "values", signal.values.name))
-                self.names(signal.values, node, f"signal '{name}'")
+                self.check_names(signal.values, node, f"signal '{name}'")
         for section in (self.net.trials_section, self.net.readout_section):
             if section is not None:
-                self.names(section, self.sections[section.word], section.word)
+                self.check_names(section, self.sections[section.word], section.word)
 
-        self.world()
+        self.check_world()
 
-    def world(self) -> None:
+    def check_world(self) -> None:
         """Check the names of populations and signals in the section `world`."""
         world, net = self.net.world_section, self.net
         if world is None:
             return
-        critics = {name: each.critic for name, each in (world.reward or {}).items() if hasattr(each, "critic")}
+        critics = {name: rule.critic for name, rule in (world.reward or {}).items() if hasattr(rule, "critic")}
         references: list[tuple[tuple[str, ...], str, str]]
         references = [(("observe", name), "population", name) for name in world.observe]
         references += [(("act", world.act.name, "of"), "population", name) for name in world.act.of]
         references += [(("reward", name), "signal", name) for name in world.reward or {}]
         references += [
-            (("reward", name, world.reward[name].name), "population", each) for name, each in critics.items()
+            (("reward", name, world.reward[name].name), "population", rule) for name, rule in critics.items()
         ]
         for path, kind, name in references:
             parts: Mapping[str, Part] = net.signals if kind == "signal" else net.populations
-            where = follow(self.sections["world"], path).label
+            place = follow(self.sections["world"], path).label
             if name not in parts:
-                raise unknown(kind, name, parts, where).at(None, "world")
+                raise unknown(kind, name, parts, place).at(None, "world")
             if kind == "signal" and net.signals[name].values is not None:
-                message = f"world: signal '{name}' has values of its own: expected one that only the world sets"
-                raise ModelError(message, where=where)
+                message = f"world: signal '{name}' has its own values: expected a signal that only the world sets"
+                raise ModelError(message, where=place)
 
-    def names(self, choice: Choice, node: Node, context: str) -> None:
+    def check_names(self, choice: Choice, node: Node, context: str) -> None:
         for word, name in choice.parameters().items():
             q = choice.quantities()[word]
             if isinstance(name, Choice):
-                self.names(name, follow(node, (word,)), f"{context}: {word}")
+                self.check_names(name, follow(node, (word,)), f"{context}: {word}")
             elif q.kind == "name" and name is not None:
                 kind = "signal" if word in ("signal", "gate") else "population"
                 parts = self.net.signals if kind == "signal" else self.net.populations

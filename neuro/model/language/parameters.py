@@ -1,4 +1,4 @@
-"""Substitution of the `$names` of a description, before anything else is checked."""
+"""Substitution of the `$names` in a description, before other checks."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ _NAME = re.compile(r"[^\W\d]\w*")
 _USE = re.compile(r"\$([^\W\d]\w*)")
 
 
-def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: Where) -> dict[str, Node]:
+def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], origin: Where) -> dict[str, Node]:
     """Replace all `$names` by the values of the parameters.
 
     Args:
-        sections: sections of the description. The result lacks the section `parameters`.
-        overrides: values by name that replace the values in the description.
-        where: the file, for errors about overrides.
+        sections: sections of the description.
+        overrides: values by name, instead of the values in the description.
+        origin: the file, for errors about overrides.
 
     Raises:
         ModelError: a name is unknown, or an override has no effect.
     """
     if not isinstance(overrides, Mapping):
-        raise ModelError(f"params = {shown(overrides)}: expected a mapping from names to values", where=where)
+        raise ModelError(f"params = {shown(overrides)}: expected a mapping from names to values", where=origin)
     parameters = sections["parameters"].value if "parameters" in sections else {}
     for name in overrides:
         if name not in parameters:
-            raise unknown("parameter", name, parameters, where)
+            raise unknown("parameter", name, parameters, origin)
     names = _Names(parameters)
     for name, node in parameters.items():
         if not _NAME.fullmatch(name):
@@ -142,7 +142,7 @@ class _Names:
         raise put_at(node, error if self.nodes else error.but(hint=f"add parameters: {{{name}: ...}}"))
 
     def _value_at(self, value: Node, to: Node, depth: int) -> Node:
-        """Return a copy of a value with the position of the node that uses the value."""
+        """Return a copy of a value at the position of its use."""
         self.n_substituted += 1
         if self.n_substituted > MAX_SUBSTITUTED or depth > MAX_DEPTH:
             limit = f"{MAX_DEPTH} levels" if depth > MAX_DEPTH else f"{MAX_SUBSTITUTED} values"
@@ -155,12 +155,12 @@ class _Names:
         return Node(inner, to.where, to.label, to.source)
 
 
-def as_node(value: Any, at: Node) -> Node:
+def as_node(value: Any, position: Node) -> Node:
     """Return a Python value as a node at the position of another node."""
     if isinstance(value, (list, tuple)):
-        value = [as_node(item, at) for item in value]
+        value = [as_node(item, position) for item in value]
     elif isinstance(value, Mapping):
-        value = {str(word): as_node(item, at) for word, item in value.items()}
+        value = {str(word): as_node(item, position) for word, item in value.items()}
     elif hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0:
         value = value.item()
-    return Node(value, at.where, at.label)
+    return Node(value, position.where, position.label)

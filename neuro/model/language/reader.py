@@ -44,8 +44,8 @@ class Node:
     Attributes:
         value: None, a boolean, number or word, a list of nodes, or a mapping from words to nodes.
         where: position of the value.
-        label: position of the word before the value, or of the value if there is none.
-        text: position of the first letter of a word, or None if escapes shift the positions of its letters.
+        label: position of the word before the value, or of the value if no word precedes.
+        text: position of the first letter of a word; None if escapes shift the letters.
         source: origin of a value that replaced a parameter, such as "$w is set at net.yaml:4:3".
     """
 
@@ -58,7 +58,7 @@ class Node:
 
 @uncollected()
 def read(
-    path: Path, expected: str = "a network", begin: str = "neuro: 1", twice: list[ModelError] | None = None
+    path: Path, expected: str = "a network", begin: str = "neuro: 1", repeated_words: list[ModelError] | None = None
 ) -> Node:
     """Read a YAML file.
 
@@ -66,14 +66,14 @@ def read(
         path: the file.
         expected: the expected content, for messages.
         begin: an example of the first line, for messages.
-        twice: list to which errors about repeated words are appended; the first value then counts. None: they are
+        repeated_words: list for the errors of repeated words; the first value then counts. If None, these errors are
             raised.
 
     Raises:
         ModelError: the file cannot be read, is empty, or uses YAML features beyond plain data.
     """
     text = _text(path)
-    return _Reader(text, str(path), twice).document(expected, begin)
+    return _Reader(text, str(path), repeated_words).document(expected, begin)
 
 
 def _bytes(path: Path) -> bytes:
@@ -86,7 +86,7 @@ def _bytes(path: Path) -> bytes:
                 record_input(path)
                 return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        yaml_names = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
+        yaml_names = [neighbour.name for neighbour in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
         raise ModelError(
             "no such file", where=where, hint=nearest(path.name, yaml_names) if yaml_names else ""
         ) from None
@@ -105,19 +105,19 @@ def _text(path: Path) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        place = _place(data[: error.start].decode("utf-8", "replace"), str(path))
+        place = _place_after(data[: error.start].decode("utf-8", "replace"), str(path))
         if is_hdf5(data):
             hint = f"if it has results, neuro report {path} shows them"
             raise ModelError("found HDF5: expected a YAML file", where=Where(str(path)), hint=hint) from None
         message = f"found the byte 0x{data[error.start]:02x}: expected a YAML file in UTF-8"
         raise ModelError(message, where=place) from None
-    if odd := _UNPRINTABLE.search(text):
-        place = _place(text[: odd.start()], str(path))
-        raise ModelError(f"found the character U+{ord(odd[0]):04X}: expected text", where=place)
+    if unprintable := _UNPRINTABLE.search(text):
+        place = _place_after(text[: unprintable.start()], str(path))
+        raise ModelError(f"found the character U+{ord(unprintable[0]):04X}: expected text", where=place)
     return text
 
 
-def _place(before: str, file: str) -> Where:
+def _place_after(before: str, file: str) -> Where:
     """Return the position after the text `before`."""
     return Where(file, before.count("\n") + 1, len(before) - before.rfind("\n"))
 
@@ -125,14 +125,14 @@ def _place(before: str, file: str) -> Where:
 class _Reader:
     """Converter of the parser's events to nodes, with errors for YAML features beyond plain data."""
 
-    def __init__(self, text: str, file: str, twice: list[ModelError] | None) -> None:
-        self.lines, self.file, self.twice = text.splitlines(), file, twice
+    def __init__(self, text: str, file: str, repeated_words: list[ModelError] | None) -> None:
+        self.lines, self.file, self.repeated_words = text.splitlines(), file, repeated_words
         self.loader = _LOADER(text)
         self.next = self.loader.get_event
 
     def document(self, expected: str, begin: str) -> Node:
         try:
-            return self.one_document(expected, begin)
+            return self.read_one_document(expected, begin)
         except yaml.MarkedYAMLError as error:
             from neuro.model.language.syntax import syntax_error
 
@@ -142,27 +142,27 @@ class _Reader:
         finally:
             self.loader.dispose()
 
-    def one_document(self, expected: str, begin: str) -> Node:
+    def read_one_document(self, expected: str, begin: str) -> Node:
         self.next()
         if isinstance(self.next(), yaml.StreamEndEvent):
             message = f"the file is empty: expected {expected}"
             raise ModelError(message, where=Where(self.file, 1, 1), hint=f"begin: {begin}", kind="empty")
-        root = self.node(self.next(), 0)
+        root = self.read_node(self.next(), 0)
         self.next()
-        after = self.next()
-        if not isinstance(after, yaml.StreamEndEvent):
-            raise ModelError("found a second document: expected one", where=self.place(after.start_mark))
+        next_event = self.next()
+        if not isinstance(next_event, yaml.StreamEndEvent):
+            raise ModelError("found a second document: expected one", where=self.place_of(next_event.start_mark))
         return root
 
-    def place(self, mark: Any) -> Where:
+    def place_of(self, mark: Any) -> Where:
         return Where(self.file, mark.line + 1, mark.column + 1)
 
-    def node(self, event: Any, depth: int, label: Where | None = None) -> Node:
+    def read_node(self, event: Any, depth: int, label: Where | None = None) -> Node:
         mark = event.start_mark
         where = Where(self.file, mark.line + 1, mark.column + 1)
         kind = type(event)
         if kind is yaml.AliasEvent or event.anchor is not None or event.tag is not None:
-            self.refuse(event, where)
+            self.refuse_feature(event, where)
         if depth > MAX_DEPTH:
             raise ModelError(f"found more than {MAX_DEPTH} levels: expected fewer", where=where)
         if kind is yaml.ScalarEvent:
@@ -171,49 +171,49 @@ class _Reader:
         if kind is yaml.SequenceStartEvent:
             value = []
             while type(item := self.next()) is not yaml.SequenceEndEvent:
-                value.append(self.node(item, depth + 1))
+                value.append(self.read_node(item, depth + 1))
         else:
-            value = self.mapping(depth)
+            value = self.read_mapping(depth)
         return Node(value, where, label or where)
 
-    def mapping(self, depth: int) -> dict[str, Node]:
+    def read_mapping(self, depth: int) -> dict[str, Node]:
         words: dict[str, Node] = {}
         while type(key := self.next()) is not yaml.MappingEndEvent:
             mark = key.start_mark
             where = Where(self.file, mark.line + 1, mark.column + 1)
             if type(key) is yaml.AliasEvent or key.anchor is not None or key.tag is not None:
-                self.refuse(key, where)
+                self.refuse_feature(key, where)
             if type(key) is not yaml.ScalarEvent or not key.value:
                 raise ModelError("expected a word before ':'", where=where)
             if key.value == "<<" and key.implicit[0]:
                 raise ModelError("found '<<': the language does not merge mappings: write the words out", where=where)
-            node = self.node(self.next(), depth + 1, where)
+            node = self.read_node(self.next(), depth + 1, where)
             if key.value in words:
                 first = words[key.value].label
                 error = ModelError(f"'{key.value}' is defined twice", where=where, hint=f"first at {first}")
-                if self.twice is None:
+                if self.repeated_words is None:
                     raise error
-                self.twice.append(error)
+                self.repeated_words.append(error)
             else:
                 words[key.value] = node
         return words
 
-    def refuse(self, event: Any, where: Where) -> NoReturn:
+    def refuse_feature(self, event: Any, where: Where) -> NoReturn:
         """Raise the error for an anchor, an alias or a tag."""
         if isinstance(event, yaml.AliasEvent):
-            found_text, hint = f"the alias '*{event.anchor}': expected a value", "use parameters and $names"
+            description, hint = f"the alias '*{event.anchor}': expected a value", "use parameters and $names"
         elif event.anchor is not None:
-            found_text, hint = f"the anchor '&{event.anchor}': expected a value", "use parameters and $names"
+            description, hint = f"the anchor '&{event.anchor}': expected a value", "use parameters and $names"
         else:
-            found_text, hint = (
+            description, hint = (
                 f"the tag '{event.tag.replace('tag:yaml.org,2002:', '!!')}': expected a value without one",
                 "",
             )
-        raise ModelError(f"found {found_text}", where=where, hint=hint)
+        raise ModelError(f"found {description}", where=where, hint=hint)
 
 
 def _text_position(event: Any, where: Where) -> Where | None:
-    """Return the position of the first letter of a word, or None if the word is not in the file letter by letter."""
+    """Return the position of a word's first letter; None if escapes shift the letters."""
     quotes = 1 if event.style else 0
     begin, end = event.start_mark, event.end_mark
     is_literal = begin.line == end.line and end.column - begin.column == len(event.value) + 2 * quotes
@@ -240,7 +240,7 @@ def scalar(text: str, where: Where) -> bool | int | float | str | None:
 
 
 def plain(node: Node) -> Any:
-    """Return the value without positions."""
+    """Return the plain value of a node, without positions."""
     if isinstance(node.value, list):
         return [plain(item) for item in node.value]
     if isinstance(node.value, dict):
@@ -259,7 +259,7 @@ def put_at(node: Node, error: ModelError) -> ModelError:
 
 
 def place(node: Node) -> Where:
-    """Return the position of the value, or of the word before it if there is no value."""
+    """Return the position of the value, or of the word before a missing value."""
     return node.label if node.value is None else node.where
 
 
@@ -270,38 +270,38 @@ def found_text(node: Node) -> str:
     return f"found {shown(plain(node))}"
 
 
-def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = (), kind: str = "") -> dict[str, Node]:
+def words(node: Node, known: Iterable[str], label: str, needs: Iterable[str] = (), kind: str = "") -> dict[str, Node]:
     """Return the words of a mapping.
 
     Args:
         node: the mapping.
         known: the accepted words.
-        what: what the mapping describes, for messages.
+        label: thing that the mapping describes, for messages.
         needs: the required words.
         kind: the kind of the words, for messages. The default is "word of WHAT".
 
     Raises:
         ModelError: the node is not a mapping, or a word is unknown, has no value or is missing.
     """
-    names = list(known)
+    known_words = list(known)
     if not isinstance(node.value, dict):
-        raise mistake(node, f"{found_text(node)}: expected the words of {what}: {', '.join(names)}")
+        raise mistake(node, f"{found_text(node)}: expected the words of {label}: {', '.join(known_words)}")
     for word, value in node.value.items():
-        if word not in names:
-            raise _unknown_word(word, value, names, kind or f"word of {what}")
+        if word not in known_words:
+            raise _unknown_word(word, value, known_words, kind or f"word of {label}")
         if value.value is None:
             raise put_at(value, ModelError(f"{word} has no value", hint="write it after the ':'", found=word))
     for word in needs:
         if word not in node.value:
-            raise ModelError(f"{what} needs '{word}'", where=node.label, missing=word)
+            raise ModelError(f"{label} needs '{word}'", where=node.label, missing=word)
     return node.value
 
 
 def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelError:
     error = unknown(kind, word, names, value.label)
-    before, colon, after = word.partition(":")
-    if colon and before in names and value.value is None:
-        return error.but(hint=f"write '{before}: {after}', with a space after ':'", suggestion="")
+    name, colon, text_after_colon = word.partition(":")
+    if colon and name in names and value.value is None:
+        return error.but(hint=f"write '{name}: {text_after_colon}', with a space after ':'", suggestion="")
     if word.endswith(")"):
         return error.but(hint="write parameters as {name: {word: value}}, without a call", suggestion="")
     return error
@@ -309,11 +309,11 @@ def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelE
 
 @contextmanager
 def about(node: Node, context: str = "") -> Iterator[None]:
-    """Add positions to errors raised inside: the position of the value to which the error's path leads."""
+    """Give each error raised inside the position of the value at the error's path."""
 
     def with_position(error: ModelError) -> ModelError:
-        at = follow(node, error.path)
-        return put_at(at, error.at(None, context)).but(path=(), others=tuple(map(with_position, error.others)))
+        error_node = follow(node, error.path)
+        return put_at(error_node, error.at(None, context)).but(path=(), others=tuple(map(with_position, error.others)))
 
     try:
         yield
@@ -331,7 +331,7 @@ def within(context: str) -> Iterator[None]:
 
 
 def follow(node: Node, path: Iterable[str]) -> Node:
-    """Return the node to which a path of words and indices leads, or the last node that exists on the path."""
+    """Return the node at a path of words and indices, or the last existing node on the path."""
     for step in path:
         inner: Node | None = None
         if isinstance(node.value, dict):
