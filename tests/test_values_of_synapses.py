@@ -157,7 +157,7 @@ def test_chips_have_one_rule_for_a_projection():
     net.population("b", 2, neuro.iaf_psc_exp())
     rule = neuro.stdp(lambda_=[0.1, 0.2], Wmax=[90.0, 80.0])
     net.connect("a", "b", neuro.one_to_one(), rule, weight=40.0, name="w")
-    why = "projection 'w': stdp: lambda, Wmax of each synapse: expected one number, because a rule is for a whole projection"
+    why = "projection 'w': stdp: lambda, Wmax of each synapse: expected one number, because a rule is for a projection"
     for chip in ("loihi", "spinnaker"):
         message = without_place(neuro.compile, net, chip)
         assert why in message

@@ -322,7 +322,7 @@ def no_rule(program: Program, index: int) -> Problem | None:
     elif synapse.chip not in ("", "spinnaker") and not target.chip and not isinstance(target, parrot_neuron):
         why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
     elif parameters := synapse.per_synapse():
-        why = f"{', '.join(parameters)} of each synapse: expected one number, because a rule is for a whole projection"
+        why = f"{', '.join(parameters)} of each synapse: expected one number, because a rule is for a projection"
         way = "give all synapses one number, split the projection, or run on event"
     elif synapse.learns == "pairs" and target.chip:
         why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
