@@ -75,13 +75,13 @@ def test_whatever_h5py_says_of_a_damaged_file_is_told(kept, monkeypatch, error):
     told = refused(kept.resume)
     assert told.startswith(f"{kept.path}: damaged my training 1: ")
     assert "bad heap free list" in told
-    assert told.endswith("hint: delete the file to begin anew")
+    assert told.endswith("hint: delete the file to start again")
 
 
 def test_what_it_was_told_cannot_be_mended_by_hand(kept):
     with h5py.File(kept.path, "r+") as file:
         file.attrs["told"] = json.dumps({**TOLD, "seed": 4})
-    assert "the content does not match the digest\n  hint: delete the file to begin anew" in refused(kept.resume)
+    assert "the content does not match the digest\n  hint: delete the file to start again" in refused(kept.resume)
 
 
 def test_a_way_out_of_its_own(kept, tmp_path):

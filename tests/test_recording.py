@@ -123,7 +123,7 @@ def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch, messages):
     os.kill(child.pid, signal.SIGKILL)
     child.communicate()
     hint = "run.h5.part has the records of an unfinished run"
-    assert refused(neuro.results.read, "run.h5") == f"run.h5: there is no such file\n  hint: {hint}"
+    assert refused(neuro.results.read, "run.h5") == f"run.h5: no such file\n  hint: {hint}"
     results = neuro.results.read("run.h5.part")
     assert results.time >= 5.0
     assert not results.finished

@@ -65,7 +65,7 @@ def test_a_network_beyond_memory_is_refused_at_once(make, most, backend):
     assert time.process_time() - began < 2.0
     assert message.startswith("test_room.py:")
     assert "network 'vast' needs about" in message
-    assert "expected at most what is free, 16,000,000,000 bytes (16.0 GB)\n" in message
+    assert "expected at most the free 16,000,000,000 bytes (16.0 GB)\n" in message
     assert f"hint: most are for {most}: " in message
 
 

@@ -76,6 +76,6 @@ def test_a_backend_that_does_not_note_pre_spikes():
     (problem,) = unnoted(neuro.compile(net, "reference").program)
     assert (problem.what, problem.why) == (
         "probe 'w': weight at pre spikes",
-        "weights that learn can be read between steps only",
+        "learning weights can be read between steps only",
     )
     assert problem.way_out == "record it at intervals, with 'every', or run it on backend 'event'"

@@ -31,7 +31,7 @@ KINDS = {
     "decoders": "Decoders of a world",
     "teachers": "Teachers of a world",
 }
-"""Titles of the catalogue's sections, by the word for `neuro models`."""
+"""Titles of the catalogue's sections by the word that `neuro models` accepts."""
 
 Name = Annotated[
     str, typer.Argument(metavar="[NAME]", help="Model to describe, or kind to list: neurons, synapses, rules, ...")
@@ -42,7 +42,7 @@ Long = Annotated[
 
 
 def models(name: Name = "", long: Long = False) -> None:
-    """List the models, synapses, rules and distributions that network files may name, or describe one of them."""
+    """List the models, synapses, rules and distributions for network files, or describe one in full."""
     from neuro.core.errors import unknown
     from neuro.core.tables import console, table
 
@@ -74,7 +74,7 @@ def models(name: Name = "", long: Long = False) -> None:
 
 
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
-    """Return all models that network files may name, as sections: their titles, each with its classes by name."""
+    """Return all models for network files: the classes by name, by the title of their section."""
     from neuro.coding.codes import CHOICES
     from neuro.coding.world import DECODERS, ENCODERS, TEACHERS
     from neuro.model.distributions import DISTRIBUTIONS
@@ -135,7 +135,7 @@ def describe(choice: type[Choice], out: Any) -> None:
 
 
 def body(choice: type[Choice]) -> str:
-    """Return the description without its source, each paragraph as one line."""
+    """Return the description without the source, as one line per paragraph."""
     text = inspect.cleandoc(choice.__doc__ or "")
     if getattr(choice, "source", ""):
         text = text.partition("Source:")[0]
@@ -148,7 +148,7 @@ def sentence(choice: type[Choice]) -> str:
 
 
 def attribute_line(choice: type[Choice], name: str) -> str:
-    """Return "NAME: VALUE" for a text that some classes have, or "" for the others."""
+    """Return "NAME: VALUE" for an optional text of a class, or "" if the class lacks the text."""
     text = getattr(choice, name, "")
     return f"{name}: {text}" if text else ""
 

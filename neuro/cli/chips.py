@@ -143,7 +143,7 @@ def fit(
 
 
 def _target(name: str) -> Chip:
-    """Return the chip of a name or a table's file.
+    """Return the chip with a name, or of a table file.
 
     Raises:
         ModelError: the chip is unknown, or has neither cores nor limits.
@@ -299,7 +299,7 @@ def energy(
 
 
 def priceable(name: str) -> Chip:
-    """Return the chip or processor of a name or a table's file.
+    """Return the chip or processor with a name, or of a table file.
 
     Raises:
         ModelError: the chip is unknown, or has no energy figures.

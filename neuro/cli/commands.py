@@ -1,4 +1,4 @@
-"""The command `neuro`, with the commands of its apps (entry points of `neuro.commands`) in groups of its help."""
+"""The command `neuro`, with the commands of apps (entry points of `neuro.commands`), in groups in the help."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ PANELS = {
 }
 """Commands of each group of the help, in the order of the help."""
 OTHERS = "Commands of other packages"
-"""Group of the commands that `PANELS` lacks."""
+"""Group of the commands missing in `PANELS`."""
 ORDER = [name for names in PANELS.values() for name in names]
 
 
 class Commands(TyperGroup):
     """The group of all commands.
 
-    The list of commands does not import the apps. A slow or broken app therefore affects its own command only.
+    Listing commands does not import the apps, so a slow or broken app affects only its own command.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all commands: first those of `PANELS` in its order, then the others by name."""
+        """Return the names of all commands: first in the order of `PANELS`, then other commands by name."""
         names = {*super().list_commands(ctx), *apps()}
         return [name for name in ORDER if name in names] + sorted(names - {*ORDER})
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command as the help lists it, or None if no command has the name."""
+        """Return a command with its entry in the help, or None if no command has the name."""
         entry = apps().get(cmd_name)
         command = super().get_command(ctx, cmd_name)
         item = with_extensions(command) if command else placeholder(entry) if entry else None
@@ -62,7 +62,7 @@ class Commands(TyperGroup):
         return item
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        """Import the command that the arguments begin with; return its name, the command and the other arguments.
+        """Import the command named by the first argument; return its name, the command and the other arguments.
 
         Raises:
             ModelError: the command is unknown, or its app cannot be imported.
@@ -81,7 +81,7 @@ class Commands(TyperGroup):
         super().invoke(ctx)
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return all parameters with `--help`, flags without a type."""
+        """Return all parameters, including `--help`. Flags have no type."""
         return [without_type(parameter) for parameter in super().get_params(ctx)]
 
 
@@ -108,7 +108,7 @@ def load(entry: EntryPoint) -> Any:
 
 
 def as_app(command: Any) -> typer.Typer:
-    """Return the typer app of an entry point, which is an app, or a function that becomes an app of one command."""
+    """Return the typer app of an entry point. A function becomes an app with one command."""
     if isinstance(command, typer.Typer):
         return command
     app = typer.Typer(add_completion=False)
@@ -117,7 +117,7 @@ def as_app(command: Any) -> typer.Typer:
 
 
 def placeholder(entry: EntryPoint) -> TyperCommand:
-    """Return a command for the list only, whose help is the line of `summary`."""
+    """Return a command for the list of commands only, with the line of `summary` as help."""
     return TyperCommand(entry.name, help=summary(entry.module, entry.attr))
 
 
@@ -126,14 +126,14 @@ def summary(module: str, name: str = "") -> str:
 
     Args:
         module: name of the module, such as "neuro_sweeps.cli".
-        name: name of the function. If the module has no function of the name, its own docstring is read.
+        name: name of the function. Without such a function, the module's docstring is read.
 
     Returns:
-        the line, or "" if the file has no docstring or cannot be read.
+        The line, or "" if the file has no docstring or cannot be read.
     """
     package, *submodules = module.split(".")
     try:
-        spec = find_spec(package)  # the spec of an inner module would import the package
+        spec = find_spec(package)  # finding the spec of a submodule would import the package
         assert spec is not None
         folder = spec.submodule_search_locations
         file = Path(next(iter(folder))).joinpath(*submodules) if folder else Path(spec.origin or "")
@@ -162,7 +162,7 @@ def with_extensions(command: Any) -> Any:
 
 
 def without_type(parameter: Any) -> Any:
-    """Return the parameter; the help of a flag shows no `<bool>`."""
+    """Return the parameter; for a flag, the help then shows no `<bool>`."""
     if getattr(parameter, "is_flag", False):
         parameter.metavar = ""
     return parameter
@@ -170,7 +170,7 @@ def without_type(parameter: Any) -> Any:
 
 @cache
 def _option() -> Any:
-    """Return the option `--with`; the option is eager, so that its files run before other options name their parts."""
+    """Return the eager option `--with`. Its files run first, because other options may name their parts."""
     app = typer.Typer(add_completion=False)
     app.command()(_with_option)
     return next(p for p in typer.main.get_command(app).params if "--with" in p.opts)
@@ -199,7 +199,7 @@ def _with_option(
             is_eager=True,
             expose_value=False,
             callback=_run_extensions,
-            help="Python file with models of your own, which is run first; repeatable.",
+            help="Python file with your own models, to run before the command; repeatable.",
         ),
     ] = [],  # noqa: B006
 ) -> None:

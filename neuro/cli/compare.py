@@ -39,7 +39,7 @@ def compare(
     html: Html = None,
     rules: Rules = False,
 ) -> None:
-    """Run a network on several backends and compare their spikes, weights, counts and energy with the first one's."""
+    """Run a network on several backends and compare spikes, weights, counts and energy with the first backend."""
     from neuro.compare import compare as run
     from neuro.compare.report import PAGE
     from neuro.compare.result import JSON
@@ -81,7 +81,7 @@ def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> N
 
 
 def write(comparison: Comparison, page_part: Path | None, json_part: Path | None) -> None:
-    """Write the HTML page and the JSON file, each unless its path is None."""
+    """Write the HTML page and the JSON file. A path of None leaves one out."""
     from neuro.compare.report import PAGE, page
     from neuro.compare.result import JSON
 
@@ -106,7 +106,7 @@ def print_comparison(comparison: Comparison, as_json: bool, files: list[Path]) -
 
 
 def _check_apart(html: Path | None, out: Path | None) -> None:
-    """Refuse one file for both the page and the JSON."""
+    """Refuse the same file for the page and the JSON."""
     if html is not None and out is not None and html.resolve() == out.resolve():
         raise typer.BadParameter(f"'{out}' is the page already: expected another name", param_hint="'--out'")
 
@@ -143,7 +143,7 @@ def verify(folder: Folder, backend: Chosen = None, as_json: VerifyJson = False) 
 
 
 def figures_of(result: Result) -> dict[str, Any]:
-    """Return a result for JSON; an infinite error is null, because JSON has no infinity."""
+    """Return a result for JSON, with null for an infinite error, because JSON has no infinity."""
     return asdict(result) | ({} if math.isfinite(result.error) else {"error": None})
 
 

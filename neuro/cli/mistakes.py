@@ -23,7 +23,7 @@ _EXPECTED = {
     "greater_than_equal": "a number >= {ge}",
     "less_than_equal": "a number <= {le}",
 }
-"""What an option expects, by typer's word for a wrong value."""
+"""Accepted values of an option, by typer's type of the error."""
 _ITEM = "\n    - "
 _LIST = re.compile(rf"({_ITEM}[^\n]*)+")
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
@@ -31,7 +31,7 @@ UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no publ
 
 @contextmanager
 def telling() -> Iterator[None]:
-    """Print each user's error and warning of the block as a message; an error exits with status 2, without a traceback.
+    """Print user errors and warnings in the block as messages. An error exits with status 2, without a traceback.
 
     An exception that is not a user's error is raised again.
     """
@@ -39,7 +39,7 @@ def telling() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.showwarning = _tell
             yield
-            if sys.stdout is not None:  # None if the shell closed it before the start
+            if sys.stdout is not None:  # stderr is None if the shell closed it before the start
                 sys.stdout.flush()
     except BrokenPipeError:  # the reader of the pipe, e.g. `head`, has ended
         _give_up_output()
@@ -61,7 +61,7 @@ def telling() -> Iterator[None]:
 def listed_approximations() -> Iterator[None]:
     """Print warnings in full, including lists such as a rule's differences on a chip."""
     previous = warnings.showwarning
-    warnings.showwarning = lambda message, *more, **options: _print_warning(str(message))
+    warnings.showwarning = lambda message, *number_and_command, **options: _print_warning(str(message))
     try:
         yield
     finally:
@@ -81,11 +81,11 @@ def counted_approximations(backend: str, command: str) -> Iterator[None]:
     approximations: list[str] = []
     previous = warnings.showwarning
 
-    def count(message: Warning | str, category: type[Warning], *more: Any, **options: Any) -> None:
+    def count(message: Warning | str, category: type[Warning], *number_and_command: Any, **options: Any) -> None:
         if issubclass(category, ApproximationWarning):
             approximations.append(str(message))
         else:
-            previous(message, category, *more, **options)
+            previous(message, category, *number_and_command, **options)
 
     warnings.showwarning = count
     try:
@@ -102,7 +102,7 @@ def counted_approximations(backend: str, command: str) -> Iterator[None]:
 
 
 def _give_up_output() -> None:
-    """Send the rest of standard output to the null device; otherwise Python would flush it again at exit."""
+    """Send further standard output to the null device. Otherwise Python would flush it again at exit."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -116,12 +116,12 @@ def _output_error(error: Exception) -> str | None:
 
 
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **options: object) -> None:
-    """Print a warning without the line of code that raised it; a list in the warning is replaced by its length."""
+    """Print a warning without its line of code. A list in the warning is replaced by its length."""
     _print_warning(_LIST.sub(_number_of_items, str(message)))
 
 
 def _number_of_items(items: re.Match[str]) -> str:
-    """Return the number of items in a list of differences, and the command that prints the list."""
+    """Return text with the number of items in a list of differences and the command that prints the list."""
     return f" {items[0].count(_ITEM)}, listed by neuro fit"
 
 
@@ -141,7 +141,7 @@ def mistake(error: Exception) -> str | None:
     if isinstance(error, UsageError):
         return usage(error)
     if isinstance(error, MemoryError):
-        return f"this needs more memory than there is: {error}"
+        return f"more memory is needed than is free: {error}"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return None
@@ -156,7 +156,7 @@ def _usage(context: Any) -> str:
 
 
 def _unknown_option(name: str, context: Any) -> str:
-    """Return the message for an unknown option, with the most similar options of the command."""
+    """Return the message for an unknown option. The hint names the most similar options of the command."""
     from neuro.core.hints import close_names
 
     known = [word.lstrip("-") for p in context.command.params for word in p.opts if word.startswith("--")]
@@ -166,7 +166,7 @@ def _unknown_option(name: str, context: Any) -> str:
 
 
 def _expected(error: Exception) -> str:
-    """Return the value that typer refused and the values that it expects; "" for errors of another kind."""
+    """Return text with the refused value and the accepted values; "" for other errors."""
     first: Any = getattr(error.__cause__, "errors", lambda: [{"type": ""}])()[0]
     expected = _EXPECTED.get(first["type"])
     return f"'{first['input']}': expected {expected.format(**first.get('ctx', {}))}" if expected else ""

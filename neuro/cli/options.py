@@ -1,4 +1,4 @@
-"""Options that several commands share, and the parsers of their values."""
+"""Options of several commands, and the parsers of their values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def stoppable(outcome: str | Callable[[], str]) -> Iterator[Bar]:
     """Show a progress bar during the block; Ctrl-C removes the bar, prints the outcome and exits with status 130.
 
     Args:
-        outcome: state of the files after an interrupt, such as "out.h5 is not written", or a function that returns it.
+        outcome: text about the files after an interrupt, such as "out.h5 is not written", or a function for the text.
             Notes of the exception are printed instead.
     """
     with Bar() as bar:
@@ -36,7 +36,7 @@ def stoppable(outcome: str | Callable[[], str]) -> Iterator[Bar]:
 
 
 def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
-    """Raise an error if the command line has one of the named options, which have no effect without `needs`.
+    """Raise an error for named options on the command line that have no effect without `needs`.
 
     Example: ``refuse_unused(context, "a network with a world", "steps")`` refuses `--steps` for other networks.
     """
@@ -61,7 +61,7 @@ def group(name: str, about: str) -> typer.Typer:
 
 
 def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Replace each argument of a command that is a dataclass of settings by options for the fields of the dataclass.
+    """Replace arguments of a command that are dataclasses of settings by one option for each field.
 
     ``def train(file: Path, plan: TrainingPlan)`` gets an option for each field of `TrainingPlan` that `setting` made
     with ``option=``. The option has the placeholder, the description and the default of the field. Fields of other
@@ -70,13 +70,13 @@ def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
     settings: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
     hints = get_type_hints(command, include_extras=True)
-    for each in inspect.signature(command).parameters.values():
-        kind = hints[each.name]
+    for argument in inspect.signature(command).parameters.values():
+        kind = hints[argument.name]
         if isinstance(kind, type) and is_dataclass(kind):
-            settings[each.name] = kind
+            settings[argument.name] = kind
             parameters += _options_of(kind)
         else:
-            parameters.append(each.replace(kind=each.KEYWORD_ONLY, annotation=kind))
+            parameters.append(argument.replace(kind=argument.KEYWORD_ONLY, annotation=kind))
 
     @wraps(command)
     def wrapper(**values: Any) -> Any:
@@ -95,9 +95,9 @@ def option(
     default: Any = None,
     parser: Callable[[str], Any] | None = None,
     panel: str | None = None,
-    **more: Any,
+    **metadata: Any,
 ) -> Any:
-    """Return a field of a dataclass that `with_settings` turns into an option.
+    """Return a field of a dataclass, for `with_settings` to make an option of it.
 
     Args:
         words: name and placeholder of the option, such as "--for MS"; a flag has only a name.
@@ -105,15 +105,15 @@ def option(
         default: value without the option.
         parser: function that converts the text of the value.
         panel: heading of the group in the command's help; None for "Options".
-        more: other metadata of the field.
+        metadata: other metadata of the field.
     """
     name, *metavar = words.split()
     made = typer.Option(name, metavar=metavar[0] if metavar else None, parser=parser, help=doc, rich_help_panel=panel)
-    return field(default=default, metadata={"typer": made, "name": name, **more})
+    return field(default=default, metadata={"typer": made, "name": name, **metadata})
 
 
 def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
-    """Return a parameter of a command for each field of the settings that has an option."""
+    """Return a command's parameters for those fields of the settings with an option."""
     types, parameters = get_type_hints(kind), []
     for entry in fields(kind):
         value_type: Any = list[str] if isinstance(entry.default, tuple) else types[entry.name]
@@ -160,20 +160,20 @@ def moment(text: str) -> float:
         raise ModelError(f"--between: found '{text}': expected a time in ms") from None
 
 
-def whole(text: str, least: int) -> int:
+def whole(text: str, lowest: int) -> int:
     """Parse a whole number >= least."""
     try:
         number = int(text)
     except ValueError:
-        number = least - 1
-    if number < least:
-        raise typer.BadParameter(f"'{text}': expected a whole number >= {least}")
+        number = lowest - 1
+    if number < lowest:
+        raise typer.BadParameter(f"'{text}': expected a whole number >= {lowest}")
     return number
 
 
 @contextmanager
 def resumable() -> Iterator[None]:
-    """On Ctrl-C during the block, print that the command can be resumed and exit with status 130."""
+    """On Ctrl-C in the block, print how to resume the command, and exit with status 130."""
     try:
         yield
     except KeyboardInterrupt:
@@ -182,20 +182,20 @@ def resumable() -> Iterator[None]:
 
 
 def name_list(text: str) -> list[str]:
-    """Parse different names with commas between them."""
+    """Parse a list of different names, separated by commas."""
     names = [name.strip() for name in text.split(",") if name.strip()]
     if not names or len(set(names)) < len(names):
         raise typer.BadParameter(f"'{text}': expected different names with commas between them")
     return names
 
 
-def at_least(least: int) -> Callable[[str], int]:
+def at_least(lowest: int) -> Callable[[str], int]:
     """Return a parser of whole numbers >= least."""
-    return lambda text: whole(text, least)
+    return lambda text: whole(text, lowest)
 
 
 def seeds(text: str) -> tuple[int, ...]:
-    """Parse whole numbers >= 0 with commas between them."""
+    """Parse a list of whole numbers >= 0, separated by commas."""
     return tuple(whole(part, 0) for part in text.split(","))
 
 
@@ -227,17 +227,17 @@ def number(value: Any) -> Any:
 
 
 def network(text: str) -> Path:
-    """Return the path of a network file, or of a published network; an existing file of the name has precedence."""
+    """Return the path of a network file, or of a published network if no such file exists."""
     from neuro.core.hints import near
     from neuro.model.language.including import published
 
     path = Path(text)
     if path.suffix or path.exists():
         return path
-    files = published()
-    if text not in files and (hint := near(text, files)):
+    names = published()
+    if text not in names and (hint := near(text, names)):
         raise typer.BadParameter(f"'{text}': no such file, and no published network of that name: {hint}")
-    return files.get(text, path)
+    return names.get(text, path)
 
 
 NetworkFile = Annotated[

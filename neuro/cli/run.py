@@ -1,4 +1,4 @@
-"""Running a network, and pictures and pages of its results: `neuro run`, `plot` and `report`."""
+"""Commands that run a network and show the results: `neuro run`, `plot` and `report`."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def run(
     """Run a network and write spikes, traces, weights and the network itself to one HDF5 file.
 
     A network with a world acts and learns there until --for, --steps, --episodes or --until, whichever is first. The
-    default of --for counts only if none of the others is set.
+    default of --for applies only if no other limit is set.
     """
     from neuro.core.clock import Clock
     from neuro.core.outputs import check_output
@@ -171,7 +171,7 @@ def run(
 
 
 def approximations(file: Path | str, backend: str, verbose: bool) -> AbstractContextManager[None]:
-    """Return a context that prints each approximation of the backend during compilation, or only their number."""
+    """Return a context for compilation that prints the backend's approximations, or only their number."""
     from neuro.chips.known import CHIPS, is_table
 
     if verbose:
@@ -186,7 +186,7 @@ def _run_then_write(
 ) -> tuple[Results, float]:
     """Run the network, then write all results at once.
 
-    A pipe cannot be written piece by piece. Of several processes one writes, and any may be killed during the run.
+    Use this for a pipe, which cannot be written piece by piece, and for several processes, of which only one writes.
 
     Returns:
         the results, without weights in the processes that do not write, and the time of the first steps from
@@ -238,12 +238,12 @@ def share_among_processes(backend: str) -> None:
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
 
-def print_energy(sim: Simulation, of: str = "", parts: int = 1) -> None:
-    """Print one line with the energy and time of the run on the chip that the backend emulates, if it emulates one.
+def print_energy(sim: Simulation, unit: str = "", parts: int = 1) -> None:
+    """Print one line with the energy and time of the run on the emulated chip; nothing for other backends.
 
     Args:
         sim: the simulation, after its run.
-        of: unit that the figures are per, such as "control step"; the whole run if empty.
+        unit: unit of the figures, such as "control step"; "" for the whole run.
         parts: number of these units in the run.
     """
     from neuro.chips.known import CHIPS
@@ -251,29 +251,29 @@ def print_energy(sim: Simulation, of: str = "", parts: int = 1) -> None:
 
     if sim.backend in CHIPS:
         try:
-            text = sim.energy(sim.backend).per(max(1, parts), of or "run").totals()
+            text = sim.energy(sim.backend).per(max(1, parts), unit or "run").totals()
         except ModelError as error:
             text = f"not priced: {error.message}"
-        typer.echo(f"{sim.backend}: {text}{of and ', each '}{of}")
+        typer.echo(f"{sim.backend}: {text}{unit and ', each '}{unit}")
 
 
 def silent_inputs(sim: Simulation) -> list[str]:
-    """Return the names of the spike generators if none of them has emitted a spike, or else an empty list."""
+    """Return the names of the spike generators if all were silent, else an empty list."""
     counts = sim.counts().populations
     inputs = [part.name for part in sim.program.populations if part.kind not in ("neuron", "current")]
     return [] if any(counts[name].spikes for name in inputs) else inputs
 
 
 def warn_of_silence(inputs: list[str]) -> None:
-    """Warn that the counts and the energy are those of a network without input, if there are silent inputs."""
+    """Warn about silent inputs: counts and energy are then those of a network without input."""
     if inputs:
-        message = f"no input emitted a spike ({', '.join(inputs)}): all figures are of a network without input"
+        message = f"no input emitted a spike ({', '.join(inputs)}): all figures are those of a network without input"
         hint = "set spikes or rates of the generators, or inject spikes from a program"
         typer.echo(f"warning: {message}\n  hint: {hint}", err=True)
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:
-    """Add probes for the spikes of the named generators, whose spikes are not recorded by default.
+    """Add probes for the spikes of named generators. By default generators are not recorded.
 
     Raises:
         ModelError: a population is unknown, or emits no spikes.
@@ -322,7 +322,7 @@ def rates(results: Results) -> Iterator[tuple[str, ...]]:
 
 
 def weights(results: Results) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each projection that learnt: number, mean, standard deviation and range of the weights."""
+    """Yield a row for each learnt projection: number, mean, standard deviation and range of its weights."""
     for name, part in results.projections.items():
         if part.weight is not None and part.weight.size and part.counts["learning_updates"]:
             weight = part.weight
@@ -341,7 +341,7 @@ def recorded(results: Results) -> str:
 
 
 def trace_text(trace: Trace) -> str:
-    """Describe the recording of a probe, e.g. "V_m of 3 neurons at 1,000 times"."""
+    """Describe the record of a probe, e.g. "V_m of 3 neurons at 1,000 times"."""
     from neuro.core.errors import some
 
     part, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
@@ -438,7 +438,7 @@ def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format:
 
 
 def _overlaps(trace: Trace, views: Sequence[View]) -> bool:
-    """Return whether a trace has a neuron in a view of its population; without views of the population, True."""
+    """Return whether a trace has a neuron in a view of its population, or its population has no view."""
     own_views = [view for view in views if view.population.name == trace.population]
     if not own_views or trace.single or trace.ids is None:
         return True

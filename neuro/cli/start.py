@@ -32,7 +32,7 @@ def by_name(folder: Traversable) -> dict[str, Traversable]:
 
 
 def about(file: Traversable) -> str:
-    """Return the first sentence of a file: of a network's leading comment, or of a script's docstring."""
+    """Return the first sentence of a network's leading comment or of a script's docstring."""
     line = file.read_text("utf-8").partition("\n")[0]
     return line.removeprefix("# ").removeprefix('"""').partition(". ")[0].removesuffix(".")
 
@@ -41,7 +41,7 @@ RECORDINGS = {
     "shapes.zip": "36 short event-camera recordings of a cross, a ring and a square, in class folders",
     "walk.dat": "event-camera recording of a walking figure: 1 s, 64 x 48 px",
 }
-"""Descriptions of the binary examples. Those of networks are read from their first line."""
+"""Descriptions of the binary examples. A network's description is its first line."""
 
 Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of example files; see --list.")]
 ListExamples = Annotated[bool, typer.Option("--list", help="List all example files.")]
@@ -59,7 +59,7 @@ def example(names: Names = [], list_all: ListExamples = False) -> None:  # noqa:
         console().print(table(("example", "description"), rows))
         return
     if not names:
-        raise ModelError("which example? expected the names of files", hint="neuro example net.yaml, or --list")
+        raise ModelError("no example named: expected the names of files", hint="neuro example net.yaml, or --list")
     for name in names:
         if name not in known:
             raise unknown("example", name, known)
@@ -74,7 +74,7 @@ def example(names: Names = [], list_all: ListExamples = False) -> None:  # noqa:
 
 
 def check_free(path: Path, content: bytes) -> None:
-    """Check that writing the content replaces no other file.
+    """Raise an error if writing the content would replace another file.
 
     Raises:
         ModelError: the path exists with different content.
@@ -109,10 +109,10 @@ next:
   neuro agent watch agent.h5 world:Room --out episode.html
 """,
 }
-"""Next commands for a template, by the file whose first line describes the template."""
+"""Next commands for a template, by the name of its describing file, see `_head`."""
 _FIRST = "balanced-network"
 _RECORDINGS = {"classifier": "shapes.zip", "event-camera": "walk.dat"}
-"""Examples that are copied into the folder of a template."""
+"""Examples to copy into the folder, by template."""
 _NAME = re.compile(r"[A-Za-z][\w.-]*", re.ASCII)
 
 Folder = Annotated[Path | None, typer.Argument(metavar="NAME", help="Folder to create.")]
@@ -128,9 +128,9 @@ ListTemplates = Annotated[bool, typer.Option("--list", help="List the templates.
 
 
 def new(name: Folder = None, template: Template = None, list_all: ListTemplates = False) -> None:
-    """Create a folder to start from: a commented network, a script that runs the network, and a test.
+    """Create a starting folder: a commented network, a script that runs the network, and a test.
 
-    'neuro new classifier' uses the template classifier, because the folder has the template's name.
+    'neuro new classifier' uses the template 'classifier': a folder's name selects the template of that name.
     """
     from neuro.core.errors import ModelError, unknown
     from neuro.core.hints import close_names
@@ -142,7 +142,7 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
         console().print(table(("template", "description"), rows))
         return
     if name is None:
-        raise ModelError("which folder? expected the name of one to make", hint="neuro new my-network, or --list")
+        raise ModelError("no folder named: expected the name of a new folder", hint="neuro new my-network, or --list")
     similar = [] if template or name.name in templates else close_names(name.name, list(templates))
     template = template or (name.name if name.name in templates else _FIRST)
     if template not in templates:
@@ -162,15 +162,15 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
 
 
 def _head(template: Traversable) -> str:
-    """Return the name of the file whose first line describes the template."""
+    """Return the name of the template's describing file, with the description in its first line."""
     return next(name for name in NEXT if (template / name).is_file())
 
 
 def check_name(path: Path) -> None:
-    """Check that a folder's name needs no quotes in a shell and does not look like an option.
+    """Raise an error if a folder's name needs quotes in a shell, or looks like an option.
 
     Raises:
-        ModelError: the name has a character that is no letter, digit, `_`, `-` or `.`, or does not begin with a letter.
+        ModelError: the name has a character other than letters, digits, `_`, `-` and `.`, or begins with no letter.
     """
     from neuro.core.errors import ModelError
 
@@ -184,7 +184,7 @@ def check_name(path: Path) -> None:
 
 @contextmanager
 def filled(folder: Path) -> Iterator[Path]:
-    """Provide a temporary folder that is renamed to the folder if the block succeeds, and deleted otherwise.
+    """Provide a temporary folder. If the block succeeds, it gets the name `folder`; otherwise it is deleted.
 
     Raises:
         Unwritable: the path exists and is not an empty folder, or cannot be written.
@@ -194,13 +194,13 @@ def filled(folder: Path) -> Iterator[Path]:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise Unwritable(folder, "is no folder: expected a new name")
     if folder.is_dir() and any(folder.iterdir()):
-        raise Unwritable(folder, "is a folder with files in it: expected a new name, or an empty folder")
+        raise Unwritable(folder, "is a folder with files: expected a new name, or an empty folder")
     make_folder(folder.parent)
     part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     make_folder(part)
     try:
         yield part
-        part.replace(folder)  # fails if the folder has been filled in the meantime
+        part.replace(folder)  # fails if the folder is no longer empty
     except OSError as error:
         raise Unwritable(folder, f"cannot be written: {error.strerror}") from None
     finally:

@@ -1,4 +1,4 @@
-"""`neuro run` of a network whose file has a section `world`."""
+"""`neuro run` for a network with a section `world`."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def run_world(
         record: names of the populations whose spikes are written; all if empty.
         all_weights: whether to write all weights, as in `collect`.
         save_frozen: file of the network with its learnt weights as static synapses; None for no file.
-        compiling: returns the context of the compilation, see `neuro.cli.run.approximations`.
+        compiling: function that returns the context of the compilation, see `neuro.cli.run.approximations`.
         settings: further arguments of `closed_loop`.
 
     Raises:
-        ModelError: the loop cannot be made or continued, or `out` has an unfinished run and `resume` is False.
+        ModelError: the loop cannot be built or continued, or `out` has an unfinished run and `resume` is False.
     """
     from neuro.cli.options import stoppable
     from neuro.core.errors import ModelError

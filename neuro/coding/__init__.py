@@ -1,9 +1,9 @@
 """Encoders of numbers as spikes, and decoders.
 
-An encoder is a function of an array of values and named parameters. Encoders of `CODES` return spike times, those of
-`RATE_CODES` rates, which `poisson` turns into spikes. The classes of `FIELDS` encode vectors: a neuron spikes for the
-vectors in its field. `Cochlea`, `MelBands`, `HairCells` and `crossings` turn sounds into spikes. Decoders are functions
-of counts or spike times.
+An encoder is a function of an array of values and named parameters. Encoders of `CODES` return spike times. Encoders of
+`RATE_CODES` return rates, and `poisson` turns rates into spikes. The classes of `FIELDS` encode vectors: each neuron
+spikes for the vectors in its field. `Cochlea`, `MelBands`, `HairCells` and `crossings` turn sounds into spikes.
+Decoders are functions of counts or spike times.
 """
 
 from typing import TYPE_CHECKING

@@ -31,14 +31,14 @@ from neuro.core.registry import Registry
 from neuro.core.values import shown
 
 SEED = "seed"
-"""Name of the seed's argument. It is no parameter of a description, since a network derives it from its own seed."""
+"""Name of the argument for the seed. Descriptions lack it, because a network derives the seed from its own."""
 
 _KINDS = {float: "number", int: "integer", bool: "boolean"}
 _ARGUMENTS = re.compile(r"^Args:\n((?: .*\n|\n)*)", re.M)
 _SOURCE = re.compile(r"^Source: (.*(?:\n    .*)*)", re.M)
 _ARGUMENT = re.compile(r"^    (\w+): (.*(?:\n        .*)*)", re.M)
 _UNIT = re.compile(r"(?:, | \()(ms|Hz)\)?$")
-"""End of the description of an argument that has a unit."""
+"""Pattern of the end of an argument's description with a unit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,13 +48,13 @@ class Code(Choice):
     Class attributes:
         function: function of an array of values, and of the parameters by name.
         values: name of the first argument of the function.
-        draws: the function takes a seed.
-        rates: the function returns rates, or values for another code, instead of spike times.
+        draws: whether the function takes a seed.
+        rates: whether the function returns rates, or values for another code, instead of spike times.
         source: publication of the code.
 
-    An instance is a code with parameters, in a description `{rank: {window: 20.0}}`.
+    An instance is a code with parameters, e.g. `{rank: {window: 20.0}}` in a description.
 
-    Parameters are the arguments of the function, with the kinds of its annotations and the meanings of its docstring.
+    The parameters are the arguments of the function. Annotations give their kinds, and the docstring their meanings.
     """
 
     kind: ClassVar[str] = "code"
@@ -65,10 +65,10 @@ class Code(Choice):
     source: ClassVar[str] = ""
 
     def __call__(self, values: Floats, seed: int) -> Floats:
-        """Return spike times, with the axes of the values and perhaps an axis of spikes, or return rates.
+        """Return spike times or rates. The shape is that of the values, with perhaps one more axis for spikes.
 
         Raises:
-            ModelError: the code refuses a value or a parameter, or returns an invalid time or rate.
+            ModelError: the code refuses a value or a parameter, or returns invalid times or rates.
         """
         seeds = {SEED: seed} if self.draws else {}
         parameters = {name: value for name, value in vars(self).items() if value is not None}
@@ -78,8 +78,8 @@ class Code(Choice):
             raise ModelError(f"gives an array of the shape {shape}: expected {expected}, or one more axis")
         wrong = ~np.isfinite(code) if self.rates else ~(np.isnan(code) | ((code >= 0) & np.isfinite(code)))
         if wrong.any():
-            what = "finite rates" if self.rates else "times >= 0 ms, or NaN for no spike"
-            raise ModelError(f"gives {code[wrong][0]}: expected {what}")
+            expected_values = "finite rates" if self.rates else "times >= 0 ms, or NaN for no spike"
+            raise ModelError(f"gives {code[wrong][0]}: expected {expected_values}")
         return code if self.rates or code.ndim > values.ndim else code[..., None]
 
 
@@ -109,7 +109,7 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
     doc = inspect.getdoc(function) or ""
     meanings = _meanings(doc)
     described = [p for p in parameters if p.name != SEED]
-    made: type[Code] = make_dataclass(
+    code_class: type[Code] = make_dataclass(
         function.__name__,
         [(p.name, Any, _field(message, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in described],
         bases=(Code,),
@@ -125,7 +125,7 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
         kw_only=True,
         eq=False,
     )
-    return made
+    return code_class
 
 
 def _meanings(doc: str) -> dict[str, str]:
@@ -146,7 +146,7 @@ def _field(code_name: str, argument: inspect.Parameter, hint: Any, doc: str) -> 
         hint = inner[0]
     if hasattr(Code, argument.name):
         raise TypeError(
-            f"{code_name}: '{argument.name}' has a meaning of its own: expected another name of a parameter"
+            f"{code_name}: '{argument.name}' has a special meaning: expected another name for the parameter"
         )
     default = MISSING if argument.default is argument.empty else argument.default
     if get_origin(hint) is Literal:
@@ -163,10 +163,10 @@ Function = Callable[..., Floats]
 
 
 def _complete(function: Function, rates: bool) -> Function:
-    """Return a third-party function if a description can name it.
+    """Return a third-party function if it is a valid code.
 
     Raises:
-        TypeError: the function cannot be a code, or a code of the other kind has its name.
+        TypeError: the function is no valid code, or a code of the other kind has its name.
     """
     as_choice(function, rates)
     if function.__name__ in (CODES if rates else RATE_CODES):

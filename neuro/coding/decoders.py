@@ -24,10 +24,10 @@ def highest_rate(counts: npt.ArrayLike) -> Ids:
         counts: (n,) number of spikes of each neuron in the same time, e.g. ``np.bincount(ids, minlength=n)``, or rates.
 
     Returns:
-        ids of all neurons with the highest rate, ascending; empty if no neuron fired.
+        Ids of all neurons with the highest rate, ascending; empty if no neuron fired.
 
     Raises:
-        ModelError: `counts` is no list of finite numbers, or a number is below 0.
+        ModelError: `counts` is not a list of finite numbers, or a number is below 0.
 
     Source: thesis section 2.5, line 759.
     """
@@ -43,7 +43,7 @@ def first_to_fire(times: npt.ArrayLike) -> Ids:
             for no spike.
 
     Returns:
-        ids of all neurons with the first time, ascending; empty if no neuron fired.
+        Ids of all neurons with the first time, ascending; empty if no neuron fired.
 
     Raises:
         ModelError: a time is infinite, or `times` has another shape.
@@ -64,7 +64,7 @@ def rank_order(
     modulation: float = 0.8,
     ties: Literal["order", "dense"] = "order",
 ) -> Floats:
-    """Return the activation of neurons sensitive to the order of spikes: ``sum of modulation^k w`` for ranks k from 0.
+    """Return the activation of neurons that weigh spikes by rank: the sum of ``modulation^k w`` over ranks k from 0.
 
     The activation is largest if the inputs fire in the order of descending weights.
 
@@ -75,11 +75,11 @@ def rank_order(
         ties: see `rank`.
 
     Returns:
-        activations, the shape of ``weights`` without its last axis.
+        Activations, shape of ``weights`` without the last axis.
 
     Raises:
-        ModelError: a value is not a number, ``modulation`` is out of bounds, or the number of weights differs from
-            that of inputs.
+        ModelError: a value is not a number, ``modulation`` is out of bounds, or the numbers of weights and inputs
+            differ.
 
     Source: Thorpe & Gautrais, "Rank order coding", Computational Neuroscience: Trends in Research (1998).
     """
@@ -105,7 +105,7 @@ def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Flo
         the activities cancel except for rounding.
 
     Raises:
-        ModelError: a value is not finite or below 0, or the number of directions differs from that of neurons.
+        ModelError: a value is infinite, NaN or below 0, or the numbers of directions and neurons differ.
 
     Source: Georgopoulos, Schwartz & Kettner, Science 233 (1986).
     """
@@ -126,10 +126,10 @@ def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:
     Args:
         times: (n,) spike times of one train in any order, ms; NaN is ignored.
         tau: time constant, ms.
-        at: times t of the values, any shape, ms.
+        at: times t at which f is computed, any shape, ms.
 
     Returns:
-        f, the shape of ``at``.
+        Values of f, shape of ``at``.
 
     Raises:
         ModelError: a value is not a number, or ``tau`` is not positive.

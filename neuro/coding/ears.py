@@ -1,4 +1,4 @@
-"""Sounds to spikes: a bank of filters as a cochlea, half-wave rectified, and three codes of its output.
+"""Sounds to spikes: a cochlea as a bank of half-wave rectified filters, and three codes for its output.
 
 | step | by |
 | --- | --- |
@@ -71,7 +71,7 @@ class Cochlea:
             sound: samples, shape (samples,).
 
         Returns:
-            half-waves, at least 0, shape (samples, channels).
+            Half-waves, at least 0, shape (samples, channels).
 
         Raises:
             ModelError: `sound` is not a list of finite numbers.
@@ -111,7 +111,7 @@ class HairCells:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew at the first sample, with all cells at 0."""
+        """Restart at the first sample, with all cells at 0."""
         self._v, self._until, self._sample = np.zeros(self.channels), np.zeros(self.channels, np.int64), 0
 
     def spikes(self, drive: npt.ArrayLike) -> tuple[Floats, Ints]:
@@ -121,10 +121,10 @@ class HairCells:
             drive: output of channels, shape (samples, channels).
 
         Returns:
-            spike times since the first sample after `reset` in ms, ascending, and the channel of each spike.
+            Spike times in ms since the first sample after `reset`, ascending, and the channel of each spike.
 
         Raises:
-            ModelError: the drive has another shape, or is not finite.
+            ModelError: the drive has another shape, or contains NaN or infinite numbers.
         """
         samples = finite(drive, "drive")
         if samples.ndim != 2 or samples.shape[1] != self.channels:
@@ -206,7 +206,7 @@ class MelBands:
             sound: samples, shape (samples,).
 
         Returns:
-            energy of each band in dB, -120 for silence, shape (frames, channels).
+            Energy of each band in dB, -120 for silence, shape (frames, channels).
 
         Raises:
             ModelError: `sound` is not a list of finite numbers.
@@ -216,19 +216,19 @@ class MelBands:
         starts = self._step * (1 + np.arange(frames))
         self._seen = samples[frames * self._step :]
         power = np.abs(np.fft.rfft(samples[starts[:, None] + np.arange(width)] * self._window, self._bins, axis=1)) ** 2
-        energy = np.einsum("fb,bc->fc", power / (self._window**2).sum(), self._bands)  # each frame by itself
+        energy = np.einsum("fb,bc->fc", power / (self._window**2).sum(), self._bands)  # frame by frame
         levels: Floats = 10.0 * np.log10(energy + _SILENCE)
         return levels
 
 
 def crossings(levels: npt.ArrayLike, thresholds: npt.ArrayLike, before: npt.ArrayLike | None = None) -> Floats:
-    """Return a spike for each threshold that a channel passes between two frames, upward and downward.
+    """Return a spike for each threshold crossed by a channel between two frames, upward or downward.
 
     Args:
         levels: levels of the channels, shape (frames, channels).
         thresholds: ascending, shape (thresholds,), in the unit of the levels.
         before: frame before the first one, shape (channels,), e.g. the last frame of the previous piece; by default
-            all its levels are below all thresholds.
+            its levels are below all thresholds.
 
     Returns:
         1 for a spike, else 0, shape (frames, 2, thresholds, channels): downward, then upward.

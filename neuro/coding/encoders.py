@@ -76,13 +76,13 @@ def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, windo
 
 
 def rank(r: npt.ArrayLike, ties: Literal["order", "dense"] = "order", window: float | None = None) -> Floats:
-    """Rank code: the largest of all values spikes first, whatever its size.
+    """Rank code: values spike in descending order; only their ranks matter.
 
     Args:
         r: values, any shape and unit; all are ranked together.
         ties: "order": equal values spike one after the other, in C order; "dense": equal values share a rank, and the
             next smaller value has the next rank.
-        window: length of the code; by default the ranks themselves are the times (ms).
+        window: length of the code (ms); by default the ranks are the times.
 
     Returns:
         Spike times, shape of ``r``: the ranks 1 to n, or ``window rank / n`` for n values.
@@ -143,7 +143,7 @@ def population(
     max_rate: float,
     fields: Literal["gaussian", "cosine"] = "gaussian",
 ) -> Floats:
-    """Population code: each value excites n neurons, more strongly the nearer it is to the centre of a field.
+    """Population code: each value excites n neurons, most strongly those with a field near the value.
 
     Gaussian fields lie on a line: with the distance ``d = (r_max - r_min) / (n - 2)`` the centre of neuron i, from 0,
     is ``r_min + (i - 1/2) d``, and the standard deviation is d / 1.5. Cosine fields lie on a circle, on which
@@ -159,7 +159,7 @@ def population(
         fields: "gaussian" on a line or "cosine" on a circle.
 
     Returns:
-        rates in Hz, the shape of ``r`` and an axis of n neurons.
+        Rates in Hz, shape of ``r`` with one more axis of n neurons.
 
     Raises:
         ModelError: a value is not a number or outside of the range, ``r_min`` is not below ``r_max``, ``n`` or
@@ -191,8 +191,8 @@ _ROUNDING = 1e-9  # a product this close to a whole number counts as that number
 def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
     """Poisson trains: the number of spikes follows ``(lambda T)^k exp(-lambda T) / k!``, and spike times are uniform.
 
-    Mean and variance of the number are lambda T. At most one spike in a step h would change mean or variance: with
-    the probability lambda h the variance is (1 - lambda h) times the mean, with 1 - exp(-lambda h) the rate is too
+    Mean and variance of the number are lambda T. Drawing at most one spike in a step h would change one of them: with
+    the probability lambda h the variance is (1 - lambda h) times the mean, and with 1 - exp(-lambda h) the mean is too
     small.
 
     Args:
@@ -201,13 +201,13 @@ def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
         seed: seed of the draws.
 
     Returns:
-        spike times in ms in [0, window), the shape of ``r`` and one more axis, each row in ascending order.
+        Spike times in ms in [0, window), shape of ``r`` with one more axis, each row in ascending order.
 
     Raises:
         ModelError: a value is not finite, a rate is below 0, ``window`` is not positive, or there are too many
             spikes.
 
-    Source: thesis eq. 13, line 676. The equation lacks the T that its text names.
+    Source: thesis eq. 13, line 676, with the factor T that the printed equation lacks.
     """
     length: float = argument("window", window, above=0)
     rates = finite(r, "r", unit="Hz", at_least=0)
@@ -233,7 +233,7 @@ def phase(r: npt.ArrayLike, r_min: float, r_max: float, window: float, bits: int
     Args:
         r: values between ``r_min`` and ``r_max``, any shape and unit.
         r_min: the value without a spike.
-        r_max: the value whose phases all spike.
+        r_max: the value with a spike in every phase.
         window: length of all phases together (ms).
         bits: number of phases, 1 to 52.
 
@@ -330,7 +330,7 @@ def check_pixels(shape: Sequence[int | str]) -> None:
 
 
 PIXEL_SPIKE = on_numbers(6, 6)
-"""Work of `pixel_spikes` for an event: a difference, a tick's division and rounding, two limits, one spike a pixel."""
+"""Work of `pixel_spikes` per event: a difference, a division and a rounding of ticks, two limits, one spike."""
 
 
 def pixel_spikes(
@@ -350,11 +350,11 @@ def pixel_spikes(
         Steps from 0 on, and neurons, both (spikes,).
 
     Raises:
-        ModelError: the shape is not one of pixels, an event lies outside, or the step is not a whole number of us.
+        ModelError: the shape is not a shape of pixels, an event lies outside, or the step is no whole number of us.
     """
     check_pixels(shape)
     if abs(step * 1000.0 - round(step * 1000.0)) > 1e-6:
-        raise ModelError(f"steps of {step:g} ms: expected whole microseconds, as events have them")
+        raise ModelError(f"steps of {step:g} ms: expected whole microseconds, the unit of events")
     rows, columns = shape[-2:]
     times_us = events.t - (events.t[0] if len(events.t) else 0) - round(start * 1000.0)
     step_of_event = np.floor_divide(times_us, round(step * 1000.0)).astype(np.int64)

@@ -1,6 +1,6 @@
-"""Encoders of vectors: neurons with fields, which spike while the vector lies in their field.
+"""Encoders of vectors: a neuron has a field, and spikes while the vector lies in the field.
 
-A readout learns the noise of random spikes, too, so that regular spikes are often learnt faster.
+Regular spikes are often learnt faster than random ones, because a readout also learns the noise of random spikes.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ MOST = 1 << 20
 PERIOD = 5
 """Ticks between two spikes of a neuron in the middle of its field."""
 REACH = 2.5
-"""Standard deviations from the middle of an unbounded dimension at which its fields begin to widen."""
+"""Distance from the middle of an unbounded dimension, in standard deviations, at which fields begin to widen."""
 WIDTH = 1.5
 """Distance of two tuning curves in standard deviations, the beta of Bohte, La Poutre & Kok 2002."""
 SILENT = 0.01
-"""A neuron whose activity is below this does not spike."""
+"""Smallest activity of a neuron that spikes."""
 NEAR = 5
-"""Number of tuning curves of a dimension that can reach SILENT at the same value."""
+"""Largest number of tuning curves of a dimension with at least the activity SILENT at one value."""
 LOW, HIGH, STATES, MIDDLE, SPREAD = range(5)
 """Rows of the array of a space, (5, dimensions) float64: lowest and highest value, number of states or 0, and mean and
 standard deviation of dimensions without a bound."""
@@ -42,19 +42,19 @@ Parts: TypeAlias = tuple[Ints, Ints, Floats, Ints]
 shifts of the grid as shares of a field, all (g, s); index of the first neuron, (g,). The tuple is a plain one, because
 a kernel reads a named tuple four times slower, and is called for each vector."""
 GOLDEN = 0.6180339887498949
-"""Neuron k has the phase k GOLDEN modulo 1, which spreads the phases evenly for any number of neurons."""
+"""Neuron k has the phase k GOLDEN modulo 1, so the phases of any number of neurons are spread evenly."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """One number of a vector.
+    """A number of a vector.
 
     Attributes:
         name: name for messages.
         states: number of values, 0 for a continuous dimension.
         first: smallest value of a dimension with `states`.
-        low, high: bounds of a continuous dimension, infinite if it has none.
-        whole: True if a dimension without `states` takes whole numbers only, e.g. a pixel of 8 bits.
+        low, high: bounds of a continuous dimension; infinite without bounds.
+        whole: True if a dimension without `states` has whole numbers only, e.g. a pixel of 8 bits.
     """
 
     name: str = "dimension"
@@ -79,7 +79,7 @@ class Fields:
     Attributes:
         dimensions: dimensions of the vectors.
         size: number of neurons.
-        active: number of neurons that are active for a vector.
+        active: number of active neurons for a vector.
     """
 
     def __init__(self, dimensions: Sequence[Dimension], group: int) -> None:
@@ -121,7 +121,7 @@ class Fields:
 
         Args:
             vectors: (vectors, dimensions), finite.
-            ticks: number of ticks for which each vector is shown.
+            ticks: number of ticks per vector.
             rng: random generator of Poisson spikes, with probability activity / 5 in each tick; None for regular
                 spikes, every 5 / activity ticks.
 
@@ -132,7 +132,7 @@ class Fields:
         raise NotImplementedError
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
-        """Return the neurons that spike for a vector, (n,), and the activity of each, in (0, 1]."""
+        """Return the spiking neurons for a vector, (n,), and their activities in (0, 1], (n,)."""
         raise NotImplementedError
 
     def cells(self, vector: Floats) -> Ints:
@@ -143,7 +143,7 @@ class Fields:
         """Return the operations of `spikes` for one vector.
 
         Args:
-            ticks: number of ticks for which the vector is shown.
+            ticks: number of ticks of the vector.
             poisson: whether spikes are drawn at random.
         """
         raise NotImplementedError
@@ -155,8 +155,8 @@ class Fields:
         factor and a tanh, and two limits.
 
         Args:
-            continuous: operations that follow for a continuous dimension.
-            states: operations that follow the two limits and the difference of a dimension with states.
+            continuous: further operations for a continuous dimension.
+            states: further operations for a dimension with states, after two limits and a difference.
         """
         return sum(3 + states if self.dimensions[d].states else 5 + continuous for d in self._member.ravel().tolist())
 
@@ -185,13 +185,13 @@ class _Grids(Fields):
     """Base of the encoders by grids. Each grid has one active neuron."""
 
     _more: ClassVar[int] = 0
-    """Dimension k of a group is shifted 1 + _more * k times as far as its first dimension."""
+    """Factor of the shifts: dimension k of a group is shifted by 1 + _more * k times the shift of dimension 0."""
 
     def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, active: int) -> None:
         super().__init__(dimensions, group)
         self._fields = float(argument("fields", fields, kind="integer", at_least=2))
         grids = max(1, round(argument("active", active, kind="integer", at_least=1) / len(self._groups)))
-        # A shifted grid has one field more along a dimension: a field at each end reaches beyond the bounds.
+        # A shifted grid has one more field along a dimension, since the fields at both ends reach beyond the bounds.
         cells = [dimension.states or fields + 1 for dimension in self.dimensions]
         members: list[tuple[int, ...]] = []
         shift = []
@@ -241,14 +241,14 @@ class _Grids(Fields):
 class Places(_Grids):
     """Place cells: several shifted grids for each group of dimensions. In each grid the field of the vector is active.
 
-    Dimensions are shifted by different odd shares of a field, so that the cells of no two grids lie along a diagonal.
+    Dimensions are shifted by different odd shares of a field, so that no grids lie along a diagonal of each other.
 
     Args:
         dimensions: dimensions of the vectors.
-        group: number of dimensions of a grid, at most all. There is a group of grids for each such set of dimensions.
+        group: number of dimensions of a grid. Each set of so many dimensions has a group of grids.
         fields: number of fields of a grid along a continuous dimension, at least 2. A dimension with states has a field
             for each state.
-        active: approximate number of active neurons, which is the number of grids. Each group has at least one grid.
+        active: approximate number of active neurons and of grids. Each group has at least one grid.
 
     Raises:
         ModelError: there is no dimension, a number is out of bounds, or there would be more than 2^20 neurons.
@@ -264,7 +264,7 @@ class Places(_Grids):
 
 
 class Tiles(_Grids):
-    """Tile coding: as `Places`, but with equal shifts along all dimensions, and by default with all in one group.
+    """Tile coding: like `Places`, but with equal shifts along all dimensions, and by default one group of all.
 
     Args:
         dimensions: dimensions of the vectors.
@@ -316,7 +316,7 @@ def _with_states(number: Dimension) -> Dimension:
 class Population(Fields):
     """Tuning curves: n bells along each dimension. The activity of a neuron is the product of a bell of each dimension.
 
-    A neuron is tuned to a group of dimensions. For a value at the share s of the way between its bounds, bell i is
+    A neuron is tuned to a group of dimensions. For a value at the share s of the range between its bounds, bell i is
     exp(-(1.5 (s (n - 2) - i + 1/2))^2 / 2), i from 0, as in `population`. For a dimension with states the bell is 1
     for the present state and 0 otherwise.
 
@@ -397,7 +397,7 @@ def _share(x: float, ends: Floats, d: int) -> float:
     if np.isfinite(low) and np.isfinite(high):
         share = (x - low) / (high - low) if high > low else 0.5
         return min(max(share, 0.0), 1.0)
-    # Beyond a few deviations fields widen, so that values outside the range seen by `learn` have a position, too.
+    # Beyond a few deviations fields widen, so that values outside the range of `learn` have a position, too.
     return float(0.5 + 0.5 * np.tanh((x - ends[MIDDLE, d]) / (REACH * ends[SPREAD, d])))
 
 

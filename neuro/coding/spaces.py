@@ -15,7 +15,7 @@ from neuro.core.errors import ModelError
 
 Floats = npt.NDArray[np.float64]
 BOUNDLESS = 1e6
-"""A bound beyond this number counts as infinite, because spaces name the largest float if they know no bound."""
+"""A bound beyond this number counts as infinite, because spaces without a bound have the largest float."""
 EXPECTED = "Box, Discrete, MultiDiscrete, MultiBinary, or a Dict or Tuple of these"
 
 
@@ -23,7 +23,7 @@ def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> lis
     """Return the dimensions of a space of observations, in the order of `flat`.
 
     Raises:
-        ModelError: a part of the space is of another kind.
+        ModelError: a part of the space has another type.
     """
     match space:
         case spaces.Discrete():
@@ -96,7 +96,7 @@ def flat(space: gymnasium.Space[Any], observation: Any, n: int = 0) -> Floats:
 
 
 class States:
-    """The dimensions of an observation with states, and their values.
+    """Dimensions with states in an observation, and their values.
 
     Args:
         space: space of one observation.
@@ -152,7 +152,7 @@ class Actions:
     Attributes:
         sizes: number of neurons of each circuit.
         space: space of the actions.
-        values: numbers of a Box for the neurons of each circuit. They are rounded for a Box of whole numbers.
+        values: numbers of a Box for the neurons of each circuit, rounded for a Box of whole numbers.
     """
 
     sizes: tuple[int, ...]
@@ -160,12 +160,12 @@ class Actions:
     values: tuple[npt.NDArray[np.float64], ...] = ()
 
     def of(self, winners: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-        """Return the actions of all copies, copies first, for the winners of each circuit, (copies, circuits)."""
+        """Return the actions of all copies, copies first, from the winners of each circuit, (copies, circuits)."""
         if isinstance(self.space, spaces.Box):
             chosen = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
-            means = chosen.reshape(len(chosen), *self.space.shape, -1).mean(axis=-1)
-            # The mean of equal numbers is rounded, so it may lie beyond the bound.
-            winners = np.clip(means, self.space.low, self.space.high)
+            mean_values = chosen.reshape(len(chosen), *self.space.shape, -1).mean(axis=-1)
+            # The mean of numbers at a bound may lie beyond the bound by rounding.
+            winners = np.clip(mean_values, self.space.low, self.space.high)
             if np.issubdtype(self.space.dtype, np.integer):
                 winners = np.rint(winners)
         elif isinstance(self.space, spaces.Discrete):
@@ -180,11 +180,11 @@ def actions_of(space: gymnasium.Space[Any], levels: int, circuits: int = 1) -> A
 
     Args:
         space: space of the actions.
-        levels: number of neurons of each circuit of a Box, between its bounds.
-        circuits: number of circuits for each number of a Box, which is the mean of their choices.
+        levels: number of neurons of each circuit of a Box, for values between the bounds.
+        circuits: number of circuits for each number of a Box. The number is the mean of their choices.
 
     Raises:
-        ModelError: the space is of another kind, has no bounds, or needs more neurons than a circuit has.
+        ModelError: the space has another type or no bounds, or needs more neurons than a circuit has.
     """
     actions = _actions(space, levels, circuits)
     if max(actions.sizes, default=0) > MOST:

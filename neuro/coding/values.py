@@ -16,9 +16,9 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 MOST = 1.25
-"""Largest magnitude of a value: the critic's neurons are silent at -1.6, and spike in each ms at 3.8."""
+"""Largest magnitude of a value. The critic's neurons are silent at -1.6 and spike in each ms at 3.8."""
 SOME = 500
-"""Number of control steps over which a value, or the size of errors, is averaged."""
+"""Number of control steps for the average of a value, or of the size of errors."""
 
 
 class RewardScale:
@@ -26,7 +26,7 @@ class RewardScale:
 
     Args:
         discount: discount of the next reward.
-        scale: value of a typical reward in each step, for ever.
+        scale: value of a state with a typical reward in each step, for ever.
 
     Attributes:
         factor: factor of a reward for the critic.
@@ -89,7 +89,7 @@ class RewardScale:
 
 
 class TemporalDifference:
-    """The error of predicted values: reward + discount V(now) - V(before), 0 at the begin of an episode.
+    """Error of predicted values: reward + discount V(now) - V(before); 0 at the begin of an episode.
 
     Values of the few copies of a control step are lists, with which Python is faster than calls of numpy.
 
@@ -112,9 +112,9 @@ class TemporalDifference:
         self.reward, self._value, self._ended = [0.0] * copies, [0.0] * copies, [False] * copies
 
     def errors(self, values: list[float], moment: Moment) -> list[float]:
-        """Return the errors of the last control step but one from the values of the present states."""
+        """Return the errors of the step before the last, from the values of the present states."""
         per_copy = zip(self.reward, values, self._ended, self._value, moment.first.tolist(), strict=True)
-        # A cut-off is followed by the value of the state, an end by 0. An episode that has just begun has no error.
+        # After a cut-off the value of the state counts, after an end 0. An episode that has just begun has no error.
         errors = [
             (reward + self._discount * value * (not ended) - before) * (not first)
             for reward, value, ended, before, first in per_copy
@@ -126,7 +126,7 @@ class TemporalDifference:
         """Adapt the scale to the rewards of a control step. Return the factor on the critic's weights, or 1."""
         scale, share = self._scale, 1.0
         if self._adapts:
-            if not scale.known and moment.rewards.any():  # these are the first rewards that are not 0
+            if not scale.known and moment.rewards.any():  # the first rewards other than 0
                 rewards = moment.rewards[~moment.last]
                 scale.learn([0.0] * (moment.steps - rewards.size) + rewards.tolist(), moment.returns)
             share = scale.excess(self._value, moment.rewards)
@@ -140,7 +140,7 @@ class TemporalDifference:
 
 
 class Novelty:
-    """A reward for rare states: the mean of scale / sqrt(n), where n counts the activations of each active place.
+    """Reward for rare states: the mean over active places of scale / sqrt(n), with n activations of the place.
 
     Dopamine neurons respond to new stimuli, less with each repetition (Kakade & Dayan, Neural Networks 15:549, 2002).
     The formula is that of Strehl & Littman, J. Comput. Syst. Sci. 74:1309, 2008.
@@ -157,7 +157,7 @@ class Novelty:
         self.counts: Ints = np.zeros(0, dtype=np.int64)
 
     def join(self, cells: Callable[[Floats], Ints], size: int) -> None:
-        """Count from now on the active places of observations: `cells(observation)`, out of `size` places."""
+        """Start counting active places: `cells(observation)` of `size` places."""
         self._cells, self.counts = cells, np.zeros(size, dtype=np.int64)
 
     def of(self, observations: Floats) -> list[float]:
@@ -171,7 +171,7 @@ class Novelty:
 
 
 class ErrorScale:
-    """Errors, unscaled or scaled to a size, so that one learning rate fits any task.
+    """Scale of errors. Errors scaled to one size let the same learning rate fit any task.
 
     Args:
         size: mean root mean square of the errors; None for unscaled errors.
@@ -185,7 +185,7 @@ class ErrorScale:
         self.begin()
 
     def begin(self) -> None:
-        """Begin a block of training, in which the size is measured anew."""
+        """Begin a block of training and measure the size of errors again."""
         self._count, self._square = 0, 0.0
 
     def of(self, errors: Floats) -> Floats:

@@ -38,8 +38,8 @@ class Moment:
 
     Attributes:
         counts: number of spikes of each neuron by population, (copies, neurons).
-        first: whether the observation that was shown began an episode, (copies,).
-        last: whether that observation was the last one of an episode, so that its action had no effect, (copies,).
+        first: whether the shown observation is the first of an episode, (copies,).
+        last: whether the shown observation is the last of an episode; its action then has no effect, (copies,).
         rewards: rewards of the environment's step, 0 for a step that began an episode, (copies,).
         ended: whether the step ended an episode, other than by a cut-off, (copies,).
         infos: info of the environment for each copy.
@@ -65,8 +65,8 @@ class Shown:
     """An encoder in use, for one space of observations.
 
     Attributes:
-        size: number of neurons that it needs; 0 for any number.
-        active: number of neurons that `cells` returns, for the count of operations; 0 if unknown.
+        size: required number of neurons; 0 for any number.
+        active: number of neurons returned by `cells`, for the count of operations; 0 if unknown.
     """
 
     size = 0
@@ -76,7 +76,7 @@ class Shown:
         """Learn the range of unbounded dimensions from observations of random moves, (observations, dimensions)."""
 
     def rewarded(self, rewards: Floats) -> None:
-        """Receive the rewards of the last actions, (copies,), before `spikes` or `rates`; 0 if an episode begins."""
+        """Receive the rewards of the last actions, (copies,), before `spikes` or `rates`; 0 at an episode's start."""
 
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         """Return the spikes of a control step of `ticks` ticks for the observations of all copies."""
@@ -87,11 +87,11 @@ class Shown:
         raise NotImplementedError
 
     def cells(self, observation: Floats) -> Ints:
-        """Return the neurons that stand for one observation, (dimensions,). Only encoders with fields have it."""
+        """Return the active neurons for one observation, (dimensions,). Only encoders with fields have this method."""
         raise NotImplementedError
 
     def work(self, ticks: int, shape: tuple[int, ...]) -> Work | None:
-        """Return the operations for one observation; None if they are not counted.
+        """Return the operations for one observation; None without a count.
 
         Args:
             ticks: number of ticks of the control step.
@@ -125,11 +125,11 @@ class Encoder(Choice):
         """Make the encoder for a space of observations and a population of this shape.
 
         Raises:
-            ModelError: the encoder does not take these observations, or needs another number of neurons.
+            ModelError: the encoder cannot encode these observations, or needs another number of neurons.
         """
 
     def columns(self, space: gymnasium.Space[Any]) -> Ints:
-        """Return the indices of the numbers that it encodes, in the order of `spaces.flat`.
+        """Return the indices of the encoded numbers, in the order of `spaces.flat`.
 
         Raises:
             ModelError: the observation has no such part or number.
@@ -171,18 +171,18 @@ class Decoder(Choice):
             most: largest possible number of spikes of a neuron in a control step, for each population.
 
         Returns:
-            a function of the counts by population, (copies, neurons), that returns the actions, copies first.
+            A function from the counts by population, (copies, neurons), to the actions, copies first.
 
         Raises:
             ModelError: the populations do not fit the space.
         """
 
     def work(self, sizes: Sequence[int]) -> Work | None:
-        """Return the operations for an action, by the sizes of its populations; None if they are not counted."""
+        """Return the operations for an action, from the sizes of its populations; None without a count."""
         return None
 
     def chosen(self, counts: Mapping[str, Ints], population: str) -> Bools:
-        """Return which neurons of a population voted for the chosen action, (copies, neurons).
+        """Return True for each neuron of a population that voted for the chosen action, (copies, neurons).
 
         Raises:
             ModelError: the neurons of the population do not choose between actions.
@@ -194,7 +194,7 @@ class Taught:
     """A teacher in use.
 
     Attributes:
-        several: True if its value may be several numbers.
+        several: True if the value may consist of several numbers.
     """
 
     several = False
@@ -213,11 +213,11 @@ class Taught:
         """Receive the rewards and returns of random moves, before learning."""
 
     def values(self, moment: Moment) -> Floats:
-        """Return the new values of its signal, (copies, 1) or (copies, numbers)."""
+        """Return the new values of the signal, (copies, 1) or (copies, numbers)."""
         raise NotImplementedError
 
     def of(self, values: Floats) -> Floats:
-        """Return the values of the signal for values of another signal, (copies, 1) or (copies, numbers)."""
+        """Return the values of the signal from those of another signal, (copies, 1) or (copies, numbers)."""
         return values
 
     def share(self, moment: Moment) -> float:
@@ -225,7 +225,7 @@ class Taught:
         return 1.0
 
     def work(self) -> Work | None:
-        """Return the operations for a value of the signal; None if the operations are not counted."""
+        """Return the operations for a value of the signal; None without a count."""
         return None
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -238,14 +238,14 @@ class Taught:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Teacher(Choice):
-    """Base of the teachers, which set a signal after each control step."""
+    """Base of the teachers. A teacher sets a signal after each control step."""
 
     kind: ClassVar[str] = "teacher"
     delayed: ClassVar[bool] = False
-    """True if the value belongs to the action before the last one."""
+    """True if the value belongs to the action before the last action."""
     scale: float = quantity(1.0, "", "factor on the value")
     opposed: bool = quantity(False, "", "whether the neurons of a pair receive opposite signs", kind="boolean")
-    others: float = quantity(1.0, "", "share of the value for neurons that voted for another action than was taken")
+    others: float = quantity(1.0, "", "share of the value for neurons that voted for another action")
     settle: Any = quantity(None, "ms", "time after which the value is 1/2; after twice this time 1/3", above=0)
 
     @abstractmethod
@@ -256,7 +256,7 @@ class Teacher(Choice):
         """Return the values of a signal for the neurons that receive it, (copies, 1) or (copies, size).
 
         Raises:
-            ModelError: there is neither one number nor a number for each neuron or pair.
+            ModelError: the values are neither one number nor one for each neuron or pair.
         """
         factor = self.scale if self.settle is None else self.scale / (1.0 + time / self.settle)
         scaled = factor * values

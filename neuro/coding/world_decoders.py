@@ -34,12 +34,12 @@ def _numbers(name: str, space: Any, neurons: int, expected: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class winner(Decoder):
-    """The neuron with most spikes in a population chooses the value of a number; of equal neurons the first."""
+    """The neuron with most spikes in a population chooses the value of a number. The first of equal neurons wins."""
 
     votes: int = quantity(1, "", "number of adjacent neurons that share a choice", kind="integer", at_least=1)
 
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
-        """Make the decoder. The neurons of a number of a Box stand for values between its bounds."""
+        """Make the decoder. In a Box, the neurons of a number represent values between the bounds."""
         from gymnasium import spaces
 
         from neuro.coding.spaces import actions_of
@@ -60,7 +60,7 @@ class winner(Decoder):
         return lambda counts: actions.of(np.array([self._winners(counts[name]) for name in self.of]).T)
 
     def work(self, sizes: Sequence[int]) -> Work:
-        """Return a comparison for each choice, and with several votes an addition for each neuron."""
+        """Return the work: a comparison per choice, and with several votes an addition per neuron."""
         neurons = sum(sizes)
         return on_numbers(neurons // self.votes + (neurons if self.votes > 1 else 0), neurons + len(sizes))
 
@@ -72,7 +72,7 @@ class winner(Decoder):
         return winners
 
     def chosen(self, counts: Mapping[str, Ints], population: str) -> Bools:
-        """Return which neurons of a population voted for the action."""
+        """Return True for each neuron of a population that voted for the action."""
         if population not in self.of:
             raise ModelError(
                 f"others: population '{population}' chooses no action: expected one of {', '.join(self.of)}"
@@ -84,7 +84,7 @@ class winner(Decoder):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class difference(Decoder):
-    """Pairs of neurons pull a number up and down: gain times the difference of their spikes / the most possible.
+    """Pairs of neurons pull a number up and down: gain x difference of their spikes / largest possible number.
 
     Source: Mosca, MSc thesis, 2020, eq. 129.
     """
@@ -147,7 +147,7 @@ class mean(Decoder):
         return act
 
     def work(self, sizes: Sequence[int]) -> Work:
-        """Return an addition and a weighted addition for each neuron, and for each number a limit and a division."""
+        """Return the work: two additions, one of them weighted, per neuron, and a limit and a division per number."""
         return on_numbers(2 * sum(sizes) + 2 * len(sizes), sum(sizes) + len(sizes))
 
 

@@ -129,7 +129,7 @@ class _Rates(Shown):
 class shares(Encoder):
     """Rates with a fixed total, in proportion to the numbers.
 
-    Example: numbers 1 and 3 give a quarter and three quarters of the total.
+    Example: the numbers 1 and 3 get a quarter and three quarters of the total.
 
     Source: the coding of the drone's camera, with the counts of its fields as numbers.
     """
@@ -142,7 +142,7 @@ class shares(Encoder):
     most: float = quantity(400.0, "Hz", "largest rate of a neuron", above=0)
 
     def made(self, space: gymnasium.Space[Any], shape: tuple[int, ...]) -> Shown:
-        """Make the encoder; rows are those of the population."""
+        """Make the encoder. Rows are the rows of the population."""
 
         def rates(observations: Floats) -> Floats:
             counts = observations
@@ -196,7 +196,7 @@ class _Pulse(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class pulse(Encoder):
-    """A spike of each neuron in each control step, at the time when the actors choose."""
+    """A spike of each neuron in each control step, at the time of the choice of an action."""
 
     at: float = quantity(0.95, "", "time of the spikes, as a share of the step", above=0, at_most=1)
 
@@ -275,8 +275,8 @@ class _Events(Shown):
 class events(Encoder):
     """The events of an event camera, pixel by pixel, at their times in the step. A pixel spikes at most once in a tick.
 
-    A population of shape [2, height, width] has one map for each polarity, a population of [height, width] one for
-    both.
+    A population of shape [2, height, width] has a map for each polarity. A population of shape [height, width] has a
+    single map for both.
     """
 
     info: str = quantity("events", "", "key of the events in the environment's info", kind="name")
@@ -287,7 +287,7 @@ class events(Encoder):
         """Make the encoder.
 
         Raises:
-            ModelError: the shape of the population is not one of pixels.
+            ModelError: the shape of the population is not a shape of pixels.
         """
         if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
             raise ModelError(f"events: a population of shape {list(shape)}: expected [height, width] or [2, ...]")

@@ -38,7 +38,7 @@ class _Reward(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class reward(Teacher):
-    """The reward of the step, or its difference from a running mean."""
+    """Reward of the step, or the difference between the reward and a running mean."""
 
     less: Any = quantity(None, "", "steps of the running mean that is subtracted; by default no mean", at_least=1)
 
@@ -77,7 +77,7 @@ class _Info(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class info(Teacher):
-    """A value of the environment's info: a number or several numbers."""
+    """Entry of the environment's info: one or several numbers."""
 
     key: str = quantity(doc="key of the info", kind="name")
 
@@ -87,7 +87,7 @@ class info(Teacher):
 
 
 class _TD(Taught):
-    """The error of a critic's prediction."""
+    """Error of a critic's prediction."""
 
     def __init__(self, choice: td, neurons: int) -> None:
         from neuro.coding.values import Novelty, RewardScale, TemporalDifference
@@ -119,7 +119,7 @@ class _TD(Taught):
 
     def join(self, encoders: Mapping[str, Shown]) -> None:
         if self._td.novelty:
-            names = [name for name, one in encoders.items() if type(one).cells is not Shown.cells]
+            names = [name for name, found_name in encoders.items() if type(found_name).cells is not Shown.cells]
             if self._td.places not in names:
                 raise unknown("population with fields", str(self._td.places), names, path=("places",))
             encoder = encoders[self._td.places]
@@ -177,12 +177,12 @@ class _TD(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class td(Teacher):
-    """Temporal-difference error of a critic: reward + discount V(now) - V(before), 0 at the begin of an episode.
+    """Temporal-difference error of a critic: reward + discount V(now) - V(before); 0 at the begin of an episode.
 
     V is (mean spikes of a neuron of the critic in the step - rest) / gain. `worth` sets a scale if the reward has none:
     a typical reward in each step, for ever, has that value, so that V stays within the range of the critic's neurons;
     see `neuro.coding.values.RewardScale`. `novelty` adds a reward for rare states: (1 - discount) novelty / sqrt(n),
-    averaged over the active neurons of `places`, where n is the number of times that a neuron has been active.
+    averaged over the active neurons of `places`, with the number n of times that a neuron has been active.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 6.1; a critic of spiking neurons: Fremaux,
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.
@@ -199,7 +199,7 @@ class td(Teacher):
     smooth: Any = quantity(
         None,
         "",
-        "fall and rise of the kernel that filters the spikes, in steps; by default only the spikes of the step count",
+        "fall and rise of the kernel that filters spikes, in steps; by default only spikes of the present step count",
         kind="array",
         arrays=True,
         above=0,
@@ -240,7 +240,7 @@ class _Same(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class same(Teacher):
-    """The value of another signal of the world, before its scale. With `size` it is scaled to that size."""
+    """Value of another signal of the world, before the factor `scale`. With `size` the value is scaled to that size."""
 
     as_: str = quantity(doc="name of the other signal", kind="name")
     size: Any = quantity(
@@ -248,5 +248,5 @@ class same(Teacher):
     )
 
     def made(self, critic_size: int = 0) -> Taught:
-        """Make the teacher. The loop passes it the value of the other signal."""
+        """Make the teacher. The loop passes the value of the other signal to the teacher."""
         return _Same(self.size)

@@ -1,4 +1,4 @@
-"""Comparison of a network on several backends: spikes, weights, counts and joules relative to the first one."""
+"""Comparison of a network on several backends with the first: spikes, weights, counts and energy."""
 
 from neuro.compare.loihi_rules import LoihiRules, RuleDifference, loihi_rules
 from neuro.compare.result import Bill, Comparison, Run

@@ -1,4 +1,4 @@
-"""A comparison as tables, for the terminal and the page."""
+"""Tables of a comparison, for the terminal and the page."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def where(divergence: Divergence) -> str:
 
 
 def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each projection on each backend but the first."""
+    """Yield a row for each projection on each backend after the first."""
     for part in comparison.histograms:
         runs = [run for run in comparison.ran if part.projection in run.weights]
         for run in runs:
@@ -75,7 +75,7 @@ def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
 
 
 def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each bill. Missing bills are listed by `unpriced`."""
+    """Yield a row for each bill. `unpriced` lists the missing bills."""
     for bill in comparison.bills:
         e = bill.energy
         if e is not None:
@@ -83,12 +83,12 @@ def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
 
 
 def unpriced(comparison: Comparison) -> Iterator[Bill]:
-    """Return the bills that could not be made."""
+    """Return the bills without energy, which have a reason instead."""
     return (bill for bill in comparison.bills if bill.energy is None)
 
 
 def natives(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each count that only one backend has."""
+    """Yield a row for each of a backend's own counts."""
     for run in comparison.ran:
         assert run.counts is not None
         for name, count in run.counts.native.items():

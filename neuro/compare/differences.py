@@ -1,7 +1,7 @@
 """Differences of spikes and weights between two runs, and of weights between a network and a chip's integers.
 
 The distance between spike trains is that of Victor and Purpura (J. Neurophysiol. 76:1310, 1996), computed by the
-library `elephant`: the least cost of turning one train into the other, where adding or removing a spike costs 1 and
+library `elephant`: the smallest cost of turning one train into the other. Adding or removing a spike costs 1, and
 moving a spike by dt costs dt / `COST_MS`.
 """
 
@@ -22,7 +22,7 @@ from neuro.pages.raster import evenly
 from neuro.program.program import Floats, Ints, Program, Projection
 
 COST_MS = 10.0
-"""Shift of a spike in ms that costs as much as removing it. Pairs closer than twice this shift are moved."""
+"""Shift of a spike in ms with the cost of a removal. Pairs closer than twice this shift are moved."""
 
 MOST_NEURONS = 100
 MOST_SPIKES = 2000
@@ -31,7 +31,7 @@ MOST_PAIRS = 20_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparedSpikes:
-    """Spikes of one population, by time, then neuron; a neuron with several spikes in a step has several entries.
+    """Spikes of one population, by time, then neuron. Several spikes of a neuron in a step are several entries.
 
     Attributes:
         size: number of neurons.
@@ -48,7 +48,7 @@ class ComparedSpikes:
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """The first spike that only one of two runs has.
+    """First spike that is missing in one of two runs.
 
     Attributes:
         ms: time of the spike.
@@ -66,11 +66,11 @@ class Distance:
     """Victor and Purpura's distance between two runs of a population.
 
     Attributes:
-        edits: cost of all measured neurons.
+        edits: cost of the distance, summed over all measured neurons.
         spikes: number of spikes of these neurons in both runs together.
         per_spike: edits / spikes: 0 for equal runs, 1 if no spike has a partner.
         neurons: number of measured neurons, evenly chosen if the population has more.
-        until_ms: end of the measured time; the end of the run unless it has too many spikes.
+        until_ms: end of the measured time; the end of the run, or earlier if the run has too many spikes.
     """
 
     edits: float
@@ -81,7 +81,7 @@ class Distance:
 
 
 def divergence(first: ComparedSpikes, other: ComparedSpikes) -> Divergence | None:
-    """Return the earliest difference, of the smallest neuron; None if both runs have the same spikes."""
+    """Return the earliest difference, at a tie of the smallest id; None if both runs have the same spikes."""
     size = max(first.size, 1)
     a, b = np.sort(first.steps * size + first.ids), np.sort(other.steps * size + other.ids)
     n = min(a.size, b.size)
@@ -100,14 +100,14 @@ def divergence(first: ComparedSpikes, other: ComparedSpikes) -> Divergence | Non
 
 
 def same_steps(first: ComparedSpikes, other: ComparedSpikes) -> bool:
-    """Return True if the same neurons spike in the same steps; the number of spikes in a step is ignored."""
+    """Return True if the same neurons spike in the same steps. The number of spikes in a step does not matter."""
     size = max(first.size, 1)
     a, b = np.unique(first.steps * size + first.ids), np.unique(other.steps * size + other.ids)
     return bool(np.array_equal(a, b))
 
 
 def distance(first: ComparedSpikes, other: ComparedSpikes, duration_ms: float) -> Distance | None:
-    """Return the distance of two runs; None without the library.
+    """Return the distance of two runs, or None without the library `elephant`.
 
     At most `MOST_NEURONS` neurons are measured, and at most `MOST_SPIKES` spikes of each.
     """
@@ -175,7 +175,7 @@ class WeightDifference:
 
 
 def difference(first: Floats, other: Floats) -> WeightDifference:
-    """Return the difference from the weights of the first run; 0 if only the last bits of doubles differ."""
+    """Return the difference between the weights of two runs, with 0 for differences in the last bits of doubles."""
     if first.size == 0:
         return WeightDifference(0.0, 0.0, 0.0)
     changes = other - first
@@ -200,7 +200,7 @@ def rounded(fixed: FixedProgram, index: int) -> Floats | None:
 
 
 def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:
-    """Return the difference that quantising makes to the weights of each projection, by name."""
+    """Return the rounding errors of the weights of each projection, by name."""
     by_name = {}
     for index, part in enumerate(fixed.program.projections):
         after = rounded(fixed, index)

@@ -66,7 +66,7 @@ class LoihiRules:
 
     Attributes:
         network: name of the network.
-        steps: number of steps compared on both chips; 0 if one of the chips refuses the network.
+        steps: number of compared steps; 0 if one of the chips refuses the network.
         spikes: number of spikes of all neurons on each chip. Without spikes, equal registers mean little.
         differences: all differences; empty if all integers are equal.
     """
@@ -105,7 +105,7 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         seed: seed of the run.
 
     Raises:
-        ModelError: `net` is no network, or `duration` is below 0, infinite or off the grid.
+        ModelError: `net` is not a network, or `duration` is below 0, infinite or off the grid.
     """
     if not isinstance(net, Network):
         raise ModelError(f"loihi_rules: found {net!r:.60}: expected a Network", hint="neuro.load reads one from YAML")
@@ -114,7 +114,7 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         raise ModelError(f"duration = {duration} ms: expected a finite time >= 0 ms")
     program = compile_network(net, seed)
     programs = []
-    for name in CHIPS:  # convert parts that are described in the registers of the other Loihi
+    for name in CHIPS:  # convert parts in the registers of the other Loihi
         populations = tuple(_population(part, name) for part in program.populations)
         native = [part.model.chip == name for part in populations]
         projections = tuple(_projection(part, name, native[part.target]) for part in program.projections)
@@ -154,7 +154,7 @@ def _projection(part: Projection, name: str, native: bool) -> Projection:
 
 
 def _refused(fixed: list[FixedProgram]) -> Iterator[RuleDifference]:
-    """Yield the parts that one chip refuses and the other accepts."""
+    """Yield the parts refused by one chip only."""
     reasons = [{p.what: p.why for p in on_chip.problems if p.refused} for on_chip in fixed]
     for name in dict.fromkeys([*reasons[0], *reasons[1]]):
         sides = ["refused" if name in refusals else "accepted" for refusals in reasons]
@@ -162,12 +162,12 @@ def _refused(fixed: list[FixedProgram]) -> Iterator[RuleDifference]:
 
 
 def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifference]:
-    """Yield the projections whose spikes add other values on the two chips."""
+    """Yield the projections whose spikes add different values on the two chips."""
     for index, part in enumerate(program.projections):
         loihi, loihi2 = (on_chip.projections[index] for on_chip in fixed)
         if loihi is None or loihi2 is None:
             continue
-        # Values that a spike adds to the input of a step, for each weight, before a sum is rounded.
+        # Values added by a spike to the input of a step, for each weight, before the sum is rounded.
         added, added2 = np.broadcast_arrays(*(w.words.astype(np.float64) / (1 << w.shift) for w in (loihi, loihi2)))
         wrong = np.flatnonzero(added != added2)
         if wrong.size:
@@ -178,7 +178,7 @@ def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifferen
 
 
 def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[RuleDifference]:
-    """Yield the first step in which registers of a population differ."""
+    """Yield the first difference in the registers of each population."""
     equal_so_far = {
         k for k, part in enumerate(program.populations) if not isinstance(part.model, (Generator, parrot_neuron))
     }

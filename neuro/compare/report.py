@@ -1,4 +1,4 @@
-"""A comparison as one self-contained page, without other fonts, scripts or network connections."""
+"""Page about a comparison, self-contained: no other fonts, scripts or network connections."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
     assert run.counts is not None
     facts = [("spikes", f"{run.counts.spikes:,}"), ("synaptic operations", f"{run.counts.synaptic_ops:,}")]
     if run is comparison.first:
-        result, explanation = "baseline", "what the others are compared with"
+        result, explanation = "baseline", "reference of the comparison"
     else:
         equal = sum(part.same for part in run.neurons.values())
         result, explanation = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
@@ -112,13 +112,13 @@ def _weights(comparison: Comparison) -> Iterator[Html]:
         return
     yield tag("h2", "Weights")
     if any(run.fixed for run in comparison.ran):
-        yield tag("p", "Before and after quantisation: as described, and as the weight memory of each chip holds them.")
+        yield tag("p", "Weights as described, and as stored in the weight memory of each chip after quantisation.")
     chips = [run.backend for run in comparison.ran if run.fixed]
     yield drawings(comparison.histograms, {"described": "as described"} | {name: f"on {name}" for name in chips})
     yield tag("h3", f"At the end of the run, against {comparison.first.backend}")
     if comparison.learnt:
         yield drawings(comparison.learnt, {run.backend: f"on {run.backend}" for run in comparison.ran})
-    yield tag("p", "The last column is what quantising alone does to the weights as described.")
+    yield tag("p", "The last column is the effect of quantisation alone on the described weights.")
     yield table(cells.PROJECTIONS, cells.projections(comparison))
 
 
@@ -135,7 +135,7 @@ def _rounding(comparison: Comparison) -> Iterator[Html]:
     fixed_programs = [(run.backend, run.fixed) for run in comparison.ran if run.fixed is not None]
     if fixed_programs:
         yield tag("h2", "Rounding")
-        yield tag("p", "What the registers of each chip stand for, of the neuron where they differ most.")
+        yield tag("p", "Values represented by the registers of each chip, for the neuron with the largest difference.")
     for name, fixed in fixed_programs:
         yield tag("h3", name)
         yield table(ROUNDED, _rounded(fixed))
@@ -183,7 +183,7 @@ def rasters(comparison: Comparison) -> Html:
     dots = min(MOST_DOTS, MOST_DOTS_IN_ALL // max(1, len(names) * len(comparison.ran)))
     parts: list[object] = [_raster(comparison, name, dots) for name in names]
     if len(active) > len(names):
-        parts.append(tag("p", f"{len(active) - len(names)} more populations are not drawn: {MOST_POPULATIONS} are."))
+        parts.append(tag("p", f"{MOST_POPULATIONS} populations are drawn, {len(active) - len(names)} more are not."))
     if silent:
         parts.append(tag("p", f"Silent on every backend: {', '.join(silent)}."))
     name = comparison.first.backend
@@ -255,7 +255,7 @@ def chip_map(placement: Placement, chip: Chip) -> Html:
 
 
 def _list(placement: Placement) -> Html:
-    """Return the cores as a table, for paper and for readers without a mouse."""
+    """Return the cores as a table, for readers on paper or without a mouse."""
     rows = [
         (*_place(core), neurons_on(placement, core), f"{core.neurons:,}", f"{core.synapse_bytes:,}", _full(core))
         for core in placement.cores[:MOST_ROWS]
@@ -327,7 +327,7 @@ def title(placement: Placement, core: Core) -> str:
 def _scale() -> Html:
     steps = (html.box(i * 15.0, 0, 14, 10, "core", "", 0.18 + 0.82 * i / 7) for i in range(8))
     drawing = html.svg(120, 10, *steps, label="from empty to full")
-    parts = ("empty", drawing, "full, by the limit that is closest")
+    parts = ("empty", drawing, "full, by the closest limit")
     return tag("p", *(part if isinstance(part, Html) else tag("span", part) for part in parts), class_="scale")
 
 
@@ -345,4 +345,4 @@ def _caption(placement: Placement, chip: Chip, mesh: Mesh) -> str:
         remarks.append(f"the fullest core uses {share:.0%} of its {LIMITS.get(name, name)}")
     if placement.chips_used > MOST_CHIPS:
         remarks.append(f"{MOST_CHIPS} chips are drawn")
-    return "; ".join(remarks) + ". Pointing at a core shows what it holds."
+    return "; ".join(remarks) + ". Pointing at a core shows its content."

@@ -1,4 +1,4 @@
-"""Results of a comparison: a run on each backend, its differences from the first, and bills."""
+"""Results of a comparison: a run on each backend, differences from the first run, and bills."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class PopulationResult:
         neurons: number of neurons.
         spikes: number of spikes.
         rate_hz: mean rate of a neuron.
-        generator: the population is input, whose spikes should be equal on all backends.
-        same: the spikes are exactly those of the first run.
+        generator: whether the population is input, with spikes that should be equal on all backends.
+        same: whether the spikes are exactly those of the first run.
         first: first difference, or None.
         distance: distance of the spike trains; None for the first run, and without the library.
     """
@@ -90,15 +90,15 @@ class Run:
 
     Attributes:
         backend: name of the backend, or the table file of its chip.
-        refused: reasons for a refusal; "" if the network ran. `reason` is the first reason, in a line.
+        refused: reasons for a refusal; "" if the network ran. `reason` is the first reason, in one line.
         warnings: approximations and overflows.
         inputs: input compared with the first run: "same", "merged" (several spikes of a neuron in a step are one),
             "other".
         counts: counts of the run.
         populations: results by name, without generators of currents.
         weights: difference of the final weights from the first run's, by projection.
-        delays: difference of the final delays in ms, of projections whose delays learn.
-        rounding: difference that quantising makes to the described weights, by projection; None for a float backend.
+        delays: difference of the final delays in ms, for projections with learning delays.
+        rounding: rounding error of the described weights, by projection; None for a float backend.
         fixed, placement: the network in the chip's integers and on its cores; None for a float backend.
         bills: bill on the own chip; for the first run also bills on other targets.
         trains: the spikes.
@@ -134,7 +134,7 @@ class Run:
 
     @property
     def neurons(self) -> dict[str, PopulationResult]:
-        """Results of the populations that are not input."""
+        """Results of all populations except input."""
         return {name: part for name, part in self.populations.items() if not part.generator}
 
     @property
@@ -154,7 +154,7 @@ class Run:
         return sum(d.edits for d in distances) / max(sum(d.spikes for d in distances), 1) if distances else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the spikes and weights, for JSON."""
+        """Return everything except spikes and weights, for JSON."""
         if self.refused:
             return {"ran": False, "reason": self.refused, "warnings": list(self.warnings)}
         assert self.counts is not None
@@ -189,7 +189,7 @@ class Comparison:
         ms: duration of the runs.
         resolution_ms: length of a step.
         seed: seed of all random numbers, the same for all backends.
-        runs: run on each backend, in the given order; the others are compared with the first that ran.
+        runs: run on each backend, in the given order. The first that ran is the reference of the others.
         histograms: histograms of the weights of each projection as described and on each chip.
         learnt: histograms of the final weights of each projection that learns, on each backend.
         notes: notes for the reader.
@@ -208,7 +208,7 @@ class Comparison:
 
     @property
     def first(self) -> Run:
-        """The run with which the others are compared."""
+        """The reference: the first run that was not refused."""
         return self.ran[0]
 
     @property

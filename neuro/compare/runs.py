@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from neuro.realtime.closed_loop import ClosedLoop
 
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
-"""Targets for which the counts of the first run are priced, besides the bill of each chip backend."""
+"""Targets that price the counts of the first run, in addition to the bill of each chip backend."""
 
 Advance = Callable[[Simulation, int], object]
 
@@ -59,7 +59,7 @@ def compare(
 ) -> Comparison:
     """Run a network on several backends and compare each run with the first.
 
-    A backend that refuses the network is reported with its reason. The others are compared with the first that runs.
+    If a backend refuses the network, the result has the reason. The first backend that runs is the reference.
 
     Args:
         net: the network; it is not changed.
@@ -78,7 +78,7 @@ def compare(
     for index, name in enumerate(names):
         find_backend(name)
         if name in names[:index]:
-            raise ModelError(f"backends: '{name}' is said twice")
+            raise ModelError(f"backends: found '{name}' twice: expected different names")
     steps = Clock(net.resolution).step(ms, "ms")
     watched, runs = _recording(net), list[Run]()
     for name in names:
@@ -108,7 +108,7 @@ def compare(
 
 
 def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Mapping[str, Any]) -> Comparison:
-    """Return the comparison of all runs, if there are two or more."""
+    """Return the comparison of two or more runs."""
     _enough(runs)
     program = next(run.program for run in runs if run.program is not None)
     fixed = {run.backend: run.fixed for run in runs if run.fixed is not None}
@@ -126,7 +126,7 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Map
 
 
 def _enough(runs: list[Run]) -> None:
-    """Raise an error if fewer than two backends ran. An error that all backends share is raised unchanged."""
+    """Raise an error if fewer than two backends ran. An error common to all backends is raised unchanged."""
     ran = sum(not run.refused for run in runs)
     refusals = dict.fromkeys(run.refused for run in runs if run.refused)
     if ran == 0 and len(refusals) == 1:
@@ -169,7 +169,7 @@ def _warnings() -> Iterator[list[str]]:
 
 
 def _gather(sim: Simulation, backend: str, first: bool) -> Run:
-    """Return the results of a run that are compared or shown."""
+    """Return the results of a run for comparison and display."""
     program, counts = sim.program, sim.counts()
     clock = Clock(program.resolution)
     trains, results = dict[str, ComparedSpikes](), dict[str, PopulationResult]()
@@ -197,7 +197,7 @@ def _gather(sim: Simulation, backend: str, first: bool) -> Run:
 
 
 def chip_of(backend: str) -> Chip | None:
-    """Return the chip that a backend emulates; None for a float backend."""
+    """Return the chip emulated by a backend; None for a float backend."""
     backend_chip = getattr(find_backend(backend), "chip", None)
     return backend_chip if isinstance(backend_chip, Chip) else None
 
@@ -275,7 +275,7 @@ def _notes(runs: list[Run], ms: float) -> Iterable[str]:
             chosen = f"{distance.neurons:,} of {part.neurons:,} neurons, evenly chosen"
             neurons = chosen if distance.neurons < part.neurons else "all neurons"
             time = f", up to {distance.until_ms:g} ms" if distance.until_ms < ms else ""
-            measured[f"the distance of '{name}' is of {neurons}{time}"] = None
+            measured[f"the distance of '{name}' covers {neurons}{time}"] = None
     yield from measured
     for bill in ran[0].bills:
         if bill.energy is not None and bill.energy.refused:

@@ -61,7 +61,7 @@ class CameraInput:
     Attributes:
         shape: shape of the population.
         model: model of the population.
-        sensor_size: width and height of the sensor in px. Without a recording, the smallest sensor that the shape fits.
+        sensor_size: width and height of the sensor in px; without a recording, the smallest sensor for the shape.
         repeatable: whether the recording can be played several times.
         identity: identity of the model and the recording.
     """
@@ -89,7 +89,7 @@ class CameraInput:
         return f"{parameters} {'' if self._played is None else self._played.identity}"
 
     def check_events(self) -> None:
-        """Refuse a recording without events after its beginning, if the recording can be read already."""
+        """Raise an error if the recording can be read already, and has no events after its beginning."""
         model = self.model
         word = "offset" if model.offset else "origin"
         if self._played is None or self._origin is None or self._played.first() is None or not getattr(model, word):
@@ -101,7 +101,7 @@ class CameraInput:
             raise ModelError(f"{message}: the recording has no event after that", path=(model.name, word))
 
     def _shape_of(self, declared: tuple[int | str, ...]) -> Shape:
-        """Return the shape that follows from the sensor; a declared shape must agree."""
+        """Return the shape for the sensor. A declared shape must agree."""
         if self._sensor is None:
             if AUTO in declared:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
@@ -119,12 +119,12 @@ class CameraInput:
         fits = len(declared) == len(shape) and all(word in (AUTO, n) for word, n in zip(declared, shape, strict=True))
         if not fits and declared != (AUTO,):
             width, height = self._sensor
-            message = f"shape {_as_yaml(declared)}: expected {list(shape)}, as the sensor is {width}x{height} px"
+            message = f"shape {_as_yaml(declared)}: expected {list(shape)}, because the sensor is {width}x{height} px"
             raise ModelError(message, hint="'shape: auto' takes it from the recording", path=("shape",))
         return shape
 
     def _visible_size(self) -> tuple[int, int]:
-        """Return width and height in px of the visible area, from the shape, where the sensor is unknown."""
+        """Return width and height in px of the visible area, from the shape, if the sensor is unknown."""
         rows, columns = (n * self.model.scale for n in self.shape[-2:])
         crop = self.model.crop
         ends = (None, None) if crop is None else (crop.x, crop.y)
@@ -136,7 +136,7 @@ class CameraInput:
         return self.model.polarity == "split"
 
     def after(self, step: int) -> Iterator[Stretch]:
-        """Yield all spikes of later steps. The last step read is held back, since more events may fall into it."""
+        """Yield all spikes of later steps. The last step is held back until all of its events are read."""
         with naming_the_part(self._part):
             steps = ids = _NONE
             for events in self._read(step):
@@ -149,7 +149,7 @@ class CameraInput:
             yield Stretch(NEVER, steps, ids)
 
     def _read(self, step: int) -> Iterator[Any]:
-        """Yield the events of later steps, up to the first part that exceeds the end."""
+        """Yield the events of later steps, up to the first batch beyond the end."""
         if self._played is None or step >= self._stop:
             return
         for events in self._played.parts(self._begin(step), self.sensor_size):
@@ -163,36 +163,36 @@ class CameraInput:
         if isinstance(events, (str, PathLike)):
             raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
         if self._origin is None:
-            raise ModelError("its recording has not begun: expected 'origin'", hint="set 'origin', or run first")
+            raise ModelError("the recording has not begun: expected 'origin'", hint="set 'origin', or run first")
         begin = self._origin + self._offset
-        parts = []
+        event_arrays = []
         playing = app("neuro_events.playing", "the type of events")
         batches = (
             [events] if isinstance(events, playing.Events) else playing.played(events).parts(None, self.sensor_size)
         )
-        for part in batches:
-            if len(part) and part.t[0] < begin:
-                raise ModelError(f"an event at {part.t[0]} us: expected {begin} us or later, the beginning")
-            parts.append(self._spikes(part, -NEVER))
-        if len(parts) == 1:
-            return parts[0]
-        steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
+        for events_array in batches:
+            if len(events_array) and events_array.t[0] < begin:
+                raise ModelError(f"an event at {events_array.t[0]} us: expected {begin} us or later, the beginning")
+            event_arrays.append(self._spikes(events_array, -NEVER))
+        if len(event_arrays) == 1:
+            return event_arrays[0]
+        steps, ids = (np.concatenate([_NONE, *(events_array[k] for events_array in event_arrays)]) for k in (0, 1))
         return steps, ids
 
     def first_us(self, step: int) -> int:
-        """Return the earliest time of an event in us that is emitted after this step."""
+        """Return the earliest time, in us, of an event that is emitted after this step."""
         numerator, denominator = self._step_us
         since = max(0, step - self._start) * numerator
         return (self._origin or 0) + self._offset - (-since // denominator)
 
     def _begin(self, step: int) -> int | None:
-        """Return the first time in us to read for the spikes after this step; None to read everything."""
+        """Return the first time, in us, to read for the spikes after this step; None to read everything."""
         if self._origin is None or (step <= self._start and not self._offset and self.model.origin is None):
             return None
         return self.first_us(step)
 
     def _step(self, t: int) -> int:
-        """Return the step in which an event at a time of the recording in us is emitted."""
+        """Return the step that emits an event, from the time of the event in us."""
         numerator, denominator = self._step_us
         return self._start + (t - (self._origin or 0) - self._offset) * denominator // numerator + 1
 
@@ -201,14 +201,14 @@ class CameraInput:
         width, height = self._sensor or events.sensor_size
         if events.sensor_size != (width, height):
             size = "{}x{}".format(*events.sensor_size)
-            raise ModelError(f"events of a {size} sensor: expected {width}x{height}, the recording's")
+            raise ModelError(f"events of a {size} sensor: expected {width}x{height}, the size of the recording")
         if self._origin is None and len(events):
             self._origin = int(events.t[0])
         steps, ids = np.empty(len(events), np.int64), np.empty(len(events), np.int64)
         n = see(events.t, events.x, events.y, events.p, self._eye(width, height), after, steps, ids)
         if n < 0:
             t, x, y = (column[-1 - n] for column in (events.t, events.x, events.y))
-            raise ModelError(f"event at x = {x}, y = {y}, {t} us: expected within its shape {list(self.shape)}")
+            raise ModelError(f"event at x = {x}, y = {y}, {t} us: expected it within the shape {list(self.shape)}")
         return steps[:n], ids[:n]
 
     def _eye(self, width: int, height: int) -> Eye:
@@ -232,18 +232,18 @@ def _as_yaml(shape: tuple[int | str, ...]) -> str:
 
 
 class Eye(NamedTuple):
-    """The visible area of a sensor, and the conversion from times to steps, for the kernel.
+    """Visible area of a sensor, and conversion from times to steps, for the kernel.
 
     Attributes:
         begin: the first time of the recording, us.
         numerator, denominator: us in a step, as a ratio.
         start: the step after which the recording begins.
         stop: the last step.
-        left, right, top, bottom: visible columns and rows, each as the first one and the one after the last.
+        left, right, top, bottom: visible columns left <= x < right and rows top <= y < bottom.
         scale: side of the squares of pixels that share a neuron.
         rows, columns: size of the population.
         polarity: the visible polarity, 0 or 1; -1: both.
-        polarity_stride: distance between the neurons of the two polarities, 0 where both share the neurons.
+        polarity_stride: distance between the neurons of the two polarities; 0 if both share the neurons.
     """
 
     begin: int
@@ -275,10 +275,10 @@ def see(
 ) -> int:
     """Write steps and neurons of the visible events in steps after `after`; return their number.
 
-    If an event is outside a population that is smaller than the sensor, return -1 - (index of the event).
+    If an event is outside of the population, return -1 - (index of the event).
     """
     n = 0
-    step, begin, end = 0, 1, 0  # step of the last event and its times; avoids most divisions
+    step, begin, end = 0, 1, 0  # step of the last event, and its times: most events need no division
     for k in range(t.shape[0]):
         since = t[k] - eye.begin
         if since < 0:

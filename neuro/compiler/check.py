@@ -1,4 +1,4 @@
-"""Checks of a network as a whole. Each check raises a `ModelError` that says what to change."""
+"""Checks of a network as a whole. Each raises a `ModelError` with a hint on what to change."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ FINER = "use a finer resolution or a lower rate"
 
 
 def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
-    """Check everything except trials and the values of arrays, which are checked where they are resolved.
+    """Check a network, except trials and the values of arrays. Those are checked when they are resolved.
 
     Args:
         net: the network.
         shapes: resolved shapes of all populations.
 
     Raises:
-        ModelError: the first error, with its place and a way out.
+        ModelError: the first error, with the place and a hint.
     """
     if not net.populations:
         raise ModelError(f"network '{net.name}' has no population: expected at least one")
     for name in net.projections:
         if name in net.populations:
-            refuse(net.projections[name], "a population has the same name: expected a name of its own")
+            refuse(net.projections[name], "a population has the same name: expected another name")
     for population in net.populations.values():
         _check_population(population, shapes[population.name])
     for projection in net.projections.values():
@@ -72,7 +72,7 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
 
 
 def recordable(population: Population) -> list[str]:
-    """Return the names of the states of a population's model that can be read."""
+    """Return the names of the readable states of a population's model."""
     return [state.name for state in population.model.states if not state.hidden]
 
 
@@ -93,11 +93,11 @@ def _check_population(part: Population, shape: Shape) -> None:
         refuse(part, message, word="spike_generator.spike_times")
     if isinstance(model, Neuron) and 0 < model.most < size(shape):
         subject = f"{size(shape)} neurons of {model.name}"
-        refuse(part, f"{subject}: expected at most {model.most}, since all are compared with each other")
+        refuse(part, f"{subject}: expected at most {model.most}, since all neurons are compared with each other")
 
 
 def _check_class(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
-    """Check that a third-party class, registered or not, has everything that backends need."""
+    """Check that a third-party class, registered or not, has all that backends need."""
     try:
         registry.check(model)
     except ModelError as error:
@@ -173,23 +173,23 @@ def check_generator(model: Generator, parameters: Mapping[str, Floats], clock: C
                 raise ModelError(message, hint=hint, path=(model.name, "std_mod"), about=("std",))
 
 
-def check_rate(model: Model, what: str, rate: float, clock: Clock) -> None:
-    """Refuse a rate with more spikes per step than can be drawn.
+def check_rate(model: Model, word: str, rate: float, clock: Clock) -> None:
+    """Refuse a rate that is too large for drawing the spikes of a step.
 
     Raises:
         ModelError: the rate, in Hz, is too large.
     """
     limit = LARGEST_MEAN * 1000.0 / clock.resolution
     if rate > limit:
-        message = f"{model.name}.{what} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes per step"
-        raise ModelError(message, path=(model.name, *words_of(what)))
+        message = f"{model.name}.{word} = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes per step"
+        raise ModelError(message, path=(model.name, *words_of(word)))
 
 
 def _check_ends(net: Network, part: Projection) -> None:
     source, target = net.populations[part.source].model, net.populations[part.target].model
     if not isinstance(target, Neuron):
         text = f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons"
-        refuse(part, text, f"is it meant from '{part.target}' to '{part.source}'?", "to")
+        refuse(part, text, f"write it from '{part.target}' to '{part.source}', if that is meant", "to")
     if isinstance(source, CurrentGenerator):
         if not target.states:
             refuse(
@@ -246,7 +246,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
         refuse(part, text, "all_to_all gives each pair a weight", synapse.name)
     if isinstance(part.rule, grid) and synapse.learns == "pairs" and (words := synapse.per_synapse()):
         text = f"{synapse.name}.{words[0]} of each synapse on a shared kernel: expected a number"
-        refuse(part, text, "all_to_all gives each pair a rule of its own", synapse.name)
+        refuse(part, text, "all_to_all gives each pair its own rule", synapse.name)
     if isinstance(part.rule, grid) and synapse.delays:
         text = f"{synapse.name} on a shared kernel, which has one delay: expected another connection rule"
         refuse(part, text, "all_to_all gives each pair a delay", synapse.name)
@@ -269,7 +269,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
 
 
 def _check_weight(part: Projection) -> None:
-    """Check that a weight given as a number is within the numeric bounds of its rule."""
+    """Check that a weight, if it is a number, is within the bounds of the rule."""
     weight = plain(part.weight)
     if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight) or part.synapse.per_synapse():
         return
@@ -295,7 +295,7 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         if "V_m" not in recordable(net.populations[name]) or "V_th" not in model.quantities():
             refuse(part, f"{kind} of '{name}', {a(model.name)}: expected neurons with V_m and V_th", word=kind)
         if isinstance(model, Neuron) and model.resets_in_step:
-            message = f"{kind} of '{name}', {a(model.name)}, which resets itself before a group can choose"
+            message = f"{kind} of '{name}', {a(model.name)}, whose neurons reset themselves before a group can choose"
             refuse(part, f"{message}: expected neurons that a group resets", word=kind)
         if problem := part.choice.misfit(shapes[name]):
             refuse(part, problem, word=kind)
@@ -307,21 +307,21 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
 def named_by(synapse: Synapse) -> str | None:
     """Return the name of a synapse's receptor; None without one.
 
-    A number called `receptor` is a parameter of a third-party rule.
+    If `receptor` is a number, it is a parameter of a third-party rule, and no name.
     """
     name = getattr(synapse, "receptor", None)
     return name if isinstance(name, str) else None
 
 
 def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
-    """Return the receptor that a synapse names; None if weights are routed by sign.
+    """Return the receptor named by a synapse; None if the sign of a weight chooses the receptor.
 
     Args:
         synapse: the model of the synapse.
         target: the population of target neurons.
 
     Raises:
-        ModelError: the neurons have no receptor of that name, or the synapse does not name one of several receptors.
+        ModelError: the neurons have no such receptor, or have several and the synapse names none.
     """
     model = target.model
     assert isinstance(model, Neuron)
@@ -339,7 +339,7 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     if name not in receptors:
         raise _unknown_receptor(synapse, target, name, receptors)
     index, conductance = receptors.index(name), name in model.conductances
-    # Models with two conductances expect negative numbers at the second one, as in routing by sign.
+    # Models with two conductances expect negative numbers at the second conductance, as if the sign had chosen it.
     return Receptor(name, index, conductance, negated=conductance and len(receptors) == 2 and index == 1)
 
 
@@ -374,7 +374,7 @@ def _unknown_receptor(synapse: Synapse, target: Population, name: str, receptors
 
 
 def check_conductance(receptor: Receptor | None, *weights: NDArray[np.floating[Any]]) -> None:
-    """Refuse negative weights to a named conductance. With several arrays, the message has no index.
+    """Refuse negative weights to a named conductance. If `weights` are several arrays, the message has no index.
 
     Raises:
         ModelError: the first negative weight.

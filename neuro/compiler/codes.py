@@ -14,7 +14,7 @@ from neuro.program.program import Floats
 
 
 def generator_of(part: Population, model: encode | event_camera, shape: Shape, clock: Clock, seed: int) -> Generator:
-    """Return the generator that replaces a code or a camera. The generator of a camera lists no spikes.
+    """Return the generator in place of a code or a camera. The generator of a camera has no listed spikes.
 
     Raises:
         ModelError: the code has another number of neurons, or a time is too late or off the grid of steps.
@@ -25,7 +25,7 @@ def generator_of(part: Population, model: encode | event_camera, shape: Shape, c
         encoded = model.spikes(key(seed, "encode", part.name))
         neurons = encoded.shape if model.gives_rates else encoded.shape[:-1]
         if neurons not in (shape, (size(shape),)):
-            message = f"encode makes the spikes of neurons of shape {list(neurons)}: expected {list(shape)}"
+            message = f"encode gives spikes for neurons of shape {list(neurons)}: expected {list(shape)}"
             raise ModelError(message, hint=f"give the population the shape {list(neurons)}")
         if model.gives_rates:
             return poisson_generator(rate=encoded, start=model.start, stop=model.stop)
@@ -33,7 +33,7 @@ def generator_of(part: Population, model: encode | event_camera, shape: Shape, c
 
 
 def _times(model: encode, after: Floats, clock: Clock) -> list[Floats]:
-    """Return the end of the step of each emitted spike, as a list for each neuron."""
+    """Return the times of the emitted spikes, at the ends of their steps, as a list for each neuron."""
     start, stop = clock.step(model.start, "encode.start"), clock.step(model.stop, "encode.stop")
     neurons, spikes = np.nonzero(~np.isnan(after))
     steps = start + clock.floors(after[neurons, spikes], "encode: spike") + 1

@@ -1,4 +1,4 @@
-"""Connection rules as arrays: the synapses of a projection, sorted by source, then target, whole or in blocks."""
+"""Synapses made by connection rules, as arrays sorted by source, then target, undivided or in blocks."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ GetGeometry: TypeAlias = Callable[[], Geometry]
 def expected_synapses(rule: Rule, n_pre: int, n_post: int) -> int:
     """Return the expected number of synapses of a rule.
 
-    The result is 0 where the number does not follow from the sizes.
+    The result is 0 if the number does not follow from the sizes.
     """
     if isinstance(rule, pairwise_bernoulli):
         return round(rule.p * n_pre * n_post)
@@ -75,7 +75,7 @@ LEAST = 1 << 22
 """Smallest expected number of synapses of a block."""
 
 LEAST_OF_SOURCE = 16
-"""Smallest expected number of synapses of a source in a block, because each block has a table of its sources."""
+"""Smallest expected number of synapses of a source in a block. Fewer are not worth a block's table of sources."""
 
 Key = tuple[int, str, str]
 
@@ -89,14 +89,14 @@ class Block:
     end: int
 
     def key(self, key: Key) -> Key:
-        """Return the key for the draws of the block; the first block has the key of an undivided projection."""
+        """Return the key for the draws of the block. The key of the first block is that of an undivided projection."""
         seed, purpose, name = key
         return seed, f"{purpose} {self.index}" if self.index else purpose, name
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The synapses that a rule makes, block by block.
+    """Synapses made by a rule, block by block.
 
     Args:
         rule: the rule.
@@ -106,7 +106,7 @@ class Blocks:
             populations, which have no autapses.
         sizes: sizes of a grid.
         key: key of the draws, see `keyed_random`.
-        get_geometry: returns the distances between neurons, for rules that need them.
+        get_geometry: function that returns the distances between neurons, for rules that need distances.
     """
 
     rule: Rule
@@ -119,7 +119,7 @@ class Blocks:
 
     @cached_property
     def all(self) -> tuple[Block, ...]:
-        """The blocks in order. A rule that lists pairs, or draws all pairs together, has a single block."""
+        """The blocks in order. Rules that list pairs, or draw all pairs together, have a single block."""
         n_post = size(self.target)
         number = int(self._expected() // max(LEAST, LEAST_OF_SOURCE * size(self.source)))
         number = max(1, min(number, n_post))
@@ -127,7 +127,7 @@ class Blocks:
         return tuple(Block(k, ends[k], ends[k + 1]) for k in range(number))
 
     def _expected(self) -> float:
-        """Return the expected number of synapses, if they can be drawn in blocks."""
+        """Return the expected number of synapses for a rule that can be drawn in blocks, else 0."""
         n_pre, n_post = size(self.source), size(self.target)
         if isinstance(self.rule, distance_dependent) and n_pre * n_post >= LEAST:
             return expected_pairs(self.rule, self.get_geometry())
@@ -137,8 +137,8 @@ class Blocks:
         """Return all synapses, undivided.
 
         Args:
-            buffer: memory for the targets of all synapses, which may be used.
-            first: index of the first target in the projection, for draws that belong to pairs.
+            buffer: memory that may be used for the targets of all synapses.
+            first: index of the first target in the projection, for draws with a key per pair.
 
         Raises:
             ModelError: the rule does not fit the sizes.
@@ -196,7 +196,7 @@ class Blocks:
         return listed_pairs(*pairs_of_rule(rule, self.source, self.target, same, rng), n_pre, n_post, rule.name)
 
     def connect(self, block: Block) -> Connections:
-        """Return the synapses onto the targets of a block, one of several.
+        """Return the synapses onto the targets of one of several blocks.
 
         Raises:
             ModelError: the rule does not fit the sizes.
@@ -220,7 +220,7 @@ class Blocks:
             case fixed_total_number():
                 part = replace(part, rule=replace(rule, n=int(self._numbers[block.index])))
             case distance_dependent():
-                # A draw belongs to its pair, so its key does not depend on the block.
+                # Each pair has a key for the draw, independent of the block.
                 within = np.arange(first, end)
                 part = replace(part, key=self.key, get_geometry=lambda: self.get_geometry().subset(None, within))
                 return shifted(part.whole(first=first), first)
@@ -228,7 +228,7 @@ class Blocks:
 
     @cached_property
     def _numbers(self) -> Ints:
-        """The number of synapses in each block, for a rule with a total number."""
+        """Numbers of synapses in each block, for a rule with a total number."""
         rule = self.rule
         assert isinstance(rule, fixed_total_number)
         excluded = None if rule.autapses else self.target_index
@@ -242,7 +242,7 @@ class Blocks:
 
     @cached_property
     def _degrees(self) -> list[NDArray[np.int32]]:
-        """The number of synapses of each source in each block, for a rule with an out-degree."""
+        """Numbers of synapses of each source in each block, for a rule with an out-degree."""
         rule = self.rule
         assert isinstance(rule, fixed_outdegree)
         excluded = None if rule.autapses else self.target_index

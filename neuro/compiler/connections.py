@@ -1,4 +1,4 @@
-"""The synapses of a projection without their values: sources and targets, sorted by source, then target."""
+"""Synapses of a projection without values: sources and targets, sorted by source, then target."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Connections:
 
     Attributes:
         layout, row_ends, targets, size: as in `neuro.program.program.Projection`.
-        order: for listed pairs that were not sorted: index of the listed pair of each synapse, else None.
-        weight_shapes: the shapes that an array of weights may have; empty where synapses are drawn at random.
-        shared: for synapses that share drawn weights or delays: index of the draw of each synapse, else None.
+        order: index of the listed pair of each synapse, if the list was not sorted; else None.
+        weight_shapes: allowed shapes of an array of weights; empty if synapses are drawn at random.
+        shared: index of the draw of each synapse, if synapses share drawn weights or delays; else None.
         factors: factors of "weight" or "delay", one for each synapse in the program's order; a missing factor is 1.
     """
 
@@ -47,7 +47,7 @@ class Connections:
         return int(np.searchsorted(self.row_ends, synapse, side="right")) - 1, int(self.targets[synapse])
 
     def pairs(self, n_post: int) -> Iterator[tuple[Ints, NDArray[np.integer]]]:
-        """Yield source and target of all synapses except those of a grid, in order, in batches."""
+        """Yield source and target of all synapses, in order, in batches; not for grids."""
         for first, last in blocks(0, self.size, BLOCK):
             synapses = np.arange(first, last)
             match self.layout:

@@ -1,4 +1,4 @@
-"""The synapses of a large projection: drawn block by block in parallel, and joined in one order."""
+"""Synapses of a large projection, drawn block by block in parallel, and joined in one order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from neuro.program.program import Floats, Ints, StoredSynapses
 _OF_THREAD, _NOTHING = threading.local(), np.zeros(0)
 
 MIN_FREED = 1 << 24
-"""Smallest number of synapses at which the memory of blocks is freed. Allocating it again takes time, too."""
+"""Smallest number of synapses at which the memory of blocks is freed. For fewer, allocating again costs more."""
 
 
 class Divided(Drawing):
@@ -52,7 +52,7 @@ class Divided(Drawing):
             columns["weight"] = joint.buffer(np.float64, self._weight_buffer(joint.size, buffer))
 
         def finish(k: int) -> Floats:
-            piece = pieces.pop(k)  # freed after the copy, since two copies of all pieces would not fit into memory
+            piece = pieces.pop(k)  # freed after the copy: memory has no room for two copies of all pieces
             joint.put(k, piece.select(piece.connections.targets), targets)
             if has_each(self.part.delay):
                 joint.put(k, piece.select(piece.delay), delay)
@@ -79,14 +79,14 @@ class Divided(Drawing):
 
     @property
     def _sorts(self) -> bool:
-        """True if the synapses of several blocks are sorted by delay, provided that they are in layout csr."""
+        """True if synapses in layout csr of several blocks are sorted by delay."""
         return (
             self.ordered and isinstance(self.part.delay, Distribution) and not isinstance(self.blocks.rule, one_to_one)
         )
 
     @property
     def _stay_in_blocks(self) -> bool:
-        """True if synapses stay in blocks. A backend that sorts synapses itself can read them in this form."""
+        """True if synapses stay in blocks, for backends that sort synapses themselves."""
         is_whole = self.target_range is None and self._layout == "csr" and self.ends[1].ascends
         return is_whole and self._sorts and not self._parameters
 
@@ -104,7 +104,7 @@ class Divided(Drawing):
         return Synapses(connections, np.zeros(0, dtype=np.uint8), weight, self.part.synapse, True, "csr", blocks)
 
     def _is_needed(self, block: Block) -> bool:
-        """Return whether some targets of a block belong to the share."""
+        """Return whether a block has targets in the share."""
         ids = self.ends[1].ids
         if self.target_range is None:
             return True
@@ -121,7 +121,7 @@ class Divided(Drawing):
 
     @property
     def _is_uniform(self) -> bool:
-        """True if no values per synapse are stored: all sources and targets, with one weight and delay."""
+        """True if no values per synapse are stored: all-to-all with one weight and one delay."""
         each = has_each(self.part.weight) or has_each(self.part.delay) or self._parameters
         return self.target_range is None and self._layout != "csr" and not each
 
@@ -137,7 +137,7 @@ class Divided(Drawing):
 
 
 class Joint:
-    """The index of each synapse of some blocks among the synapses of all blocks.
+    """Index of the synapses of each block among the synapses of all blocks.
 
     Args:
         layout: layout of all synapses.
@@ -153,7 +153,7 @@ class Joint:
 
     @cached_property
     def _starts(self) -> list[Ints]:
-        """Index at which the synapses of each source begin, for each block."""
+        """Index of the first synapse of each source, for each block."""
         starts = [self._row_ends[:-1]]
         for ends in self._rows[:-1]:
             starts.append(starts[-1] + np.diff(ends))
@@ -163,7 +163,7 @@ class Joint:
         return slice(self._blocks[k].first, self._blocks[k].end)
 
     def buffer(self, kind: Any, existing: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Return memory for a value of each synapse; `existing` memory is used if it fits."""
+        """Return memory for one value per synapse: `existing` if it fits, else new memory."""
         return existing if existing is not None and existing.size == self.size else np.empty(self.size, dtype=kind)
 
     def put(self, k: int, values: NDArray[Any], output: NDArray[Any]) -> None:
@@ -202,7 +202,7 @@ def join_blocks(has_weights: bool, blocks: Sequence[SynapseBlock]) -> StoredSyna
 
 
 def _scratch(size: int) -> Floats:
-    """Return memory for a number of values, which is reused by the next block of this thread."""
+    """Return memory for `size` values. The next block of this thread reuses it."""
     # The first access to new memory takes longer than drawing the values in it.
     if getattr(_OF_THREAD, "buffer", _NOTHING).size < size:
         _OF_THREAD.buffer = np.empty(size)

@@ -1,4 +1,4 @@
-"""Weights and delays that are drawn, or that depend on the distance between neurons."""
+"""Weights and delays from distributions or from the distance between neurons."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def drawn_values(value: Distribution, connections: Connections, rng: np.random.G
         # Both directions of a symmetric pair share a draw.
         return value.checked_sample(rng, int(connections.shared.max(initial=-1)) + 1)[connections.shared]
     last = 0
-    # In pieces, because a second array of all values would double the peak memory of a large network.
+    # In pieces: a second array of all values would double the peak memory of a large network.
     for piece in value.pieces(rng, connections.size):
         if piece.size == connections.size:
             return piece
@@ -43,11 +43,11 @@ def drawn_values(value: Distribution, connections: Connections, rng: np.random.G
     return buffer
 
 
-def values_of_distance(profile: Profile, connections: Connections, what: str, get_geometry: GetGeometry) -> Floats:
+def values_of_distance(profile: Profile, connections: Connections, label: str, get_geometry: GetGeometry) -> Floats:
     """Return the value of each synapse as a function of distance."""
     if connections.layout == "grid":
-        message = f"{what} of distance: a shared kernel has none: expected numbers or a distribution"
-        raise ModelError(message, path=words_of(what))
+        message = f"{label} of distance: a shared kernel has none: expected numbers or a distribution"
+        raise ModelError(message, path=words_of(label))
     space, values = get_geometry(), np.empty(connections.size)
     last = 0
     for pre, post in connections.pairs(len(space.target.places)):
@@ -60,19 +60,19 @@ def drawn_delays(
     value: Distribution | of_distance,
     connections: Connections,
     clock: Clock,
-    what: str,
+    label: str,
     rng: np.random.Generator,
     get_geometry: GetGeometry,
     small: bool,
 ) -> Steps:
     """Return delays in steps, rounded, at least one step; arguments as for `delay_steps`."""
-    check_distribution(value, clock, what)
+    check_distribution(value, clock, label)
     # One byte per synapse for drawn, static delays saves 0.9 GB for 300 M synapses. A single delay above 255
     # steps widens the array.
     delays: Steps = np.empty(connections.size, dtype=np.uint8 if small else np.int32)
     longest, n_done = 0.0, 0
-    for piece in _pieces(value, connections, what, rng, get_geometry):
-        check_values(value, piece, connections, clock, what)
+    for piece in _pieces(value, connections, label, rng, get_geometry):
+        check_values(value, piece, connections, clock, label)
         for begin, end in blocks(0, piece.size, BLOCK):
             in_steps = piece[begin:end] / clock.resolution
             np.rint(in_steps, out=in_steps)
@@ -83,14 +83,14 @@ def drawn_delays(
                 delays[n_done + begin : n_done + end] = np.maximum(in_steps, 1.0, out=in_steps)
         n_done += piece.size
     if longest > LONGEST_DELAY:
-        raise too_long_delay(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(longest), clock)
+        raise too_long_delay(f"the longest {'drawn ' * isinstance(value, Distribution)}{label}", int(longest), clock)
     return delays
 
 
 def _pieces(
     value: Distribution | of_distance,
     connections: Connections,
-    what: str,
+    label: str,
     rng: np.random.Generator,
     get_geometry: GetGeometry,
 ) -> Iterator[Floats]:
@@ -100,14 +100,14 @@ def _pieces(
     elif isinstance(value, Distribution):
         yield drawn_values(value, connections, rng, None)
     else:
-        yield values_of_distance(value.profile, connections, what, get_geometry) + 0.0
+        yield values_of_distance(value.profile, connections, label, get_geometry) + 0.0
 
 
-def too_long_delay(what: str, step: int, clock: Clock) -> ModelError:
-    """Return the error for a delay whose spikes in flight would need too much memory."""
+def too_long_delay(label: str, step: int, clock: Clock) -> ModelError:
+    """Return the error for a delay that is too long: its spikes in flight would need too much memory."""
     longest = clock.ms(LONGEST_DELAY)
     return ModelError(
-        f"{what} = {clock.ms(step):g} ms: expected at most {longest:g} ms, 2^16 steps", path=words_of(what)
+        f"{label} = {clock.ms(step):g} ms: expected at most {longest:g} ms, 2^16 steps", path=words_of(label)
     )
 
 
@@ -115,11 +115,11 @@ _TOLERANCE = 1e-9
 """Tolerance in steps for values below 0 of a function of distance, because of rounding."""
 
 
-def check_distribution(value: Distribution | of_distance, clock: Clock, what: str) -> None:
-    """Refuse a distribution of delays that is clearly too small, before values are drawn.
+def check_distribution(value: Distribution | of_distance, clock: Clock, label: str) -> None:
+    """Refuse a distribution with delays that are clearly too small, before values are drawn.
 
-    Delays are rounded to steps, and at least one step. A tail below one step is fine, and so are neurons at the same
-    place. A distribution with most delays below one step, or with negative values, is a mistake.
+    Delays are rounded to whole steps, at least one. A tail below one step is allowed. A distribution with most delays
+    below one step, or with negative bounds, is a mistake.
 
     Raises:
         ModelError: the bounds are below 0, or the middle is below one step.
@@ -129,37 +129,37 @@ def check_distribution(value: Distribution | of_distance, clock: Clock, what: st
             if value.low < 0.0:
                 hint = f"set low to {clock.resolution:g}, one step"
                 raise ModelError(
-                    f"{what}: uniform.low = {value.low:g} ms: expected at least 0 ms", hint=hint, path=words_of(what)
+                    f"{label}: uniform.low = {value.low:g} ms: expected at least 0 ms", hint=hint, path=words_of(label)
                 )
             if _rounds_to_zero(value.high, clock):
                 hint = "use a finer resolution, which has shorter steps"
-                message = f"{what}: uniform.high = {value.high:g} ms: {_expected_one_step(clock)}"
-                raise ModelError(message, hint=hint, path=words_of(what))
+                message = f"{label}: uniform.high = {value.high:g} ms: {_expected_one_step(clock)}"
+                raise ModelError(message, hint=hint, path=words_of(label))
         case normal() | lognormal():
             centre = value.mean if isinstance(value, normal) else math.exp(min(value.mean, 700.0))
             middle = min(max(centre, value.low), value.high)
             if _rounds_to_zero(middle, clock):
                 hint = f"only a tail may be below; raise {value.name}.mean, or set {value.name}.low"
-                message = f"{what}: the middle of the {value.name} is {middle:.3g} ms: {_expected_one_step(clock)}"
-                raise ModelError(message, hint=hint, path=words_of(what))
+                message = f"{label}: the middle of the {value.name} is {middle:.3g} ms: {_expected_one_step(clock)}"
+                raise ModelError(message, hint=hint, path=words_of(label))
 
 
 def check_values(
-    value: Distribution | of_distance, delays: Floats, connections: Connections, clock: Clock, what: str
+    value: Distribution | of_distance, delays: Floats, connections: Connections, clock: Clock, label: str
 ) -> None:
-    """Check drawn or computed delays, except those of distributions with a tail.
+    """Check drawn or computed delays. Distributions with a tail are left to `check_distribution`.
 
     Args:
         value: the distribution or function of distance.
         delays: delay of each synapse, in ms.
         connections: the synapses.
         clock: clock of the network.
-        what: name of the value in messages.
+        label: name of the value in messages.
 
     Raises:
         ModelError: a delay is below 0, or all are below one step.
     """
-    # Checked by `check_distribution`. A tail below one step is rounded up to one step.
+    # `check_distribution` has checked `value`. A tail below one step is rounded up to one step.
     if isinstance(value, (uniform, normal, lognormal)) or not delays.size:
         return
     function = isinstance(value, of_distance)
@@ -168,12 +168,12 @@ def check_values(
         first = int((delays < -_TOLERANCE * clock.resolution).argmax())
         pre, post = connections.ends(first)
         hint = "the function of distance is below 0 there: raise c" if function else "'sample' must give at least 0"
-        message = f"{what} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"
-        raise ModelError(message, hint=hint, path=words_of(what))
+        message = f"{label} of synapse {pre} -> {post} = {delays[first]:.4g} ms: expected at least 0 ms"
+        raise ModelError(message, hint=hint, path=words_of(label))
     if _rounds_to_zero(float(delays.max()), clock):
         hint = "the function of distance is too small: raise c" if function else ""
-        message = f"{what}: the largest of {delays.size} is {delays.max():.3g} ms"
-        raise ModelError(f"{message}: {_expected_one_step(clock)}", hint=hint, path=words_of(what))
+        message = f"{label}: the largest of {delays.size} is {delays.max():.3g} ms"
+        raise ModelError(f"{message}: {_expected_one_step(clock)}", hint=hint, path=words_of(label))
 
 
 def _rounds_to_zero(delay: float, clock: Clock) -> bool:

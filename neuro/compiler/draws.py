@@ -1,4 +1,4 @@
-"""Synapses as arrays: drawn by a rule, listed by a rule, or returned by a third-party rule."""
+"""Synapses as arrays, drawn by a rule, listed in a rule, or returned by a third-party rule."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def is_same(target_index: Ints | None, n_post: int) -> bool:
 
 
 def pairs_of_rule(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.random.Generator) -> tuple[Ints, Ints]:
-    """Return the pairs of a third-party rule, checked: whole numbers >= 0, as many sources as targets."""
+    """Return the pairs of a third-party rule after checks: whole numbers >= 0, as many sources as targets."""
     RULES.check(type(rule))
     result = rule.connect(source, target, same, rng)
     if not isinstance(result, tuple) or len(result) != 2:
@@ -35,13 +35,13 @@ def pairs_of_rule(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.
             message = f"{rule.name}.connect: {word}: found {actual}: expected a row of whole numbers >= 0"
             raise ModelError(message, path=(rule.name,))
     if pre.size != post.size:
-        message = f"{rule.name}.connect: {pre.size} sources and {post.size} targets: expected as many of each"
+        message = f"{rule.name}.connect: {pre.size} sources and {post.size} targets: expected equal numbers"
         raise ModelError(message, path=(rule.name,))
     return pre.astype(np.int64), post.astype(np.int64)
 
 
 def in_rows(row_ends: Ints, targets: NDArray[np.int32]) -> Connections:
-    """Return the synapses of targets that are listed source by source."""
+    """Return the synapses for targets listed source by source."""
     return Connections("csr", len(targets), row_ends, targets)
 
 
@@ -58,61 +58,61 @@ def all_onto(n_pre: int, n_post: int, excluded: Ints | None, first: int, end: in
 
 
 def inverted(target_index: Ints | None, n_post: int) -> Ints | None:
-    """Return the index of each target among the sources, from that of each source among the targets.
+    """Return the index of each target among the sources, from the index of each source among the targets.
 
     Example: [2, -1, 1] with 3 targets gives [-1, 2, 0].
     """
     if target_index is None:
         return None
-    places = np.full(n_post, -1, dtype=np.int64)
-    places[target_index[target_index >= 0]] = np.flatnonzero(target_index >= 0)
-    return places
+    source_index = np.full(n_post, -1, dtype=np.int64)
+    source_index[target_index[target_index >= 0]] = np.flatnonzero(target_index >= 0)
+    return source_index
 
 
 def draw_partners(
-    n: int, rows: int, among: int, excluded: Ints | None, repeats: bool, rng: np.random.Generator, what: str
+    n: int, rows: int, n_candidates: int, excluded: Ints | None, repeats: bool, rng: np.random.Generator, what: str
 ) -> NDArray[np.int32]:
-    """Draw n partners for each of `rows` neurons, from `among` candidates without the excluded one; shape (rows, n).
+    """Draw n partners for each of `rows` neurons, from `n_candidates` without the excluded one; shape (rows, n).
 
     `excluded` has a candidate for each row, or -1 for none.
     """
-    choices = np.full(rows, among) if excluded is None else among - (excluded >= 0)
+    choices = np.full(rows, n_candidates) if excluded is None else n_candidates - (excluded >= 0)
     fewest = int(choices.min())
     check_degree(n, fewest, repeats, what)
     if repeats:
-        most = fewest if fewest == choices.max() else choices[:, None]
-        partners = rng.integers(0, most, size=(rows, n), dtype=np.int32)
+        most_choices = fewest if fewest == choices.max() else choices[:, None]
+        partners = rng.integers(0, most_choices, size=(rows, n), dtype=np.int32)
     else:
         partners = np.empty((rows, n), dtype=np.int32)
-        for row, most in zip(partners, choices.tolist(), strict=True):
-            row[:] = rng.choice(most, n, replace=False, shuffle=False)
-    # Draw from n - 1 numbers, and add 1 to all from the excluded number on, so that no draw is rejected. Example:
+        for row, most_choices in zip(partners, choices.tolist(), strict=True):
+            row[:] = rng.choice(most_choices, n, replace=False, shuffle=False)
+    # Draw from n - 1 numbers, and add 1 to all draws >= the excluded number, so that no draw is rejected. Example:
     # of 10 candidates without 3, draws are 0 to 8, and 3 to 8 become 4 to 9.
     if excluded is not None:
-        partners += partners >= np.where(excluded < 0, among, excluded).astype(np.int32)[:, None]
+        partners += partners >= np.where(excluded < 0, n_candidates, excluded).astype(np.int32)[:, None]
     return partners
 
 
-def check_degree(n: int, fewest: int, repeats: bool, what: str) -> None:
-    """Refuse more partners than the neuron with the fewest candidates has.
+def check_degree(n: int, fewest: int, repeats: bool, partner_noun: str) -> None:
+    """Refuse more partners than candidates of any neuron.
 
     Raises:
         ModelError: there are too few candidates.
     """
     if fewest < 1 or (not repeats and n > fewest):
-        message = f"n = {n} {what} of each neuron: expected at most {fewest}, as many as there are"
+        message = f"n = {n} {partner_noun} of each neuron: expected at most {fewest}, the number of candidates"
         hint = "multapses: true allows a pair to be drawn twice" if fewest > 0 else ""
         raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
 
 
 def drawn_rows(
-    numbers: Ints, among: int, excluded: Ints | None, repeats: bool, rng: np.random.Generator
+    numbers: Ints, n_candidates: int, excluded: Ints | None, repeats: bool, rng: np.random.Generator
 ) -> Connections:
-    """Draw `numbers` targets for each source, from `among` candidates without the excluded one.
+    """Draw `numbers` targets for each source, from `n_candidates` without the excluded one.
 
     `excluded` has a candidate for each source, or -1 for none.
     """
-    choices = np.full(numbers.size, among) if excluded is None else among - (excluded >= 0)
+    choices = np.full(numbers.size, n_candidates) if excluded is None else n_candidates - (excluded >= 0)
     if repeats:
         targets = rng.integers(0, np.repeat(choices, numbers), dtype=np.int32)
     else:
@@ -120,14 +120,14 @@ def drawn_rows(
         targets = np.concatenate([rng.choice(most, n, replace=False, shuffle=False) for most, n in rows])
     pre = np.repeat(np.arange(numbers.size), numbers)
     if excluded is not None:
-        targets += targets >= np.where(excluded < 0, among, excluded)[pre]
-    place = pre * among + targets
+        targets += targets >= np.where(excluded < 0, n_candidates, excluded)[pre]
+    place = pre * n_candidates + targets
     place.sort()
-    return in_rows(np.concatenate(([0], np.cumsum(numbers))), (place - pre * among).astype(np.int32))
+    return in_rows(np.concatenate(([0], np.cumsum(numbers))), (place - pre * n_candidates).astype(np.int32))
 
 
 def by_source(sources: NDArray[np.int32], n_pre: int) -> Connections:
-    """Return synapses sorted by source, from the sources of each target; a transposition, so targets ascend."""
+    """Return synapses sorted by source, with ascending targets, from the sources of each target (a transposition)."""
     from scipy.sparse import csc_array
 
     n_post, n = sources.shape
@@ -142,7 +142,7 @@ def by_source(sources: NDArray[np.int32], n_pre: int) -> Connections:
 
 def bernoulli(p: float, n_pre: int, n_post: int, excluded: Ints | None, rng: np.random.Generator) -> Connections:
     """Connect each pair with the probability `p`; `excluded` as in `drawn_rows`."""
-    # In blocks, because a matrix of all pairs would need 8 bytes also for each pair that is not connected.
+    # In blocks: a matrix of all pairs would need 8 bytes for each pair, connected or not.
     block = max(1, _DRAWS // n_post)
     degrees, targets = [np.zeros(1, dtype=np.int64)], [NO_TARGETS]
     for first in range(0, n_pre, block):
@@ -157,7 +157,7 @@ def bernoulli(p: float, n_pre: int, n_post: int, excluded: Ints | None, rng: np.
 
 
 def both_ways(pre: Ints, post: Ints, n: int) -> Connections:
-    """Return each pair and its reverse, which share a draw of a weight."""
+    """Return each pair and its reverse. Both share a draw of a weight."""
     place = np.concatenate((pre * n + post, post * n + pre))
     order = np.argsort(place, kind="stable")
     sources, targets = np.divmod(place[order], n)
@@ -174,7 +174,7 @@ def listed_pairs(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> C
     """Return the synapses of listed pairs.
 
     Raises:
-        ModelError: a pair names a neuron that its population does not have; `name` is the rule in the message.
+        ModelError: a pair has a neuron beyond its population. The message has `name`, the name of the rule.
     """
     for word, ids, n in (("pre", pre, n_pre), ("post", post, n_post)):
         if len(ids) and ids.max() >= n:

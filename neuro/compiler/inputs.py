@@ -25,7 +25,7 @@ from neuro.program.program import Program, Schedule
 
 
 def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
-    """Return the steps at which a generator changes, and its values from each step on; None without changes.
+    """Return the steps at which a generator changes, and its values from then on; None without changes.
 
     Args:
         model: model of a population.
@@ -33,7 +33,7 @@ def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
         clock: clock of the network.
 
     Raises:
-        ModelError: a time is not on the grid of steps, or the number of rows is not the number of neurons.
+        ModelError: a time is off the grid of steps, or the numbers of rows and neurons differ.
     """
     if not isinstance(model, Generator) or not model.schedule:
         return None
@@ -45,13 +45,13 @@ def schedule_of(model: Model, size: int, clock: Clock) -> Schedule | None:
     if model.role == "poisson" and values.size:
         check_rate(model, model.schedule[1], float(values.max()), clock)
     steps = clock.steps(times, f"{model.name}.{model.schedule[0]}")
-    # A row for each change, since a backend reads one row at each.
+    # A row for each change: a backend reads one row per change.
     rows = np.ascontiguousarray(np.atleast_2d(values).T + 0.0)
     return Schedule(steps, rows)
 
 
 def check_trains(program: Program) -> None:
-    """Refuse two targets that share a train which must be individual.
+    """Raise an error if two targets share a spike train that must be individual.
 
     Raises:
         ModelError: two targets share a train; the message names the second projection.
@@ -72,7 +72,7 @@ def check_trains(program: Program) -> None:
                 f"projection '{part.name}': a neuron of '{name}' has {most} targets, and individual_spike_trains is "
                 "true: expected one target for each",
                 where=part.origin,
-                hint="give each target a neuron of its own, by one_to_one; or set individual_spike_trains: false, "
+                hint="give each target its own neuron, by one_to_one; or set individual_spike_trains: false, "
                 "and all targets of a neuron share its train",
             )
 

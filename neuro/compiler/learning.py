@@ -1,4 +1,4 @@
-"""Checks of the signals, the dopamine and the states that rules with teaching signals need."""
+"""Checks of the signals, dopamine and states for rules with teaching signals."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def _check_signal(net: Network, part: Projection, word: str, signal: str) -> Non
     if signal not in net.signals:
         error = unknown("signal", signal, net.signals, path=(name, word))
         raise error.at(part.origin, f"projection '{part.name}': {name}.{word}")
-    target = net.signals[signal].to
-    if target != part.target:
-        message = f"{name}.{word} '{signal}' goes to '{target}': expected one to '{part.target}', the target"
+    signal_target = net.signals[signal].to
+    if signal_target != part.target:
+        message = f"{name}.{word} '{signal}' goes to '{signal_target}': expected a signal to '{part.target}'"
         refuse(part, message, word=f"{name}.{word}")
 
 
 def check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
-    """Check that a rule that learns by moves has a signal, and that the target has the state the rule reads."""
+    """Check a rule that learns by moves: it must have a signal, and the target the state that the rule reads."""
     if synapse.signal is None:
         message = f"{synapse.name} without 'signal': its weights never change: expected a signal"
         refuse(part, message, f"name a signal to '{part.target}'; static has fixed weights", synapse.name)
@@ -47,7 +47,7 @@ def check_moves(net: Network, part: Projection, synapse: MoveRule) -> None:
 
 
 def check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: Mapping[str, Shape]) -> None:
-    """Check that a modulated rule has a source of n that fits its target."""
+    """Check that a modulated rule has a source of dopamine n that fits the target."""
     if synapse.signal is not None:
         _check_signal(net, part, "signal", synapse.signal)
     if synapse.dopamine is None:
@@ -68,13 +68,13 @@ def check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: M
     if synapse.dopamine_rule == "one_to_one" and n != m:
         text = (
             f"{synapse.name}.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
-            f"to '{part.target}' of {m}: expected as many"
+            f"to '{part.target}' of {m}: expected equal sizes"
         )
         refuse(part, text, word=f"{synapse.name}.dopamine_rule")
 
 
 def _needs_dopamine(rule: Modulated) -> bool:
-    """Return whether weights never change while n is 0, found by running the rule's arithmetic.
+    """Run a rule's arithmetic to find whether weights never change while n is 0.
 
     The test uses states that spikes of either order may leave, and a weight within the bounds. A rule whose states
     determine the transmitted weight has an effect without n, too.

@@ -1,4 +1,4 @@
-"""Estimates of the memory that a network and its records need, and arrays shared by many projections."""
+"""Estimates of the memory for a network and its records, and arrays shared by many projections."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ from neuro.program.compact import CompactProjection
 from neuro.program.program import Floats, Projection as Resolved
 
 MANY = 1 << 26
-"""Number of synapses from which on their layout saves memory."""
+"""Number of synapses above which the layout of synapses saves memory."""
 
 LEAST = 1 << 28
-"""Number of bytes from which on free memory is checked."""
+"""Number of bytes above which free memory is checked."""
 
 NO_ROOM = "memory"
-"""Kind of the error for too little memory. Its text depends on the free memory of the moment."""
+"""Kind of the error for too little memory. The text of the error depends on the free memory at the moment."""
 
 NEURON, STATE = 64, 12
-"""Least bytes of a neuron, and of each state. Measured: 72 for a parrot, 128 for iaf_psc_exp with four states."""
+"""Smallest number of bytes of a neuron, and of a state. Measured: 72 for a parrot, 128 for iaf_psc_exp, 4 states."""
 
 OVERHEAD = 1.2
 """Factor on the memory of synapses, for tables, neurons and arrays that exist while synapses are drawn."""
@@ -66,7 +66,7 @@ def check_memory(
         net: the network, already checked.
         shapes: shapes of its populations.
         shares: number of processes with a share each; the processes on this machine share its memory.
-        projections: the projections whose synapses are drawn; None: all.
+        projections: the projections with synapses to draw; None: all.
 
     Raises:
         ModelError: the network needs more than the free memory.
@@ -87,7 +87,7 @@ def check_memory(
 
 
 class Need(NamedTuple):
-    """The bytes that a part of a network needs.
+    """Bytes needed by a part of a network.
 
     Attributes:
         bytes: approximate number of bytes.
@@ -109,7 +109,7 @@ def check_room(network: str, needs: Sequence[Need], file: Path | None = None) ->
         file: the file to which the bytes will be written; None: memory.
 
     Raises:
-        ModelError: too few bytes are free. The message names the part that needs most, and its place.
+        ModelError: too few bytes are free. The message names the part with the largest need, and its place.
     """
     total = sum(need.bytes for need in needs)
     if total < LEAST:
@@ -120,7 +120,7 @@ def check_room(network: str, needs: Sequence[Need], file: Path | None = None) ->
     largest = max(needs, key=lambda need: need.bytes)
     kind = "of memory" if file is None else f"on the disk of {file}"
     raise ModelError(
-        f"network '{network}' needs about {_in_bytes(total)} {kind}: expected at most what is free, {_in_bytes(free)}",
+        f"network '{network}' needs about {_in_bytes(total)} {kind}: expected at most the free {_in_bytes(free)}",
         where=largest.where,
         kind=NO_ROOM,
         hint=f"most are for {largest.what}: {_in_bytes(largest.bytes)}",
@@ -165,7 +165,7 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
 
 
 def _bytes(part: Projection, shares: int, has_targets: bool) -> int:
-    """Return the bytes of a synapse: target, weight and delay, and for rules that learn, states and an index by target.
+    """Return the bytes of a synapse: target, weight and delay, and for learning also states and an index by target.
 
     With drawn delays a target takes two bytes, a weight four or eight, and a delay one, unless a delay exceeds 255
     steps or a population 65,536 neurons. The joined rows of a backend, which replace these arrays, need at most as
@@ -187,7 +187,7 @@ def _has_drawn_delays(part: Projection) -> bool:
 
 
 def has_each(value: object) -> bool:
-    """Return whether a weight, a delay or a parameter has a value for each synapse."""
+    """Return whether a weight, delay or parameter has one value per synapse."""
     return not isinstance(value, (int, float))
 
 
@@ -202,9 +202,9 @@ class SynapseBuffers:
 def synapse_buffers(
     projections: Mapping[str, Projection], shapes: Mapping[str, Shape]
 ) -> dict[str, SynapseBuffers] | None:
-    """Return neighbouring views of one array each for targets and weights, by projection.
+    """Return memory for the synapses of all projections: views of one array of targets and one of weights.
 
-    The result is None where the number of synapses is random.
+    A projection with a random number of synapses has None.
     """
     parts = {name: part for name, part in projections.items() if not _has_drawn_delays(part)}
     all_sizes = [_numbers(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts.values()]
@@ -215,9 +215,9 @@ def synapse_buffers(
 
 
 def weight_buffer(part: Projection, synapses: int) -> NDArray[np.floating[Any]] | None:
-    """Return memory for the weights of a projection with arrays of its own, in 32 bits if the weights are single.
+    """Return memory for the weights of a projection with its own arrays, in 32 bits if the weights are single.
 
-    The result is None where 64 bits are needed.
+    The result is None if weights need 64 bits.
     """
     weight = plain(part.weight)
     single = _has_drawn_delays(part) and isinstance(weight, Distribution) and weight.single
@@ -227,14 +227,14 @@ def weight_buffer(part: Projection, synapses: int) -> NDArray[np.floating[Any]] 
 def packed(
     projections: Iterable[Resolved], buffers: Mapping[str, SynapseBuffers] | None, many: bool
 ) -> tuple[Resolved, ...]:
-    """Return the same projections with `targets` and `weight` as neighbouring views of one array each.
+    """Return the projections with `targets` and `weight` as views of one common array each.
 
     Args:
         projections: the projections.
-        buffers: memory in which the arrays may lie already. If it is None or has other sizes, all projections are
-            copied to new memory, one by one, so that the memory for all is needed only once.
-        many: whether the network has many synapses. Static projections with individual delays are then compact, with
-            arrays of their own, which a backend may free.
+        buffers: memory that may contain the arrays already. If it is None or has other sizes, all projections are
+            copied to new memory, one by one, because two copies of all would not fit.
+        many: whether the network has many synapses. Static projections with individual delays are then compact, in
+            separate arrays that a backend may free.
     """
     result = [CompactProjection.of(part) if many and is_timed(part) else part for part in projections]
     indices = [k for k, part in enumerate(result) if not isinstance(part, CompactProjection) and part.undrawn is None]
@@ -242,7 +242,7 @@ def packed(
         result[k].name not in buffers or _misfits(result[k], buffers[result[k].name]) for k in indices
     ):
         buffers = _allocate({result[k].name: (result[k].targets.size, result[k].weight.size) for k in indices})
-    # One by one, each freed after its copy, because two copies of a large network would not fit.
+    # Each projection is freed after the copy: memory has no room for two copies of a large network.
     for k in indices:
         part, buffer = result[k], buffers[result[k].name]
         result[k] = replace(part, targets=_into(buffer.targets, part.targets), weight=_into(buffer.weight, part.weight))

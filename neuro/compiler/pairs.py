@@ -1,4 +1,4 @@
-"""Random pairs of neurons, and the positions of neurons where draws depend on distance."""
+"""Random pairs of neurons, and the positions of neurons for draws that depend on distance."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from neuro.model.space import Profile
 from neuro.program.program import Floats, Ints
 
 BLOCK = 1 << 16
-"""Number of draws in one batch, small compared with the memory of the synapses."""
+"""Number of draws in a batch. It is small compared with the number of synapses."""
 
 MANY = 1 << 20
-"""Number of synapses from which on compiled passes sort a projection, and a network is sorted by delay."""
+"""Number of synapses above which compiled passes sort a projection, and a network is sorted by delay."""
 
 
 def total_number(
@@ -34,7 +34,7 @@ def total_number(
     key: int,
     buffer: NDArray[np.int32] | None = None,
 ) -> tuple[Ints, NDArray[np.int32]]:
-    """Draw n synapses; return the row ends of the sources and the targets. Draw k belongs to synapse k.
+    """Draw n synapses, draw k for synapse k; return the row ends of the sources, and the targets.
 
     Args:
         n: number of synapses.
@@ -43,7 +43,7 @@ def total_number(
         excluded: the target that each source must not reach, -1 for none; None: none for any source.
         repeats: whether a pair may be drawn twice.
         key: key of the draws.
-        buffer: memory for the targets, which may be used.
+        buffer: memory that may be used for the targets.
 
     Raises:
         ModelError: there are fewer pairs than synapses.
@@ -56,8 +56,7 @@ def total_number(
 
         targets = np.empty(n, dtype=np.int32) if buffer is None else buffer
         return draw_rows(key, ends, excluded, targets), targets
-    # Pairs are whole numbers, counted by source without excluded pairs, so that sorted numbers are sorted by source and
-    # by target.
+    # Pairs are numbered by source, then target, without excluded pairs: sorted numbers are sorted pairs.
     places = _integers_below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
     places.sort()
     row_ends = np.searchsorted(places, ends)
@@ -69,7 +68,7 @@ def total_number(
 
 
 def choices(n_pre: int, n_post: int, excluded: Ints | None) -> Ints:
-    """Return the number of targets that each source may reach."""
+    """Return the number of allowed targets of each source."""
     return np.full(n_pre, n_post) if excluded is None else n_post - (excluded >= 0)
 
 
@@ -81,7 +80,7 @@ def check_number(n: int, pairs: int, repeats: bool) -> None:
     """
     if n and (pairs < 1 or (not repeats and n > pairs)):
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
-        message = f"n = {n} synapses: expected at most {pairs}, as many as there are pairs"
+        message = f"n = {n} synapses: expected at most {pairs}, the number of pairs"
         raise ModelError(message, hint=hint, path=("n",), about=("multapses",))
 
 
@@ -93,8 +92,8 @@ def synapses_per_block(n: int, pairs: Ints, repeats: bool, rng: np.random.Genera
     total = int(pairs.sum())
     if repeats:
         return rng.multinomial(n, pairs / total)
-    # Each pair is chosen with the probability n / total. Then single pairs are added or removed at random until n are
-    # chosen, so that every set of n pairs has the same probability. NumPy's hypergeometric draws end at 10^9 pairs.
+    # Each pair is chosen with the probability n / total. Then single pairs are added or removed at random until n pairs
+    # are chosen: every set of n pairs has the same probability. NumPy's hypergeometric draws end at 10^9 pairs.
     chosen = rng.binomial(pairs, n / total)
     while missing := n - int(chosen.sum()):
         pool = pairs - chosen if missing > 0 else chosen
@@ -113,9 +112,9 @@ def _integers_below(bound: int, first: int, last: int, key: int) -> Ints:
 def _distinct(count: int, bound: int, key: int) -> Ints:
     """Return the first `count` different numbers of the sequence of `_integers_below`.
 
-    For more than half of all numbers, return the numbers that are not among the first `bound - count` different ones.
+    For more than half of all numbers, return the numbers missing among the first `bound - count` different ones.
     """
-    # For nearly all pairs, draw the few that are left out, because redrawing repeated pairs would take long.
+    # For nearly all pairs, draw the few pairs to leave out: redrawing repeated pairs would take long.
     if 2 * count > bound:
         remain = np.ones(bound, dtype=bool)
         remain[_distinct(bound - count, bound, key)] = False
@@ -153,7 +152,7 @@ def blocks(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
 MOST_AXES = 3
 
 _SAMPLE, _PAIRS = 256, 1 << 21
-"""Number of sources in a sample that estimates the number of connected pairs, and the largest number of its pairs."""
+"""Number of sources, and largest number of pairs, in a sample that estimates the number of connected pairs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +163,7 @@ class Space:
         places: coordinates, shape (neurons, axes).
         extent: length of each axis; None if unknown.
         periodic: whether opposite edges are joined.
-        lattice: the shape from which positions follow with the spacing as the unit; else None.
+        lattice: the shape that determines positions with a spacing of 1; else None.
     """
 
     places: Floats
@@ -184,7 +183,7 @@ def space_of(part: Population, shape: tuple[int, ...]) -> Space:
     """Return the positions of the neurons of a population.
 
     Raises:
-        ModelError: the population has no positions, or they do not fit.
+        ModelError: the population has no positions, or they do not fit its shape or extent.
     """
     message = f"population '{part.name}'"
     extent: Floats | None = None if part.extent is None else plain(part.extent)
@@ -215,7 +214,7 @@ def _space_from_positions(part: Population, places: Floats, extent: Floats | Non
         text = f"positions have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron"
         refuse(part, text)
     if extent is not None and extent.shape != places.shape[1:]:
-        refuse(part, f"positions have {places.shape[1]} coordinates, extent {extent.size}: expected as many")
+        refuse(part, f"positions have {places.shape[1]} coordinates, extent {extent.size}: expected equal numbers")
     if part.periodic and extent is None:
         refuse(part, "positions with periodic edges: expected 'extent', the length of each axis")
     if extent is not None and np.any(np.ptp(places, axis=0) > extent):
@@ -286,15 +285,15 @@ def geometry_of(source: Population, target: Population, shapes: Mapping[str, tup
     first, second = (space_of(part, shapes[part.name]) for part in (source, target))
     axes = first.places.shape[1], second.places.shape[1]
     if axes[0] != axes[1]:
-        raise ModelError(f"positions of {message} have {axes[0]} and {axes[1]} coordinates: expected as many")
+        raise ModelError(f"positions of {message} have {axes[0]} and {axes[1]} coordinates: expected equal numbers")
     if first.lattice != second.lattice:
         raise ModelError(
-            f"{message} have no common scale: one has a spacing of 1 from its shape: expected 'extent' of both",
+            f"{message} have no common scale: the shape gives one of them a spacing of 1: expected 'extent' of both",
             hint="populations of the same shape need no extent",
         )
     if not np.array_equal(first.periods, second.periods):
         raise ModelError(
-            f"{message} have periodic edges of {_edges(first)} and {_edges(second)}: expected the same of both",
+            f"{message} have periodic edges of {_edges(first)} and {_edges(second)}: expected equal edges",
         )
     return Geometry(first, second)
 
@@ -331,7 +330,7 @@ def expected_pairs(rule: distance_dependent, geometry: Geometry) -> float:
 def _candidates(
     rule: distance_dependent, geometry: Geometry, excluded: Ints | None
 ) -> Iterator[tuple[Ints, Ints, Floats | float]]:
-    """Yield pairs that may be connected, and their probabilities."""
+    """Yield candidate pairs and their probabilities of a connection."""
     mask, profile = rule.mask, rule.p
     if mask is not None and (problem := mask.misfit(geometry.source.places.shape[1])):
         raise ModelError(f"distance_dependent.mask: {problem}", path=("distance_dependent", "mask"))

@@ -26,7 +26,7 @@ ALONE = ("spikes", "rate")
 
 
 def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> None:
-    """Check the probes as far as possible before connections are made.
+    """Check probes, except for properties that are known only after connections are made.
 
     Raises:
         ModelError: a probe asks for something that does not exist.
@@ -34,12 +34,11 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
     names: dict[str, str] = {}
     for part in net.probes.values():
         if part.every is not None and part.at is not None:
-            refuse(
-                part, f"every = {part.every:g} ms and at = {part.at}: expected one of both", word="every", about=("at",)
-            )
+            message = f"found both every = {part.every:g} ms and at = {part.at}: expected one of them"
+            refuse(part, message, word="every", about=("at",))
         for name in {part.name, *part.traces().values()}:
             if (owner := names.setdefault(name, part.name)) != part.name:
-                refuse(part, f"probe '{owner}' has a trace of the name '{name}', too: expected another name")
+                refuse(part, f"probe '{owner}' already has a trace named '{name}': expected another name")
         if part.every is not None:
             with naming_the_part(part):
                 every = clock.step(part.every, "every")
@@ -58,16 +57,16 @@ def _check_neurons(part: Probe, population: Population) -> None:
         if value is not None:
             refuse(part, f"{word} is for projections: '{part.of}' is a population", word=word, kind="no projection")
     if len(states) > 1 and (single := next((state for state in states if state in ALONE), "")):
-        refuse(part, f"'{single}' is recorded alone", "give it a probe of its own", "record")
+        refuse(part, f"'{single}' cannot be recorded with other quantities", "give it a separate probe", "record")
     if states[0] in ALONE:
         quantity = states[0]
         if isinstance(population.model, CurrentGenerator):
             refuse(part, f"{quantity} of '{part.of}', {a(population.model.name)}: it emits a current", word="record")
         if quantity == "spikes" and part.every is not None:
-            refuse(part, "every is for states: spikes are all recorded", "leave 'every' out", "every")
+            refuse(part, "every is for states: all spikes are recorded", "leave 'every' out", "every")
         if quantity == "rate" and part.every is None:
             text = "a rate needs every, the length of its bins"
-            refuse(part, text, "every: 10.0 is a common one", "record", about=("every",))
+            refuse(part, text, "write every: 10.0, a common length", "record", about=("every",))
         if part.mean:
             message = "a rate is a mean over the neurons" if quantity == "rate" else "mean is for states"
             way_out = "leave 'mean' out" if quantity == "rate" else "record: rate is the mean rate of spikes"
@@ -124,7 +123,7 @@ def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
                 f"have no state '{state}'",
                 kind="synapses",
             )
-            raise error.but(hint="a probe of its source records them") if state in ALONE else error
+            raise error.but(hint="record them by a probe of the source") if state in ALONE else error
     if part.at is None:
         return
     if part.mean:
@@ -149,7 +148,7 @@ def _recorded_synapses(part: Probe, program: resolved.Program, index: int, shape
     if part.pre is not None or part.post is not None:
         projection = program.projections[index]
         if part.synapses is not None:
-            refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
+            refuse(part, "found both 'synapses' and the neurons at their ends: expected one of them")
         if projection.grid is not None:
             message = "pre and post: the synapses of a grid share their weights"
             refuse(part, message, "synapses: [0, 1] records some synapses", "pre")
@@ -174,7 +173,7 @@ def _recorded_synapses(part: Probe, program: resolved.Program, index: int, shape
         )
         refuse(part, message, word="synapses", kind="count of synapses")
     if np.unique(chosen).size < chosen.size or not chosen.size:
-        refuse(part, "synapses: expected at least one, and each once", word="synapses")
+        refuse(part, "synapses: expected at least one, without repetitions", word="synapses")
     return chosen
 
 

@@ -65,8 +65,8 @@ def compile_network(
         net: the network; it is not changed.
         seed: seed of all random numbers, in the network and during a run.
         threads: number of threads that draw connections; the draws do not depend on it.
-        share: the synapses to draw, by their target neurons. Everything except synapses is complete in each share.
-        backend_draws: whether synapses whose rule has `draw: backend` are left to the backend.
+        share: the synapses to draw, selected by target neurons. All other parts are complete in each share.
+        backend_draws: whether the backend draws the synapses of rules with `draw: backend`.
 
     Raises:
         ModelError: no backend can run the network.
@@ -81,7 +81,7 @@ def compile_network(
     cameras = cameras_of(net, camera_parts, clock) if camera_parts else {}
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
     check_network(net, shapes)
-    # Before any allocation, so that a network that does not fit is refused in microseconds, not when memory is full.
+    # Before any allocation: a network that does not fit is refused in microseconds, not when memory is full.
     drawn_here = {name: part for name, part in net.projections.items() if not (backend_draws and _is_for_backend(part))}
     share.agree(lambda: check_memory(net, shapes, share.number, drawn_here))
     if net.probes:
@@ -108,7 +108,7 @@ def compile_network(
     # Synapses are drawn into one array where sizes are known. The first access to memory can take longer than the
     # draws, and a copy would need twice the memory.
     buffers = synapse_buffers(drawn_here, shapes) if many and share.number == 1 else None
-    # Projections are drawn in parallel. With fewer projections than threads, the blocks of a projection are, too.
+    # Projections are drawn in parallel; with fewer projections than threads, also the blocks of a projection.
     threads_of_each = max(1, threads // max(1, len(net.projections)))
 
     def projection(part: Projection) -> resolved.Projection:
@@ -146,7 +146,7 @@ def compile_network(
 
 
 def _is_for_backend(part: Projection) -> bool:
-    """Return whether the description leaves the synapses to backends with connection rules."""
+    """Return whether the description leaves the synapses to a backend with its own connection rules."""
     return isinstance(part.rule, NamedRule) and part.rule.draw == BACKEND
 
 
@@ -174,7 +174,7 @@ def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
 
 
 class _Resolver:
-    """Resolves the populations and projections of a checked network.
+    """Resolver of the populations and projections of a checked network.
 
     Args:
         net: the network, with generators in place of codes and cameras.
@@ -196,7 +196,7 @@ class _Resolver:
     def population(self, part: Population, stream: Stream | None, declared: str, is_read: bool) -> resolved.Population:
         """Resolve a population. Populations of one model and shape without draws share `shared_values`."""
         model, shape = part.model, self.shapes[part.name]
-        # A file of 200,000 small populations has a few models; to resolve each population alone takes seconds.
+        # Resolving 200,000 small populations one by one takes seconds, but they have only a few models.
         values = None if part.initial else self.shared_values.get((id(model), shape))
         if values is None:
             with naming_the_part(part):
@@ -215,7 +215,7 @@ class _Resolver:
         )
 
     def _values(self, part: Population, shape: Shape) -> dict[str, Any]:
-        """Return the values that follow from model, shape, initial states and draws."""
+        """Return the values of a population: parameters, initial states, schedules and listed spikes."""
         model, clock = part.model, self.clock
         parameters: dict[str, Floats] = {}
         start, stop = 0, NEVER
@@ -273,7 +273,7 @@ class _Resolver:
         Args:
             part: the projection.
             many: whether the network has many synapses.
-            buffers: memory for the synapses of this projection, which may be used.
+            buffers: memory that may be used for the synapses of this projection.
             share: the share of the synapses to draw.
             threads: number of threads that draw.
             is_for_backend: whether the backend draws the synapses.
@@ -315,7 +315,7 @@ class _Resolver:
                 part, blocks, read_file, ends, clock, self.seed, get_geometry, ordered, target_range, threads
             ).synapses(buffers)
         connections, delay, weight, rule = synapses.connections, synapses.delay, synapses.weight, synapses.rule
-        # The weights of a shared kernel can learn, so the array has an entry for each from the start.
+        # The weights of a shared kernel can learn, so the array has an entry for each weight from the start.
         if sizes is not None and weight.size == 1:
             weight = np.repeat(weight, connections.size)
         _check_weights(rule, weight, connections if share.number > 1 else None)
@@ -364,7 +364,7 @@ class _Resolver:
 
 
 def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints, Ints]:
-    """Return the spikes that a generator lists, by step, then neuron, and payloads if it is graded."""
+    """Return the listed spikes of a generator by step, then neuron, and payloads for a graded generator."""
     if isinstance(model, spike_train | graded_spike_train):
         rows = np.asarray(model.spikes, dtype=np.float64).reshape(-1, 3 if model.graded else 2)
         times, ids, payloads = rows[:, 0], rows[:, 1], rows[:, 2:].ravel()
@@ -392,15 +392,15 @@ def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints
 def _check_weights(rule: Synapse, weight: Floats, connections: Connections | None) -> None:
     """Refuse weights out of the bounds of a rule.
 
-    For a share the message has the neurons of the synapse, from `of`, instead of its index.
+    For a share the message names the neurons of the synapse instead of its index.
     """
     bad = rule.outside(weight)
     if bad is not None:
         raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
-        which = f"[{bad}]" if connections is None else " of synapse {} -> {}".format(*connections.ends(bad))
+        place = f"[{bad}]" if connections is None else " of synapse {} -> {}".format(*connections.ends(bad))
         value = weight[bad if weight.size > 1 else 0]
         hint = "give the distribution 'low' and 'high'" + raised
-        message = f"weight{which} = {value:g}: expected {rule.expected_weight(bad)}"
+        message = f"weight{place} = {value:g}: expected {rule.expected_weight(bad)}"
         raise ModelError(message, hint=hint, path=("weight",), about=("Wmax", "low", "high"))
 
 

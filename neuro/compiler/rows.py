@@ -1,4 +1,4 @@
-"""Sorting of very many synapses by counting, in a few ns each instead of tens."""
+"""Sorting of very many synapses by counting, in a few ns per synapse instead of tens."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
@@ -15,10 +15,10 @@ from neuro.kernels.jit import kernel, subkernel
 from neuro.program.program import Ints
 
 _HEAP = 15
-"""Binary logarithm of the size of a heap, so that a heap is sorted within the cache."""
+"""Binary logarithm of the size of a heap. A heap of this size is sorted within the cache."""
 
 _MOST_BITS = 31
-"""Largest number of bits within a heap, because the number is stored in the place of the target."""
+"""Largest number of bits of a number within a heap: it is stored in place of a target."""
 
 _DIGIT = 11
 """Largest number of bits of a digit in a pass of the radix sort."""
@@ -36,8 +36,8 @@ _NEURON, _S11, _UNIT = np.uint64(NEURON_STRIDE), np.uint64(11), 2.0**-53
 def draw_rows(key: int, ends: Ints, excluded: Ints | None, targets: NDArray[np.int32]) -> Ints:
     """Draw the targets of synapses into an array; return the row ends of the sources.
 
-    Pairs are whole numbers, counted by source. The draws are the first numbers `keyed_random.uniform` x pairs of a key.
-    The numbers are distributed to heaps and sorted within the array of targets, without other memory.
+    Pairs are numbered by source. The draws are the first numbers `keyed_random.uniform` x pairs of a key. They are
+    distributed to heaps and sorted within the array of targets, without other memory.
 
     Args:
         key: key of the draws.
@@ -72,7 +72,7 @@ def by_delay(
     shortest: int,
     longest: int,
     targets: NDArray[np.int32],
-    others: Sequence[NDArray[Any]],
+    other_values: Sequence[NDArray[Any]],
 ) -> None:
     """Sort the synapses of every source by delay, in place; synapses with equal delays stay in order.
 
@@ -82,17 +82,17 @@ def by_delay(
         shortest: the smallest delay.
         longest: the largest delay.
         targets: target of each synapse.
-        others: other values of each synapse.
+        other_values: other values of each synapse.
     """
     longest_row = int(np.diff(row_ends).max())
     counts = np.empty(longest - shortest + 2, dtype=np.int64)
-    for values in others:
+    for values in other_values:
         _sort_others(row_ends, delays, values, shortest, counts, np.empty(longest_row, dtype=values.dtype))
     _sort_rows(row_ends, delays, targets, shortest, counts, np.empty(longest_row, dtype=np.int32))
 
 
 def put_rows(ends: Ints, values: NDArray[Any], starts: Ints, output: NDArray[Any]) -> None:
-    """Copy the values of each source, which end at `ends`, to its start in `output`."""
+    """Copy the values of each source to `output`. `ends`: row ends in `values`; `starts`: places in `output`."""
     _put_rows(ends, values, starts, output)
 
 
@@ -116,7 +116,7 @@ def _count(key, n, bound, bits, heaps, chunk):
 
 @kernel
 def _deal(key, n, bound, bits, heaps, chunk, targets):
-    """Put the lower bits of each draw into its heap; `heaps` has the beginnings before and the ends after the call."""
+    """Put the lower bits of each draw into its heap. The call moves `heaps` from the starts to the ends of heaps."""
     base, low = step_word(key, 0), (1 << bits) - 1
     for first in range(0, n, chunk.size):
         draws = chunk[: min(chunk.size, n - first)]
@@ -137,8 +137,8 @@ def _sort(numbers, scratch, places, passes, digit):
 
 @subkernel
 def _deal_by(numbers, output, places, shift):
-    """Put numbers in the order of a digit; numbers with the same digit stay in order."""
-    # Unsigned indices take half the time, because numba need not check for negative ones.
+    """Sort numbers by a digit. Numbers with the same digit stay in order."""
+    # Unsigned indices take half the time, because numba need not check for negative indices.
     mask = np.uint32(places.size - 1)
     places[:] = 0
     for k in range(numbers.size):
@@ -180,7 +180,7 @@ def _sort_heaps(bits, passes, digit, heaps, scratch, places, ends, excluded, row
 
 @subkernel
 def _places(delays, shortest, counts):
-    """Write the index at which the synapses of each delay begin into `counts`."""
+    """Write the index of the first synapse of each delay into `counts`."""
     counts[:] = 0
     for e in range(delays.size):
         counts[np.int64(delays[e]) - shortest + 1] += 1
@@ -198,16 +198,16 @@ def _put_rows(ends, values, starts, output):
 
 
 @kernel
-def _sort_others(row_ends, delays, others, shortest, counts, scratch):
+def _sort_others(row_ends, delays, other_values, shortest, counts, scratch):
     for source in range(row_ends.size - 1):
         first, last = row_ends[source], row_ends[source + 1]
         _places(delays[first:last], shortest, counts)
         for e in range(first, last):
             d = np.int64(delays[e]) - shortest
-            scratch[counts[d]] = others[e]
+            scratch[counts[d]] = other_values[e]
             counts[d] += 1
         for e in range(first, last):
-            others[e] = scratch[e - first]
+            other_values[e] = scratch[e - first]
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Shapes of populations, with `auto` resolved from grids, and the neurons at the ends of projections."""
+"""Shapes of populations, with `auto` computed from grids, and the neurons at the ends of projections."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Shape = tuple[int, ...]
 
 
 def resolve_shapes(net: Network, resolved: Mapping[str, Shape]) -> dict[str, Shape]:
-    """Return the shape of every population, with `auto` resolved along chains of grids.
+    """Return the shape of every population. Each `auto` is computed along chains of grids.
 
     Args:
         net: the network.
@@ -51,7 +51,7 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
     assert isinstance(rule, grid)
     if len(target) != 3 or target[1:] != (rows, columns):
         text = f"grid onto '{part.target}' of shape {list(target)}: expected [maps, {rows}, {columns}]"
-        refuse(part, text, f"give '{part.target}' the shape [maps, auto, auto], and all grids onto it one size", "grid")
+        refuse(part, text, f"give '{part.target}' the shape [maps, auto, auto], and its grids one size", "grid")
     if rule.depthwise and target[0] % channels:
         text = f"depthwise grid from {channels} channels onto {target[0]} maps of '{part.target}'"
         refuse(part, f"{text}: expected a multiple of {channels}", word="rule")
@@ -89,7 +89,7 @@ def _shape(net: Network, name: str, shapes: dict[str, Shape], pending: tuple[str
     label = f"shape {list(part.shape)}"
     if name in pending:
         refuse(part, f"{label}: its grids form a cycle: expected numbers in one of its shapes", word="shape")
-    # The first grid decides; `grid_of` then refuses others that give another size.
+    # The first grid decides; `grid_of` then refuses grids with another size.
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
     if not deciding:
         refuse(part, f"{label}: 'auto' needs a grid projection onto it, found none", "write the numbers", "shape")
@@ -141,7 +141,7 @@ class End:
 
     @property
     def neurons(self) -> Ints:
-        """The ids of the neurons, also where the end is the whole population."""
+        """The ids of the neurons, also for a whole population."""
         return np.arange(self.size) if self.ids is None else self.ids
 
     @property
@@ -154,7 +154,7 @@ def end_of(view: View | None, shape: Shape) -> End:
     """Return the neurons of a view, or of a whole population of a shape.
 
     Raises:
-        ModelError: the view reaches beyond the shape.
+        ModelError: the view has neurons beyond the shape.
     """
     n = size(shape)
     if view is None:
@@ -165,8 +165,8 @@ def end_of(view: View | None, shape: Shape) -> End:
 
 
 def own_places(source: End, target: End) -> Ints:
-    """Return the index of each source neuron in the target, -1 for others; both ends have the same population."""
-    places = np.full(source.size, -1, dtype=np.int64)
-    places[target.neurons] = np.arange(size(target.shape))
-    places_of_source: Ints = places[source.neurons]
+    """Return the index of each source neuron in the target, else -1. Both ends are of the same population."""
+    target_index = np.full(source.size, -1, dtype=np.int64)
+    target_index[target.neurons] = np.arange(size(target.shape))
+    places_of_source: Ints = target_index[source.neurons]
     return places_of_source

@@ -1,4 +1,4 @@
-"""A compiled network as tables for people, and as text that is equal for equal programs."""
+"""A compiled network as tables for people, and as text for comparisons: equal programs have equal text."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def program_text(program: Program) -> str:
 
 
 def summary(values: NDArray[Any]) -> str:
-    """Return an array as short text: all values of a short one, else range and mean."""
+    """Return an array as short text: all values of a short array, else range and mean."""
     flat = values.ravel()
     if flat.size == 1:
         return f"{flat[0]:g}"
@@ -182,7 +182,7 @@ def _trials_lines(part: Trials) -> Iterator[str]:
     yield f"  maps {part.maps}, of each label {part.maps_per_label}"
     yield "  reward correct {:g}, wrong {:g}, silent {:g}".format(*part.reward)
     unit = "trial" if part.dropout_per_trial else "sample"
-    yield f"  dropout {part.dropout:g} of each {unit}, decay {part.dropout_decay:g}"
+    yield f"  dropout {part.dropout:g} of each {unit},  decay {part.dropout_decay:g}"
     yield f"  reset {', '.join(part.reset) or 'nothing'}"
 
 

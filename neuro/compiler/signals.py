@@ -29,7 +29,7 @@ from neuro.program.program import Computed, Floats, Ints, Operation, Schedule
 
 _OF_SPIKES = {"count": (1, 1), "rate": (1, 1), "mean": (1, 2), "trace": (2, 2), "after": (2, 3)}
 _TAKES = {**{name: (count, count) for name, count in ARGUMENTS.items()}, **_OF_SPIKES}
-"""The smallest and the largest number of arguments of each function."""
+"""Smallest and largest number of arguments of each function."""
 
 
 def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> tuple[resolved.Signal, ...]:
@@ -49,7 +49,7 @@ def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
 
 
 def populations_read(net: Network, signals: tuple[resolved.Signal, ...]) -> set[str]:
-    """Return the populations whose spikes must be recorded, because an expression needs their times."""
+    """Return the populations whose spike times an expression needs, so that their spikes must be recorded."""
     names, plans = list(net.populations), [part.values for part in signals]
     operations = [operation for plan in plans if isinstance(plan, Computed) for operation in plan.operations]
     return {names[index] for operation in operations if operation.name == "after" for index, _ in operation.reads}
@@ -61,7 +61,7 @@ class _Resolver:
         self.plans: dict[str, Schedule | Computed | None] = {}
 
     def of(self, part: Signal, followers: tuple[str, ...]) -> tuple[Schedule | Computed | None, Floats]:
-        """Return the source of a signal and the factor on it; `followers` are the signals that are like it."""
+        """Return the source of a signal and its factor. `followers` are the signals with `like` on the way to it."""
         source = part.values
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):
@@ -78,22 +78,22 @@ class _Resolver:
         if source.signal not in self.net.signals:
             error = unknown("signal", source.signal, self.net.signals, path=("values", source.name, "signal"))
             raise error.at(part.origin, f"signal '{part.name}'")
-        other = self.net.signals[source.signal]
-        plan, factor = self.of(other, (*followers, part.name))
+        other_signal = self.net.signals[source.signal]
+        plan, factor = self.of(other_signal, (*followers, part.name))
         if plan is None:
-            refuse(part, f"like '{other.name}', which has no values: expected a signal with values", word=where)
+            refuse(part, f"like '{other_signal.name}', which has no values: expected a signal with values", word=where)
         width = max(factor.size, plan.values.shape[1] if isinstance(plan, Schedule) else 1)
-        own_size, other_size = size(self.shapes[part.to]), size(self.shapes[other.to])
+        own_size, other_size = size(self.shapes[part.to]), size(self.shapes[other_signal.to])
         if width > 1 and own_size != other_size:
-            text = f"like '{other.name}', which has a value for each of {other_size} neurons"
-            refuse(part, f"{text}: expected a signal to as many, found {own_size}", word=where)
+            text = f"like '{other_signal.name}', which has a value for each of {other_size} neurons"
+            refuse(part, f"{text}: expected a signal to {other_size} neurons, found {own_size}", word=where)
         return plan, factor * self.numbers(part, source.scale, "scale")
 
-    def numbers(self, part: Signal, value: Any, what: str) -> Floats:
-        """Return a number for all neurons of the target, or for each."""
-        path = ("values",) if what == "values" else ("values", part.values.name)
-        with naming_the_part(part, *path[what == "values" :]):
-            return per_neuron(value, self.shapes[part.to], what, (self.seed, "signal", part.name))
+    def numbers(self, part: Signal, value: Any, word: str) -> Floats:
+        """Return one number for all neurons of the target, or one for each."""
+        path = ("values",) if word == "values" else ("values", part.values.name)
+        with naming_the_part(part, *path[word == "values" :]):
+            return per_neuron(value, self.shapes[part.to], word, (self.seed, "signal", part.name))
 
     def plan(self, part: Signal, source: Any) -> Schedule | Computed:
         if not isinstance(source, Source):
@@ -129,7 +129,7 @@ class _Resolver:
 
 
 class _Reader:
-    """Converts an expression to operations.
+    """Reader that converts an expression to operations.
 
     Attributes:
         operations: the operations, each after its operands.
@@ -153,7 +153,7 @@ class _Reader:
         """Add the operations of a tree; return the index of the last one."""
         if isinstance(tree, Number):
             if tree.unit:
-                raise self.expression.mistake(tree.at, f"found the unit {tree.unit}: expected a number without one")
+                raise self.expression.mistake(tree.at, f"found the unit {tree.unit}: expected a number without unit")
             return self.add("number", number=tree.value)
         if isinstance(tree, Negative):
             return self.add("-", self.add("number"), self.read(tree.of))
@@ -168,19 +168,19 @@ class _Reader:
         if tree.name not in _TAKES:
             message = f"unknown function '{tree.name}'"
             raise self.expression.mistake(tree.at, message, nearest(tree.name, _TAKES))
-        least, most = _TAKES[tree.name]
-        if not least <= len(tree.arguments) <= most:
-            expected = f"{least}" if least == most else f"{least} or {most}"
+        fewest, most = _TAKES[tree.name]
+        if not fewest <= len(tree.arguments) <= most:
+            expected = f"{fewest}" if fewest == most else f"{fewest} or {most}"
             message = f"{tree.name} has {len(tree.arguments)} values in its brackets: expected {expected}"
             raise self.expression.mistake(tree.at, message)
-        first, *others = tree.arguments
+        first, *rivals = tree.arguments
         period = self.every * self.clock.resolution
         if tree.name in ("mean", "trace"):
-            share = math.exp(-period / self.ms(others[0])) if others else 1.0
+            share = math.exp(-period / self.ms(rivals[0])) if rivals else 1.0
             return self.add(tree.name, self.read(first), number=share if tree.name == "trace" else 1.0 - share)
         if tree.name == "after":
-            within = self.clock.floor(self.ms(others[1]) if len(others) > 1 else 20.0, "after")
-            return self.add("after", number=float(within), reads=(self.neurons(first), self.neurons(others[0])))
+            within = self.clock.floor(self.ms(rivals[1]) if len(rivals) > 1 else 20.0, "after")
+            return self.add("after", number=float(within), reads=(self.neurons(first), self.neurons(rivals[0])))
         if tree.name in ("count", "rate"):
             index, ids = read = self.neurons(first)
             count = self.add("count", reads=(read,))
@@ -191,7 +191,7 @@ class _Reader:
         return self.add(tree.name, *(self.read(argument) for argument in tree.arguments))
 
     def ms(self, tree: Tree) -> float:
-        """Return a time in ms that is a number, with or without a unit."""
+        """Return a time in ms, from a number with or without a unit."""
         if not isinstance(tree, Number) or not tree.value > 0.0:
             raise self.expression.mistake(tree.at, "expected a time > 0 ms, as a number")
         factor, dimension = unit(tree.unit or "ms")
@@ -200,7 +200,7 @@ class _Reader:
         return tree.value * factor
 
     def neurons(self, tree: Tree) -> tuple[int, Ints | None]:
-        """Return the index of a population, and the ids if the tree names some of its neurons."""
+        """Return the index of a population, and the ids of the neurons if the tree names only some."""
         if not isinstance(tree, Name):
             raise self.expression.mistake(tree.at, "expected a population, or some of its neurons, as exc[:100]")
         try:
@@ -211,6 +211,6 @@ class _Reader:
             raise self.expression.mistake(tree.at, error.message, error.hint) from None
         model = self.net.populations[name].model
         if isinstance(model, CurrentGenerator):
-            message = f"'{name}' is {a(model.name)}, which has no spikes: expected a population that has"
+            message = f"'{name}' is {a(model.name)}, which has no spikes: expected a population with spikes"
             raise self.expression.mistake(tree.at, message)
         return self.names[name], ids

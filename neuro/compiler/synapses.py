@@ -1,4 +1,4 @@
-"""The synapses of a projection as stored in a program: drawn, sorted, and restricted to a share."""
+"""Synapses of a projection in the form of a program: drawn, sorted, and restricted to a share."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from neuro.program.program import Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Synapses:
-    """The synapses of a projection, and their values.
+    """Synapses of a projection, with values.
 
     Attributes:
-        connections: the connections. Only the attributes that a program has are valid.
-        delay: in steps, shape (1,) where shared.
-        weight: shape (1,) where shared.
+        connections: the connections. Only their attributes that a program has are valid.
+        delay: delays in steps, shape (1,) if shared.
+        weight: weights, shape (1,) if shared.
         rule: the synapse model, with arrays for parameters that have a value per synapse.
         by_delay: whether the synapses of each source are sorted by delay.
         whole_layout: the layout of the synapses of all shares together.
-        blocks: the blocks where synapses stay in blocks; arrays with a value per synapse are empty then.
+        blocks: the blocks, if synapses stay in blocks; arrays with a value per synapse are then empty.
     """
 
     connections: Connections
@@ -62,18 +62,18 @@ class Synapses:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """Draws the synapses of a projection at once; `Divided` draws them in blocks.
+    """Drawing of the synapses of a projection, all at once. `Divided` draws them in blocks.
 
     Args:
         part: the projection.
         blocks: the blocks of its rule.
-        wired: returns the synapses of a file; None for other rules.
+        wired: function that returns the synapses of a file; None for other rules.
         ends: the neurons at both ends.
         clock: clock of the network.
         seed: seed of the draws.
         get_geometry: returns the positions and distances of the neurons of the populations.
         ordered: whether drawn synapses are sorted by delay.
-        target_range: the first target neuron whose synapses are stored, and the end; None: all.
+        target_range: first target neuron with stored synapses, and the end; None: all targets.
         threads: number of threads that draw.
     """
 
@@ -89,25 +89,25 @@ class Drawing:
     threads: int
 
     def synapses(self, buffer: SynapseBuffers | None) -> Synapses:
-        """Return the synapses in order; `buffer` is memory that may be used for the targets of all."""
-        only = Block(0, 0, 0)
+        """Return the synapses in order. `buffer` is memory that may be used for all targets."""
+        selected_only = Block(0, 0, 0)
         if self.wired is not None:
             connections = self.wired()
         else:
             connections = in_populations(self.blocks.whole(None if buffer is None else buffer.targets), *self.ends)
-        # Delays and weights have keys of their own, so that a distribution of one does not change the other.
-        delay, by_delay = self._delay(connections, only), False
+        # Delays and weights have separate keys: a distribution of delays does not change the weights.
+        delay, by_delay = self._delay(connections, selected_only), False
         if self.ordered:
             connections, delay, by_delay = _by_delay(self.part, connections, delay)
         whole_layout = connections.layout
-        columns = self._columns(connections, only, self._weight_buffer(connections.size, buffer))
+        columns = self._columns(connections, selected_only, self._weight_buffer(connections.size, buffer))
         weight = columns.pop("weight")
         if self.target_range is None:
             return Synapses(
                 connections, delay, weight, with_numbers(self.part.synapse, columns), by_delay, whole_layout
             )
         connections = listed_one_by_one(connections, self.ends[0].size, self.ends[1].size)
-        piece = Piece(only, connections, self._mask(connections), delay)
+        piece = Piece(selected_only, connections, self._mask(connections), delay)
 
         def select(values: NDArray[Any]) -> NDArray[Any]:
             return piece.select(values) if values.size == connections.size else values
@@ -205,7 +205,7 @@ def in_populations(connections: Connections, source: End, target: End) -> Connec
 
 
 def with_numbers(rule: Synapse, numbers: Mapping[str, Floats]) -> Synapse:
-    """Return the synapse model with arrays of values per synapse; without synapses, with the defaults."""
+    """Return the synapse model with arrays of values per synapse, or with the defaults if there are no synapses."""
     defaults = {entry.name: entry.default for entry in fields(rule)}
     arrays = {name: values if values.size else defaults[name] for name, values in numbers.items()}
     return replace(rule, **arrays) if arrays else rule

@@ -77,12 +77,12 @@ def _input(net: Network, section: Trials) -> str:
     if not isinstance(model, spike_generator):
         _refuse(net, "input", f"input '{name}' is {a(model.name)}: expected a spike_generator")
     if any(len(times) for times in model.spike_times):
-        _refuse(net, "input", f"input '{name}' has spike_times: expected none, as trials bring their own")
+        _refuse(net, "input", f"input '{name}' has spike_times: expected none, because trials bring their own")
     return name
 
 
 def _output(net: Network, section: Trials) -> str:
-    """Return the population that decides: the one with labels, else with dropout, else the one with a group."""
+    """Return the deciding population: the population of `labels`, else of `dropout`, else of the only group."""
     declared = {word: part.of for word, part in (("labels", section.labels), ("dropout", section.dropout)) if part}
     for word, name in declared.items():
         _check_population(net, name, f"{word}.of")
@@ -117,22 +117,22 @@ def _ticks(net: Network, clock: Clock, value: float, word: str) -> int:
 
 
 def _after(net: Network, section: Trials, clock: Clock) -> int:
-    """Return the ticks in which dopamine acts after a trial, 0 if no reward sets a signal."""
+    """Return the number of ticks after a trial in which dopamine acts; 0 if no reward sets a signal."""
     ticks = _ticks(net, clock, section.after, "after")
     learners = [part for part in net.projections.values() if part.synapse.learns == "pairs"]
     for part in learners:
         signal = part.synapse.parameters()["signal"]
         if signal is not None and ticks == 0:
-            message = f"after = 0 ms, and the reward sets '{signal}' at the end of a trial: expected > 0 ms, the time"
+            message = f"after = 0 ms, and the reward sets '{signal}' at the end of a trial: expected a time > 0 ms"
             _refuse(net, "after", f"{message} in which {part.synapse.name} of '{part.name}' learns from it")
         if signal is not None and section.labels is None:
-            text = f"{part.synapse.name} of '{part.name}' needs 'labels', as the reward that sets '{signal}' does"
+            text = f"{part.synapse.name} of '{part.name}' needs 'labels', because the reward sets '{signal}'"
             _refuse(net, "", text, missing="labels")
         if signal is not None and net.signals[signal].values is not None:
-            message = f"signal '{signal}' has values: expected none, as the reward of each trial sets it"
+            message = f"signal '{signal}' has values: expected none, because the reward of each trial sets it"
             _refuse(net, "", message, f"{part.synapse.name}.dopamine takes the spikes of a population")
     if ticks and not learners:
-        _refuse(net, "after", f"after = {section.after:g} ms: expected 0, as no synapse learns by dopamine")
+        _refuse(net, "after", f"after = {section.after:g} ms: expected 0, because no synapse learns by dopamine")
     return ticks
 
 
@@ -153,10 +153,10 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
             text = f"{label} onto '{part.target}': expected '{output}', which decides"
             raise ModelError(text, where=part.origin, path=words_of(part.synapse.name))
         if part.synapse.peaks and group.choice.several:
-            message = f"{label} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
+            message = f"{label} learns from the largest V_m up to a decision, and group '{group.name}' makes several"
             raise ModelError(
                 f"{message}: expected winner_take_all", where=part.origin, path=words_of(part.synapse.name)
             )
         if labels is None and part.synapse.supervised:
-            text = f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them"
+            text = f"{part.synapse.name} of '{part.name}' needs 'labels', because rewards depend on them"
             _refuse(net, "", text, missing="labels")

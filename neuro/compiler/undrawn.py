@@ -1,4 +1,4 @@
-"""Synapses that the compiler does not draw: listed in a file, or drawn by a backend with its own rules."""
+"""Synapses that the compiler does not draw: those listed in a file, or drawn by a backend with its own rules."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ _WAY_OUT = "draw: neuro, or leave it out"
 
 
 def undrawn(part: Projection, n_pre: int, n_post: int, clock: Clock) -> tuple[Undrawn, Synapses]:
-    """Return the description of a projection whose synapses the backend draws, and a placeholder for the synapses.
+    """Return the description of a projection that the backend draws, and a placeholder for its synapses.
 
     The placeholder has the number of synapses, and the bounds of weights and delays.
 
     Raises:
-        ModelError: backends cannot draw such synapses. The projection has a view, a synapse that is not static, or a
-            value for each synapse.
+        ModelError: backends cannot draw the synapses, because the projection has a view, a synapse that is not static,
+            or a value for each synapse.
     """
     if part.source_view is not None or part.target_view is not None:
         _refuse(part, "a view", "whole populations")
@@ -90,24 +90,24 @@ def _no_distance() -> NoReturn:
 
 
 def bounds(value: Distribution) -> tuple[float, float]:
-    """Return the smallest and the largest value that can be drawn."""
+    """Return the smallest and the largest possible draw."""
     match value:
         case uniform():
             return value.low, value.high
         case normal():
-            least, most = value.mean - _MAX_DEVIATIONS * value.std, value.mean + _MAX_DEVIATIONS * value.std
+            lowest, most = value.mean - _MAX_DEVIATIONS * value.std, value.mean + _MAX_DEVIATIONS * value.std
         case lognormal():
-            least, most = (math.exp(min(value.mean + side * _MAX_DEVIATIONS * value.std, 700.0)) for side in (-1, 1))
+            lowest, most = (math.exp(min(value.mean + side * _MAX_DEVIATIONS * value.std, 700.0)) for side in (-1, 1))
         case _:
             raise NotImplementedError(value)
-    return max(least, value.low), min(most, value.high)
+    return max(lowest, value.low), min(most, value.high)
 
 
 def _described(part: Projection, word: str) -> float | Distribution:
     """Return the weight or the delay: a number or a built-in distribution."""
     value: Any = plain(getattr(part, word))
     if type(value) in (uniform, normal, lognormal):
-        value.checked_sample(np.random.default_rng(0), 1)  # raises an error for bounds that hardly any value meets
+        value.checked_sample(np.random.default_rng(0), 1)  # raises an error if hardly any draw lies within the bounds
         return value  # type: ignore[no-any-return]
     if isinstance(value, Distribution) or not np.isscalar(value):
         actual = f"the distribution {value.name}" if isinstance(value, Distribution) else f"a {word} for each synapse"
@@ -122,7 +122,7 @@ def _refuse(part: Projection, actual: str, expected: str) -> None:
 def wired(
     part: Projection, rule: from_file, ends: tuple[Population, Population], views: tuple[End, End]
 ) -> Connections:
-    """Return the synapses that a file lists.
+    """Return the synapses listed in a file.
 
     Args:
         part: the projection.
@@ -131,7 +131,7 @@ def wired(
         views: the neurons of the populations.
 
     Raises:
-        ModelError: the file, or the table of neurons, cannot be read or does not fit; the message names the cell.
+        ModelError: the file or the table of neurons cannot be read, or does not fit. The message names the cell.
     """
     tables = [_neuron_table(population, view.size) for population, view in zip(ends, views, strict=True)]
     edges = read_edges(rule, *tables)

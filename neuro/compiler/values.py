@@ -28,13 +28,13 @@ from neuro.model.space import of_distance
 from neuro.program.program import Floats
 
 
-def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
-    """Return one value for each neuron of a population, or a shared value (shape (1,)).
+def per_neuron(value: Any, shape: tuple[int, ...], label: str, key: tuple[int, str, str]) -> Floats:
+    """Return one value per neuron of a population, or a single shared value, shape (1,).
 
     Args:
         value: a number, an array of the population's shape or flat, or a distribution.
         shape: shape of the population.
-        what: name of the value in messages.
+        label: name of the value in messages.
         key: key of a distribution's draws, see `keyed_random.generator`.
     """
     size = int(np.prod(shape))
@@ -45,54 +45,54 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
     if array.ndim == 0:
         return array.reshape(1) + 0.0
     if array.shape not in (shape, (size,)):
-        message = f"{what}: an array of shape {list(array.shape)}: expected {_one_of({shape, (size,)})}"
-        raise ModelError(message, hint="one value for each neuron, or one number for all", path=words_of(what))
+        message = f"{label}: an array of shape {list(array.shape)}: expected {_one_of({shape, (size,)})}"
+        raise ModelError(message, hint="one value for each neuron, or one number for all", path=words_of(label))
     return array.reshape(-1) + 0.0
 
 
 def per_synapse(
     value: Any,
     connections: Connections,
-    what: str,
+    label: str,
     rng: np.random.Generator,
     get_geometry: GetGeometry,
     buffer: Buffer | None = None,
 ) -> Floats:
-    """Return one value for each synapse in the program's order, or a shared value (shape (1,)).
+    """Return one value per synapse in the program's order, or a single shared value, shape (1,).
 
     Args:
         value: a number, an array in the order of the rule, a distribution or a function of distance.
         connections: the synapses.
-        what: name of the value in messages.
+        label: name of the value in messages.
         rng: generator for the draws of a distribution.
-        get_geometry: returns positions and distances of neurons, for a function of distance.
-        buffer: memory for the values of all synapses, which may be used; in 32 bits only if all values fit.
+        get_geometry: function that returns positions and distances of neurons, for a function of distance.
+        buffer: memory that may be used for the values; in 32 bits only if all values fit.
     """
-    if what in connections.factors:
+    if label in connections.factors:
         unscaled = replace(connections, factors={})
-        factor = connections.factors[what]
-        scaled = per_synapse(value, unscaled, what, rng, get_geometry) * factor if connections.size else factor
+        factor = connections.factors[label]
+        scaled = per_synapse(value, unscaled, label, rng, get_geometry) * factor if connections.size else factor
         if not np.isfinite(scaled).all():
-            raise ModelError(f"{what}: {shown(value)} x the file's values is too large: expected finite numbers")
+            raise ModelError(f"{label}: {shown(value)} times the file's values is too large: expected finite numbers")
         return scaled + 0.0
     value = plain(value)
     if isinstance(value, Distribution):
         values: Floats = drawn_values(value, connections, rng, buffer)
         return values
     if isinstance(value, of_distance):
-        return values_of_distance(value.profile, connections, what, get_geometry) + 0.0
+        return values_of_distance(value.profile, connections, label, get_geometry) + 0.0
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0:
         return array.reshape(1) + 0.0
     if not connections.weight_shapes:
         text = (
-            f"{what}: an array of shape {list(array.shape)} for synapses that are drawn at random: "
+            f"{label}: an array of shape {list(array.shape)} for synapses that are drawn at random: "
             "expected a number or a distribution"
         )
-        raise ModelError(text, hint="list synapses with neuro.pairs to give each a value", path=words_of(what))
+        raise ModelError(text, hint="list synapses with neuro.pairs to give each a value", path=words_of(label))
     if array.shape not in connections.weight_shapes:
-        message = f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(connections.weight_shapes))}"
-        raise ModelError(message, path=words_of(what))
+        message = f"{label}: an array of shape {list(array.shape)}: expected {_one_of(set(connections.weight_shapes))}"
+        raise ModelError(message, path=words_of(label))
     flat = array.reshape(-1)
     return (flat if connections.order is None else flat[connections.order]) + 0.0
 
@@ -106,7 +106,7 @@ def delay_steps(
     get_geometry: GetGeometry,
     small: bool = False,
 ) -> Steps:
-    """Return delays in steps. Delays that are drawn, of distance or from a file are rounded, to at least one step.
+    """Return delays in steps. Delays from a distribution, a distance or a file are rounded to at least one step.
 
     Other delays must be multiples of the resolution. With `small`, drawn delays up to 255 steps are stored in a byte
     each.

@@ -64,7 +64,7 @@ class Clock:
         return math.floor(float(ms) / self.resolution + TOLERANCE)
 
     def between(self, since: Any, until: Any) -> tuple[int, int]:
-        """Return the last step before `since` and the last step up to `until`, for a range of records; None for no bound.
+        """Return the last steps at or before the bounds `since` and `until` of records; None for no bound.
 
         Raises:
             ModelError: a value is not a time, or the end is before the begin.

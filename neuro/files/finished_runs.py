@@ -1,4 +1,4 @@
-"""The network, program, bill of a chip, weights and delays of a finished run, from its results."""
+"""Network, program, bill, weights and delays of a finished run, from its results."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ READABLE = "spikes, traces and weights are read without"
 
 
 class RecordingSearch:
-    """A search for recordings in folders, which remembers missing recordings.
+    """Search for recordings in folders. Missing recordings are remembered.
 
     Args:
         folders: folders to search, in this order.
@@ -44,7 +44,7 @@ class RecordingSearch:
     def find(self, name: str | None) -> Path | None:
         """Return the path of a recording.
 
-        A missing recording gets the path that it would have in the first folder. None stands for events of a program.
+        A missing recording gets a path in the first folder. The name None stands for events of a program.
         """
         if name is None:
             self._missing.append(None)
@@ -63,7 +63,7 @@ class RecordingSearch:
         """
         for name in self._missing:
             if name is None:
-                message = "the network plays events of a program, which results do not hold"
+                message = "the network plays events of a program, and a file of results does not contain them"
                 raise ModelError(message, hint=f"describe it again with these events; {READABLE} them")
             folders = ", ".join(map(str, self._folders))
             hint = f"results.network(recordings=FOLDER) finds it in FOLDER; {READABLE} it"
@@ -73,7 +73,7 @@ class RecordingSearch:
 def resolved(results: Any, net: Network) -> Program:
     """Return the program that ran.
 
-    The spikes of event cameras are listed in the program, so that no recording is needed.
+    The program lists the spikes of event cameras, so no recording is needed.
 
     Args:
         results: results of the run.
@@ -143,7 +143,7 @@ def energy(
 
 
 def native_counts(results: Any) -> dict[str, int]:
-    """Return the counts that only the backend of a run has, by name."""
+    """Return the backend's own counts of a run, by name."""
     counts = {name: value for name, value in results.about.items() if name.startswith(_NATIVE)}
     return {name.removeprefix(_NATIVE): int(value) for name, value in counts.items()}
 
@@ -163,18 +163,18 @@ def weights(results: Any, name: Any, of: Any, pre: Any, post: Any, delays: bool)
     return columns if indices is None else tuple(column[indices] for column in columns)
 
 
-def one_each(results: Any, name: Any, what: Any, of: Any, pre: Any, post: Any) -> Any:
+def one_each(results: Any, name: Any, quantity: Any, of: Any, pre: Any, post: Any) -> Any:
     """Return the weight or delay of each synapse, in the form of `Simulation.get`.
 
     Raises:
         ModelError: the file has no such value.
     """
-    if what not in ("weight", "delay"):
-        message = f"projection '{name}': a file of results has no {what!r}: expected 'weight' or 'delay'"
-        raise ModelError(message, hint=f"record states of synapses with net.probe('name', '{name}', {what!r})")
+    if quantity not in ("weight", "delay"):
+        message = f"projection '{name}': a file of results has no {quantity!r}: expected 'weight' or 'delay'"
+        raise ModelError(message, hint=f"record states of synapses with net.probe('name', '{name}', {quantity!r})")
     part = _with_weights(results, name)
     indices = _synapses(results, part, name, of, pre, post)
-    values = part.weight.reshape(-1) if what == "weight" else _delays(results, part, name)
+    values = part.weight.reshape(-1) if quantity == "weight" else _delays(results, part, name)
     return values if indices is None else values[indices]
 
 
@@ -211,7 +211,7 @@ def _synapses(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) 
 
 
 def _neurons(results: Any, name: str, word: str, value: Any, population: str) -> Ints:
-    """Return the ids of neurons of a population; the value is the population, a view of it, or ids."""
+    """Return ids of neurons of a population. `value` is the population, a view of it, or ids."""
     shape = results.populations[population].shape
     neurons = view_of_index(value, {key: results.laid(key) for key in results.populations})
     if isinstance(neurons, (Part, View, str)):
@@ -229,7 +229,7 @@ def _neurons(results: Any, name: str, word: str, value: Any, population: str) ->
 
 
 def _delays(results: Any, part: Any, name: str) -> Floats:
-    """Return the delay of each synapse in ms; the network and the seed decide delays that no rule changes."""
+    """Return the delay of each synapse in ms. Delays that no rule changes follow from the network and the seed."""
     if part.delay_ms is not None:
         return np.asarray(part.delay_ms)
     program = resolved(results, results.network(played=False))

@@ -1,4 +1,4 @@
-"""Populations, projections and probes of a finished run; arrays of a file are read on first access."""
+"""Populations, projections and probes of a finished run. Arrays of a file are read on first access."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Fed", "Trace", "Train", "Weights"]
 Opener = Callable[[], AbstractContextManager[Any]]
 _MISSING: Any = object()
 _CHUNK = 1 << 17
-"""Number of spikes in a stretch of a replayed stream; a stretch has at least one step."""
+"""Largest number of spikes in a stretch of a replayed stream. A stretch has at least one whole step."""
 
 
 class Stored:
@@ -29,7 +29,7 @@ class Stored:
     Args:
         opener: opens the file.
         name: name of the data set.
-        length: number of entries to read. A file that grows may have more; the arrays of one part have equal lengths.
+        length: number of entries to read. A growing file may have more; all arrays of a part get the same length.
     """
 
     def __init__(self, opener: Opener, name: str, length: int) -> None:
@@ -51,7 +51,7 @@ class Stored:
 
 
 def span(times: Any, after: float, to: float) -> slice:
-    """Return the slice of an ascending array with after < x <= to; the array is in memory or `Stored`."""
+    """Return the slice of an ascending array, in memory or `Stored`, with after < x <= to."""
     if isinstance(times, Stored):
         return times.span(after, to)
     return slice(*(int(np.searchsorted(times, bound, side="right")) for bound in (after, to)))
@@ -93,7 +93,7 @@ def _first_above(data: Any, bound: float, length: int) -> int:
 
 
 class Lazy:
-    """A field of a dataclass for an array; a `Stored` array is read on first access and remembered."""
+    """Field of a dataclass for an array. A `Stored` array is read on first access and remembered."""
 
     def __init__(self, default: Any = _MISSING) -> None:
         self._default = default
@@ -116,7 +116,7 @@ class Lazy:
 
 
 def unread(part: Any, name: str) -> Any:
-    """Return the value of a lazy field without reading it: an array, or a `Stored` one that can be sliced."""
+    """Return the value of a lazy field without reading it: an array, or a `Stored` array for slicing."""
     return vars(part)[name]
 
 
@@ -170,7 +170,7 @@ class Train:
 
 @dataclass(frozen=True, eq=False)
 class Fed:
-    """Spikes that an event camera was fed during a run; a stream that a simulation can play again.
+    """Spikes fed to an event camera during a run, as a stream that a simulation can play again.
 
     Attributes:
         steps: step of each entry, ascending if events were fed in the order of time.
@@ -191,7 +191,7 @@ class Fed:
         return f"{int(np.sum(self.sizes))} spikes"
 
     def after(self, step: int) -> Iterator[Stretch]:
-        """Yield the spikes of later steps in stretches, one of which is in memory at a time."""
+        """Yield the spikes of later steps in stretches. Only one stretch at a time is in memory."""
         steps, sizes, ids = np.asarray(self.steps), np.asarray(self.sizes), unread(self, "ids")
         to_come = np.minimum.accumulate(steps[::-1])[::-1]
         ends = np.cumsum(sizes)
@@ -201,12 +201,12 @@ class Fed:
             entry_steps, last_spike = np.repeat(steps[entry:end], sizes[entry:end]), int(ends[end - 1])
             neurons = np.asarray(ids[first_spike:last_spike], dtype=np.int64)
             is_later = entry_steps > step
-            until = NEVER if end == steps.size else int(to_come[end]) - 1
-            yield Stretch(until, entry_steps[is_later], neurons[is_later])
+            last_step = NEVER if end == steps.size else int(to_come[end]) - 1
+            yield Stretch(last_step, entry_steps[is_later], neurons[is_later])
             first_spike, entry = last_spike, end
 
     def spikes_of(self, events: Any) -> tuple[Ints, Ints]:
-        """Refuse events: the stream has its spikes already."""
+        """Raise an error: the stream has its spikes already and takes no events."""
         raise NotImplementedError
 
 
@@ -224,10 +224,10 @@ class Weights:
         synapse: name of the synapse model.
         synapses: number of synapses.
         counts: counts of the run by name.
-        pre, post: source and target neuron of each synapse; None for a grid or if weights were not stored.
-        weight: weight of each synapse; the kernels of a grid; None if weights were not stored.
+        pre, post: source and target neuron of each synapse; None for a grid, or without stored weights.
+        weight: weight of each synapse, or the kernels of a grid; None without stored weights.
         delay_ms: delay of each synapse in ms if the rule changes delays, else None.
-        drawn_by: backend that drew the synapses by rules of its own; None if the language's rules drew them.
+        drawn_by: backend that drew the synapses by its own rules; None if neuro drew them.
     """
 
     source: str
@@ -252,7 +252,7 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Values of one state that a probe recorded.
+    """Values of one state, recorded by a probe.
 
     Attributes:
         population: name of the population; "" for states of synapses.
@@ -301,7 +301,7 @@ class Trace:
         return 1 if self.values.ndim == 1 else int(self.values.shape[1])
 
     def read(self) -> Any:
-        """Return the values, in the form of `sim.trace`; at pre spikes with the ends of the synapses, by name."""
+        """Return the values in the form of `sim.trace`. Values at pre spikes come with the synapses' ends, by name."""
         if self.at_pre_spikes:
             return {"pre": self.pre, "post": self.post, self.state: self.values}
         return self.values

@@ -1,4 +1,4 @@
-"""Results of a run, in memory and as a self-describing HDF5 file that can be read while the run still writes it.
+"""Results of a run, in memory and as a self-describing HDF5 file. The file can be read while a run writes it.
 
 ```
 /                   attributes: format "neuro results 3", network (name), backend, seed, threads, duration_ms,
@@ -26,8 +26,8 @@
     pre, post       int64, the ends of the synapse of each column; at pre spikes of each time
 ```
 
-A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not recorded have no arrays. A
-file that a run still writes (`neuro.run.collect`) gets its weights at the end. The counts of each neuron decide the
+A probe of several states has a trace NAME.STATE for each state. Spikes and weights without a record have no arrays. A
+file that a run still writes (`neuro.run.collect`) gets the weights at the end. The counts of each neuron determine the
 bill, so a report and the simulation have the same joules.
 """
 
@@ -83,15 +83,15 @@ KIND = Kind("a file of results", lambda path: has_format(path, FORMAT))
 class Results:
     """Results of a run, with the methods of a simulation for spikes, traces and weights.
 
-    Parts of the network are addressed by name, or by parts and views of the network. Arrays are read from the file on
-    first access; of spikes in a window only those of the window are read.
+    Methods take parts of the network by name, or as parts and views of the network. Arrays are read from the file on
+    first access; for spikes in a window, only the window is read.
 
     Attributes:
         about: attributes of the file: network, backend, seed, threads, duration_ms, resolution_ms, counts, versions.
         files: files of the network by name; the YAML text is `network.yaml`.
         populations, projections, traces: parts by name.
         path: path of the file; None for results in memory.
-        fed: spikes that event cameras were fed during the run, by name; `sim.replay(results)` feeds them again.
+        fed: spikes fed to event cameras during the run, by name; `sim.replay(results)` feeds them again.
         live: latencies, misses and drops of a run in real time, by name.
         world: values of a closed loop by name: returns, lengths and steps, (episodes,); rewards (steps, copies) and
             actions (steps, copies, ...) of the last block, whose spikes were recorded.
@@ -162,7 +162,7 @@ class Results:
 
     @property
     def finished(self) -> bool:
-        """True if the run reached its end; otherwise the results have the recording up to `time`."""
+        """True if the run reached its end. Otherwise the results have the records up to `time`."""
         return bool(self.about["finished"])
 
     def spikes(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints]:
@@ -214,7 +214,7 @@ class Results:
         return spikes_in_ms(name, clock, *entries(columns, after, to, is_selected))
 
     def trace(self, of: Any) -> tuple[Floats, Any]:
-        """Return the recording of a probe, in the form of `Simulation.trace`.
+        """Return the record of a probe, in the form of `Simulation.trace`.
 
         Raises:
             ModelError: the probe does not exist, or its spikes were not stored.
@@ -244,7 +244,7 @@ class Results:
             of: pairs (source, target) of the synapses to return, in the order of the pairs.
             pre: source neurons of the synapses to return: a population, a view of it, or ids.
             post: target neurons of the synapses to return.
-            delays: whether to return the delays in ms, too. Network and seed decide delays that no rule changes.
+            delays: whether to return the delays in ms, too. Delays that no rule changes follow from network and seed.
 
         Returns:
             (pre, post, weight), or with `delays` (pre, post, weight, delay). For a grid the kernels, or with `delays`
@@ -259,7 +259,7 @@ class Results:
         """Return the "weight", or the "delay" in ms, of each synapse at the end; `of`, `pre`, `post`: see `weights`.
 
         Raises:
-            ModelError: the value is a parameter or a state, which files of results do not have.
+            ModelError: the value is a parameter or a state; files of results have none.
         """
         if isinstance(what, list):
             return {word: self.get(part, word, of=of, pre=pre, post=post) for word in what}
@@ -275,7 +275,7 @@ class Results:
         raise ModelError(message, hint=hint)
 
     def states(self, of: Any) -> list[str]:
-        """Raise an error: a file has traces of recorded states only.
+        """Raise an error, because a file has only traces of recorded states.
 
         Raises:
             ModelError: always; the hint names the traces and the simulation.
@@ -295,8 +295,8 @@ class Results:
 
         Args:
             recordings: folder with the recordings of event cameras. By default the folders of the run, of the results
-                and the current one are searched, in this order.
-            played: if False, recordings may be missing; the network can then be inspected but not compiled.
+                and the current folder are searched, in this order.
+            played: if False, recordings may be missing, and the network can be inspected but not compiled.
 
         Raises:
             ModelError: a recording is missing (the message has the folders), or results and network have different
@@ -320,7 +320,7 @@ class Results:
         return net
 
     def laid(self, name: str) -> NameAndShape:
-        """Return name and shape of a population, of which views can be made."""
+        """Return the name and shape of a population, for views."""
         return NameAndShape(name, self.populations[name].shape)
 
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
@@ -338,12 +338,12 @@ def _name(of: Any) -> Any:
 
 
 def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[str, Weights]] = ()) -> None:
-    """Write results to a file, and replace an existing file. Callers check the path with `neuro.core.outputs.output`.
+    """Write results to a file, also in place of an existing file. Callers check the path with `outputs.output`.
 
     Args:
         results: results to write.
         path: path of the file.
-        weights: weights of projections by name, one at a time, if the results have none.
+        weights: weights by name of the projection, one projection at a time, if the results have none.
     """
     with new_file(Path(path), FORMAT) as file:
         write_results(file, results)
@@ -372,7 +372,7 @@ def write_results(
 
 
 def read(path: str | PathLike[str]) -> Results:
-    """Read the file of a run, also of an interrupted one; arrays are read on first access.
+    """Read the file of a finished or interrupted run. Arrays are read on first access.
 
     Raises:
         ModelError: the file does not exist, has another format, or is damaged.
@@ -380,7 +380,7 @@ def read(path: str | PathLike[str]) -> Results:
     path = Path(path)
     if not path.exists() and unfinished(path).exists():
         hint = f"{unfinished(path)} has the records of an unfinished run"
-        raise ModelError(f"{path}: there is no such file", hint=hint)
+        raise ModelError(f"{path}: no such file", hint=hint)
     path = existing(path)
     record_input(path)
     return _opened(path)
@@ -424,7 +424,7 @@ def recorded_in(part: Path) -> str:
 
 
 def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Results:
-    """Return the results in an open file; `opener` opens the file again when an array is read."""
+    """Return the results in an open file. `opener` opens the file again to read an array."""
     about = {name: _plain(value) for name, value in file.attrs.items() if name != "format"}
     files = {YAML: file["network"][()]}
     for name, item in file.get("network_files", {}).items():

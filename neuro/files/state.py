@@ -1,4 +1,4 @@
-"""HDF5 files of the state of a simulation, and of the checkpoint of a training.
+"""HDF5 files with the state of a simulation, or with the checkpoint of a training.
 
 A checkpoint has these parts:
 ```
@@ -32,7 +32,7 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Network, backend and seed of a state; a simulation restores only states with an equal identity.
+    """Network, backend and seed of a state. A simulation restores only states with an equal identity.
 
     Attributes:
         network: name of the network.
@@ -54,7 +54,7 @@ def write_state(
     record: Mapping[str, Any] | None = None,
     files: Mapping[str, bytes] | None = None,
 ) -> None:
-    """Write a state; an existing state of that name is replaced atomically.
+    """Write a state. An existing state with the same name is replaced atomically.
 
     Args:
         path: path of the file.
@@ -84,10 +84,10 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     import h5py
 
     if path.is_file() and is_whole(path, EARLIER):
-        message = f"{path}: a state of neuro 0.2 or before: expected one that this version wrote"
-        raise ModelError(message, hint="restore it with that version: what sim.network() gives there can be saved")
+        message = f"{path}: a state of neuro 0.2 or before: expected a state of this version"
+        raise ModelError(message, hint="restore it with that version and save the result of sim.network()")
     arrays: Arrays = {}
-    with reading(path, FORMAT, "sim.save writes it anew", "a state written by sim.save") as file:
+    with reading(path, FORMAT, "write it again with sim.save", "a state written by sim.save") as file:
         for name, hint in (
             ("backend", "compile the network for that backend"),
             ("seed", "compile the network with that seed"),
@@ -124,11 +124,11 @@ _IGNORED_FIELDS = {
     "share",
     "whole_layout",
 }
-"""Fields of a program that do not change a run, follow from other fields, or depend on the machine."""
+"""Fields of a program that have no effect on a run, follow from other fields, or depend on the machine."""
 
 
 def fingerprint(program: Program) -> str:
-    """Return a hash of all fields that decide a run; positions in YAML files are ignored."""
+    """Return a hash of all fields that affect a run; positions in YAML files are ignored."""
     digest = hashlib.blake2b(digest_size=16)
     _feed(digest, program)
     return digest.hexdigest()
@@ -202,7 +202,7 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
 
 
 class Checkpoint:
-    """The file with which a killed training continues.
+    """File from which a killed training continues.
 
     Args:
         model: file of the model; the checkpoint is written beside it.
@@ -232,20 +232,20 @@ class Checkpoint:
                 put(file, name, part)
 
     def resume(self) -> dict[str, Any]:
-        """Return the arrays of the last `keep`; an empty dictionary without a checkpoint.
+        """Return the arrays of the last `keep`; {} without a checkpoint.
 
         Raises:
             ModelError: the checkpoint has other settings, or is damaged.
         """
         if not self.path.exists():
             return {}
-        with reading(self.path, self._format, "delete the file to begin anew") as file:
+        with reading(self.path, self._format, "delete the file to start again") as file:
             parts = {name: take(file, name) for name in file}
-            before, present = _flat(json.loads(str(file.attrs["settings"]))), _flat(json.loads(self._settings))
-        for name in sorted(before.keys() | present.keys()):
-            if before.get(name) != present.get(name):
+            saved_settings, present = _flat(json.loads(str(file.attrs["settings"]))), _flat(json.loads(self._settings))
+        for name in sorted(saved_settings.keys() | present.keys()):
+            if saved_settings.get(name) != present.get(name):
                 raise ModelError(
-                    f"{self.path}: an unfinished training with {name} = {before.get(name, 'its default')}: "
+                    f"{self.path}: an unfinished training with {name} = {saved_settings.get(name, 'its default')}: "
                     f"found {present.get(name, 'its default')} now",
                     hint=f"{self._ways.get(name, 'give the same options to continue it')}, or delete the file",
                 )

@@ -1,4 +1,4 @@
-"""Compiled functions that are called by address, so that a compiled caller can call any function of a type."""
+"""Compiled functions called by address: a compiled caller can then call any function of a type."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,override,misc"
 from __future__ import annotations
@@ -28,9 +28,9 @@ _TYPES = {
 
 
 def fields_of(text: str) -> list[Field]:
-    """Return the fields that a text lists, one per line: name, NumPy's short type, number of dimensions, remarks."""
-    words = [line.split(maxsplit=3) for line in text.strip().splitlines()]
-    return [(name, kind, int(ndim)) for name, kind, ndim, *_ in words]
+    """Return the fields in a text with one field per line: name, NumPy's short type, number of dimensions, remarks."""
+    columns = [line.split(maxsplit=3) for line in text.strip().splitlines()]
+    return [(name, kind, int(ndim)) for name, kind, ndim, *_ in columns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +41,8 @@ class Declared:
         name: name of the array in kernels.
         kind: type of the elements, by NumPy's short name.
         shape: a number or the name of a size for each dimension.
-        line: the cache line in a page at which the array begins; None: any.
-        life: lifetime of the content, by the words of the text.
+        line: cache line in a page at which the array begins; None: any line.
+        life: lifetime of the content, in the words of the text.
         account: the heading above the declaration.
     """
 
@@ -60,23 +60,23 @@ class Declared:
 
 
 def declared(text: str) -> list[Declared]:
-    """Return the arrays that a text declares, one per line: name, type, shape@cache line, lifetime, remarks.
+    """Return the arrays in a text with one array per line: name, type, shape@cache line, lifetime, remarks.
 
     Example: `state f8 states,row@4 run` has the sizes `states` and `row`, and begins at cache line 4 of a page.
     """
     arrays, account = [], ""
     for line in text.strip().splitlines():
-        name, kind, *words = line.split(maxsplit=4)
+        name, kind, *columns = line.split(maxsplit=4)
         if name == "#":
             account = kind
             continue
-        shape, _, begin = words[0].partition("@")
-        arrays.append(Declared(name, kind, tuple(shape.split(",")), int(begin) if begin else None, words[1], account))
+        shape, _, begin = columns[0].partition("@")
+        arrays.append(Declared(name, kind, tuple(shape.split(",")), int(begin) if begin else None, columns[1], account))
     return arrays
 
 
 def table_of(*parts: tuple[Sequence[Field], Mapping[str, NDArray[Any]]]) -> NDArray[np.int64]:
-    """Return the table of the arrays of some lists of fields, in order. The caller keeps the arrays alive."""
+    """Return the table of arrays for lists of fields, in order. The caller keeps the arrays alive."""
     return np.array([row_of(field, arrays[field[0]]) for fields, arrays in parts for field in fields], dtype=np.int64)
 
 
@@ -90,9 +90,9 @@ def row_of(field: Field, array: NDArray[Any]) -> list[int]:
 
 
 class Views(types.Type):
-    """The type of a table of arrays, which is the address of the table. The first array is in row `first`.
+    """Numba type of a table of arrays; its value is the table's address. The first array is in row `first`.
 
-    An array is loaded where a kernel names it. Loading all arrays in each function took most of the compile time.
+    A kernel loads only the arrays that it names. Loading all arrays in each function took most of the compile time.
     """
 
     def __init__(self, name, first, fields):
@@ -118,7 +118,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
-    """Generate the array of a field. The row never changes while a kernel runs, so one early read suffices."""
+    """Generate code for the array of a field. The row never changes while a kernel runs: one early read suffices."""
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))
@@ -138,7 +138,7 @@ def _array(context, builder, views, table, name):
 
 
 def pointer(context, builder, signature, arguments):
-    """Generate the pointer to a table, for an intrinsic whose first argument is the table or its address."""
+    """Generate code for the pointer to a table, in an intrinsic with the table or its address as first argument."""
     if isinstance(signature.args[0], types.Integer):
         return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
     return context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -155,17 +155,17 @@ def viewer(views):
 
 
 _KEPT: list[Any] = []
-"""Compiled functions that are called by address, so that their machine code is never freed."""
+"""Compiled functions called by address. This list keeps their machine code from being freed."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A kernel that is called by its address.
+    """A kernel called by its address.
 
     Attributes:
         kernel: result of `neuro.kernels.jit.kernel`.
         signature: numba's signature, of integers and floats.
-        model: the class whose functions the kernel calls, if any. Its `arithmetic` is the module of the functions.
+        model: class with the functions that the kernel calls, or None. Its `arithmetic` is the module of the functions.
     """
 
     kernel: Any
@@ -179,7 +179,7 @@ class Entry:
         return self.signature.args in kernel.overloads or kernel._cache.has(self.signature, kernel.targetctx)
 
     def address(self) -> int:
-        """Return the address of the machine code; compile the kernel or load its code from disk.
+        """Return the address of the machine code, after compiling the kernel or loading the code from disk.
 
         Raises:
             ModelError: numba cannot compile the model's functions. The message has numba's reason.
@@ -202,11 +202,11 @@ def _refused(model: Any, message: str) -> ModelError:
     reasons = [line for line in message.splitlines() if line.strip() and not line.startswith("Failed in")]
     function = re.search(r"<function (?:\w+\.)*?(\w+)\.[0-9a-f]{32}", message)
     line = re.search(re.escape(file.rpartition("/")[2]) + r'(?:", line |:| \()(\d+)', message)
-    why = f"{function[1]}: {reasons[0].strip(' -')}" if function else reasons[0].strip(" -")
+    reason = f"{function[1]}: {reasons[0].strip(' -')}" if function else reasons[0].strip(" -")
     return ModelError(
-        f"{model.kind} '{model.__name__}' cannot be compiled: {why}",
+        f"{model.kind} '{model.__name__}' cannot be compiled: {reason}",
         where=Where(file, int(line[1]) if line else 0),
-        hint="its functions have arithmetic on floats and math, and call plain functions of their module's names",
+        hint="write its functions with arithmetic on floats, math, and calls of plain functions in the same module",
     )
 
 

@@ -28,11 +28,11 @@ from neuro.kernels.kept import folder
 
 _config: Any = numba.config
 Asked: TypeAlias = Callable[[], Entry]
-"""Function that returns an entry, the same at each call. It can be pickled if the model belongs to the package."""
+"""Function that returns the same entry at each call. It can be pickled if the model belongs to the package."""
 
 
 def addresses(makers: Sequence[Asked]) -> list[int]:
-    """Return the addresses of some entries. Missing machine code is compiled first.
+    """Return the addresses of entries. Missing machine code is compiled first.
 
     Raises:
         ModelError: see `Entry.address`.
@@ -53,7 +53,7 @@ def _helper_pays() -> bool:
 
 @contextmanager
 def _helper(queue: deque[Asked]) -> Iterator[None]:
-    """Within the block, let a helper compile kernels from the end of the queue. Wait for the helper at the end."""
+    """Let a helper compile kernels from the end of the queue during the block. Wait for the helper at the end."""
     began, paths = compile_report.begin(), [os.path.abspath(path) for path in sys.path]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "neuro.kernels.beside"],
@@ -99,7 +99,7 @@ _DONE = b"done\n"
 
 
 def main() -> None:
-    """Compile the kernels that arrive on stdin, and answer after each."""
+    """Compile the kernels that arrive on stdin, with an answer after each kernel."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # imported modules may print

@@ -1,4 +1,4 @@
-"""Reports of compilation on stderr: at its beginning, and at the end of the process with the kernels and the time."""
+"""Reports on stderr: the start of compilation, and at the end of the process the number of kernels and the time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import time
 
 REPORTED = "NEURO_COMPILING_REPORTED"
-"""Environment variable that is set once a process of a command has reported that kernels are compiled."""
+"""Environment variable set by the first process of a command that reports compilation."""
 
 NO_BEGIN = (0.0, 0.0)
 """Start of a measurement, before `begin` has been called."""
@@ -17,7 +17,7 @@ has_reported = False
 """Whether this process has reported that kernels are compiled."""
 
 latest = float("-inf")
-"""Time of `time.monotonic` at which the compilation of a kernel began or ended last, s."""
+"""Time of `time.monotonic`, in s, of the last beginning or end of a compilation."""
 
 _kernels = 0
 _seconds = 0.0
@@ -31,9 +31,7 @@ def begin(cached: bool = True) -> tuple[float, float]:
             atexit.register(_sum_up)
         has_reported = True
         os.environ[REPORTED] = "1"
-        way_out = (
-            "" if cached else "; they cannot be cached, as no cache folder can be written: set XDG_CACHE_HOME to one"
-        )
+        way_out = "" if cached else "; found no writable cache folder: set XDG_CACHE_HOME to one, to compile only once"
         print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
     latest = time.monotonic()
     return time.perf_counter(), _seconds

@@ -18,11 +18,11 @@ _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(
 GUIDE_BITS = 12
 _GUIDE = np.uint64(64 - GUIDE_BITS)
 UNSURE = 1 << 15
-"""Bit of a guide entry whose words have different counts; the lower bits are the smallest of these counts."""
+"""Mark of a guide entry that covers words with different counts. The lower bits are the smallest of these counts."""
 _UNIT = 2.0**-53
 _ENDS = np.arange((1 << GUIDE_BITS) + 1) / (1 << GUIDE_BITS)
 _CELLS = ((_ENDS[:-1], "right"), (_ENDS[1:], "left"))
-"""Bounds of the cells of a guide: the smallest number, which counts an equal entry, and the end, which does not."""
+"""Bounds of a guide's cells: the smallest number, inclusive, and the end, exclusive."""
 
 
 @subkernel
@@ -35,7 +35,7 @@ def mix(z):
 
 @subkernel
 def step_word(key, step):
-    """Return the random word that all draws of a part share in a step."""
+    """Return the random word common to all draws of a part in a step."""
     return mix(key + np.uint64(step) * _STEP)
 
 
@@ -47,7 +47,7 @@ def uniform(base, neuron):
 
 @intrinsic
 def reaching(typingctx, base, neuron, bounds, place):
-    """Return as bits which numbers of eight neighbouring neurons reach their bounds, which begin at `place`."""
+    """Return eight bits: whether the numbers of neighbouring neurons reach their bounds, from `place` on."""
 
     def codegen(context, builder, signature, arguments):
         word, real = ir.VectorType(ir.IntType(64), LANES), ir.VectorType(ir.DoubleType(), LANES)
@@ -83,9 +83,9 @@ def words_of(base, first, words):
 
 @subkernel
 def poisson_by_table(words, guide, cumulative, counts):
-    """Count the entries of `cumulative` up to each word's uniform number; the first bits nearly always decide."""
+    """Count the entries of `cumulative` up to the uniform number of each word. The first bits nearly always decide."""
     for k in range(words.size):
-        counts[k] = words[k] >> _GUIDE  # a separate loop, which is vectorised
+        counts[k] = words[k] >> _GUIDE  # a separate loop can be vectorised
     for k in range(words.size):
         m = guide[counts[k]]
         if m >= UNSURE:
@@ -103,14 +103,14 @@ def _count(word, m, cumulative):
 
 
 def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Return the guide of `poisson_by_table`: the count for the first bits of a word, or a lower bound of it."""
-    least, most = (np.searchsorted(cumulative, ends, side=side) for ends, side in _CELLS)
-    return (least + UNSURE * (least < most)).astype(np.uint16)
+    """Return the guide of `poisson_by_table`: for the first bits of a word, the count or a lower bound of the count."""
+    lowest_count, highest_count = (np.searchsorted(cumulative, ends, side=side) for ends, side in _CELLS)
+    return (lowest_count + UNSURE * (lowest_count < highest_count)).astype(np.uint16)
 
 
 @subkernel
 def poisson_by_sum(base, neuron, mean, none_probability):
-    """Return the number of `poisson_by_table` by summing probabilities; `none_probability` is exp(-mean)."""
+    """Draw the number of `poisson_by_table` by summing probabilities; `none_probability` is exp(-mean)."""
     u = uniform(base, neuron)
     m = 0
     term = none_probability

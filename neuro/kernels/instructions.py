@@ -1,7 +1,7 @@
-"""Machine instructions that Python lacks, as functions that kernels call.
+"""Machine instructions missing in Python, as functions for kernels.
 
-There are operations on eight neighbouring numbers or on 64 marks at once, loads and stores by which threads read each
-other's progress, addresses of arrays, and prefetches.
+There are operations on eight neighbouring numbers or on 64 marks at once, loads and stores for the progress of other
+threads, addresses of arrays, and prefetches.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
@@ -18,14 +18,14 @@ _WORD, _BYTE = ir.IntType(64), ir.IntType(8)
 
 
 def _at(context, builder, kind, array, first, lanes):
-    """Generate the address of neighbouring items of a flat array, and their type."""
+    """Generate code for the address of neighbouring items of a flat array; also return their type."""
     items = ir.VectorType(context.get_data_type(kind.dtype), lanes)
     view = context.make_array(kind)(context, builder, array)
     return builder.bitcast(builder.gep(view.data, [first]), items.as_pointer()), items
 
 
 def load(context, builder, kind, array, first):
-    """Generate the load of eight neighbouring items of a flat array, from item `first` on."""
+    """Generate code that loads eight neighbouring items of a flat array, from item `first` on."""
     place, _ = _at(context, builder, kind, array, first, LANES)
     return _load(builder, place, kind.dtype.bitwidth // 8)
 
@@ -58,7 +58,7 @@ def marked(typingctx, bytes_, first):
 
 @intrinsic
 def take(typingctx, states, inputs, first):
-    """Add eight inputs to eight states, and set the inputs to -0.0, no input. Return as bits which had an input."""
+    """Add eight inputs to eight states, and set the inputs to -0.0, no input. Return eight bits: 1 for an input."""
 
     def codegen(context, builder, signature, arguments):
         state, items = _at(context, builder, signature.args[0], arguments[0], arguments[2], LANES)
@@ -87,7 +87,7 @@ def lowest(typingctx, word):
 
 @intrinsic
 def bits_of(typingctx, word):
-    """Return the number of bits of a word that are 1."""
+    """Return the number of 1 bits in a word."""
 
     def codegen(context, builder, signature, arguments):
         return builder.call(_function(builder, "llvm.ctpop.i64", _WORD, _WORD), [arguments[0]])
@@ -102,7 +102,7 @@ def _first_of_row(context, builder, kind, array, index):
 
 @intrinsic
 def load_acquire(typingctx, array, row):
-    """Return the first number of a row of a table of int64, and see all that its writer wrote before."""
+    """Return the first number of a row of an int64 table. All earlier writes of its writer are then visible."""
 
     def codegen(context, builder, signature, arguments):
         index = context.cast(builder, arguments[1], signature.args[1], types.intp)
@@ -115,7 +115,7 @@ def load_acquire(typingctx, array, row):
 
 @intrinsic
 def store_release(typingctx, array, row, value):
-    """Write the first number of a row for other threads, after all earlier writes."""
+    """Write the first number of a row. Other threads see it only after all earlier writes."""
 
     def codegen(context, builder, signature, arguments):
         index = context.cast(builder, arguments[1], signature.args[1], types.intp)
@@ -141,7 +141,7 @@ def address(typingctx, array):
 
 @intrinsic
 def moved(typingctx, array, first):
-    """Return a flat array with other indices: item `first` is the first item, and no lower index is valid."""
+    """Return a flat array with shifted indices: index `first` is the first item, and lower indices are invalid."""
 
     def codegen(context, builder, signature, arguments):
         kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)

@@ -37,7 +37,7 @@ def must_compile(backend: str) -> None:
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile an entry point for Python and other kernels. The machine code is cached on disk.
 
-    Kernels allocate no memory, so numba's reference counting, which costs more than a small network, is off.
+    Kernels allocate no memory. Numba's reference counting is off, since it takes longer than a small network.
     """
     return _cached(_njit(error_model="numpy", nogil=True, _nrt=False)(_with_unique_name(function)))
 
@@ -73,12 +73,12 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 @cache
-def compiled(function: FunctionType, how: Callable[[Callable[..., Any]], Any] = subkernel) -> Any:
-    """Compile a model's plain function; plain functions that it calls or passes on are inlined."""
+def compiled(function: FunctionType, decorator: Callable[[Callable[..., Any]], Any] = subkernel) -> Any:
+    """Compile a plain function of a model. Plain functions that it calls or passes on are inlined."""
     scope = dict(function.__globals__)
     for name in function.__code__.co_names:
         callee = scope.get(name)
         if isinstance(callee, FunctionType):
             scope[name] = compiled(callee, inlined)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
-    return how(twin)
+    return decorator(twin)

@@ -1,6 +1,6 @@
-"""Machine code on disk: a file for each kernel and types of arguments, named by a digest of all dependencies.
+"""Machine code on disk, in a file for each kernel and types of arguments. The name is a digest of all dependencies.
 
-A file is written elsewhere and moved into place, and never changes, so any number of processes may compile at once.
+A file is written elsewhere, moved into place, and never changed. Any number of processes may compile at once.
 The file begins with a digest of its name and content. Code damaged on disk could end the process or compute wrong
 numbers; a wrong digest makes the kernel compile again. There is no index. If the folder is too large, the files
 unused for the longest time are removed.
@@ -73,7 +73,7 @@ class KernelCache:
             with suppress(Exception):
                 parts = pickle.loads(content)
                 if self._kernel.targetoptions.get("_nrt", True):
-                    target.refresh()  # only for code that allocates, because it imports most of numba
+                    target.refresh()  # only for code that allocates, because this call imports most of numba
                 return _result._rebuild(target, *parts)
         self._began = compile_report.begin(cached=place is not None)
         return None
@@ -97,7 +97,7 @@ class KernelCache:
             return
 
     def flush(self) -> None:
-        """Do nothing. Numba calls this before it compiles anew, but no file is outdated, as names are digests."""
+        """Do nothing. Numba calls this method before recompiling; files named by digests are never outdated."""
 
     def _file(self, signature: Any, target: Any) -> Path | None:
         place = folder()
@@ -111,7 +111,7 @@ class KernelCache:
 def folder() -> Path | None:
     """Return the folder of machine code, in the user's cache or the temporary folder; None if neither can be written.
 
-    Its content is executed, so the folder must belong to this user, be writable for no other, and be no link.
+    The content is executed, so the folder must belong to this user, be writable only for this user, and be no link.
     """
     for place in _places():
         try:
@@ -134,7 +134,7 @@ def _places() -> Iterator[Path]:
 
 
 def _digest(name: str, content: bytes) -> bytes:
-    """Return the digest of a file's name and content, so that a renamed file is invalid."""
+    """Return the digest of a file's name and content. A renamed file is thus invalid."""
     return hashlib.sha256(name.encode() + b"/" + content).digest()
 
 
@@ -219,7 +219,7 @@ def _hashed(parts: list[object]) -> str:
 
 
 def _typed(kind: Any) -> object:
-    """Return a numba type as text; for a named tuple also its fields, which numba's own text leaves out."""
+    """Return a numba type as text. For a named tuple, the text includes the fields, unlike numba's."""
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
         return repr(kind), getattr(kind, "fields", ()), [_typed(part) for part in parts]
@@ -236,7 +236,7 @@ def _own(kernel: Any) -> tuple[str, list[Any]]:
 
 
 def _content(function: FunctionType, callees: list[Any]) -> list[object]:
-    """Return the content of a function; kernels and functions among its globals are added to `callees`."""
+    """Return the content of a function, and add kernels and functions among its globals to `callees`."""
     parts: list[object] = [function.__defaults__, function.__kwdefaults__]
     codes = list(_codes(function.__code__))
     words = [word for code in codes for word in code.co_names]
@@ -266,7 +266,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, Any]]:
-    """Yield a value, and for a module the attributes that a function with these words may read, through nested modules.
+    """Yield a value; for a module, also attributes that a function with these words may read, also in nested modules.
 
     Modules that numba knows by name are not followed.
     """
@@ -284,7 +284,7 @@ def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, An
 
 
 def _value(function: FunctionType, name: str, value: Any, callees: list[Any]) -> object:
-    """Return the effect of a global on the machine code; kernels and functions are added to `callees`."""
+    """Return the effect of a global on the machine code, and add kernels and functions to `callees`."""
     match value:
         case Dispatcher():
             callees.append(value)

@@ -1,4 +1,4 @@
-"""Normal numbers, bit-identical to those of NumPy's `Generator(PCG64).normal`, but several times as fast.
+"""Normal numbers, bit-identical to NumPy's `Generator(PCG64).normal`, but several times as fast.
 
 Random words: O'Neill, PCG, HMC-CS-2014-0905, 2014 (PCG XSL RR 128/64). Four neighbouring words are generated at a
 time, independently of each other. Normal numbers: Marsaglia & Tsang, J. Stat. Softw. 5(8), 2000, with NumPy's tables.
@@ -16,10 +16,10 @@ from neuro.kernels.jit import kernel, subkernel
 from neuro.kernels.numba_internals import ir, normal_tables
 
 PIECE = 1 << 16
-"""Largest number of values that are drawn at a time. Values outside the bounds are then drawn again."""
+"""Largest number of values drawn at a time. Values outside the bounds are then drawn again."""
 
 TRIES = 1000
-"""Number of times that values outside the bounds are drawn again."""
+"""Largest number of redraws of values outside the bounds."""
 
 _LANES = 4
 _WORDS = 1024
@@ -37,7 +37,7 @@ _UNIT = 2.0**-53
 
 
 class Normals:
-    """Continues the stream of a generator. The generator itself must not be used any more."""
+    """Continuation of a generator's stream. The generator itself must not be used any more."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         state = rng.bit_generator.state["state"]

@@ -1,4 +1,4 @@
-"""All private names of numba and llvmlite that this project uses; no other module imports any.
+"""All private names of numba and llvmlite used in this project. No other module imports such names.
 
 A minor release of numba may rename private names. So `pyproject.toml` excludes versions above the last tested one, and
 `missing` returns the names that have disappeared. Modules that take long to import are imported on use, since a start
@@ -66,17 +66,17 @@ OF_MODULES = {
         "ziggurat_nor_r",
     ),
 }
-"""Names that are used of each module. An attribute of a class follows a dot."""
+"""Used names of each module, with attributes of a class after a dot."""
 
 OF_KERNELS = ("_cache", "overloads", "py_func", "targetctx", "targetoptions")
-"""Names that are used of a compiled function."""
+"""Used attributes of a compiled function."""
 
 OF_RESULTS = ("library", "fndesc.llvm_cfunc_wrapper_name", "target_context")
-"""Names that are used of each overload of a compiled function."""
+"""Used attributes of each overload of a compiled function."""
 
 
 def missing(kernel: Any) -> list[str]:
-    """Return the names of `OF_MODULES`, `OF_KERNELS` and `OF_RESULTS` that the installed versions lack.
+    """Return the names of `OF_MODULES`, `OF_KERNELS` and `OF_RESULTS` missing in the installed versions.
 
     Args:
         kernel: a compiled function, called at least once.
@@ -84,7 +84,7 @@ def missing(kernel: Any) -> list[str]:
     parts = [(name, import_module(name), names) for name, names in OF_MODULES.items()]
     parts.append(("Dispatcher", kernel, OF_KERNELS))
     parts += [("CompileResult", result, OF_RESULTS) for result in list(getattr(kernel, "overloads", {}).values())[:1]]
-    return [f"{where}.{name}" for where, part, names in parts for name in names if not _has(part, name)]
+    return [f"{module}.{name}" for module, part, names in parts for name in names if not _has(part, name)]
 
 
 def _has(part: Any, path: str) -> bool:
@@ -110,7 +110,7 @@ def normal_tables() -> tuple[Any, ...]:
 
 
 STRICT_BOUNDS = 2
-"""Value of numba's BOUNDSCHECK for our check; numba's own check is 1. The name of cached machine code depends on it."""
+"""Value of numba's BOUNDSCHECK for this check; 1 is numba's own check. Names of cached machine code depend on it."""
 
 
 def check_bounds() -> None:
@@ -132,7 +132,7 @@ def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> A
 
 
 class _NoAddress:
-    """Replaces numba's address of a function's Python constants, which kernels never read."""
+    """Replacement of numba's address of a function's Python constants. Kernels never read the constants."""
 
     @staticmethod
     def set_env(name, environment):

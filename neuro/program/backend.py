@@ -1,4 +1,4 @@
-"""The interface of a backend: a package, registered as `neuro.backends`, that turns a `Program` into an engine."""
+"""Interface of a backend. A backend, registered as `neuro.backends`, turns a `Program` into an engine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from neuro.program.program import Floats, Ints, Program, Share
 
 
 class OverflowWarning(UserWarning):
-    """A register of an emulated chip overflowed in a run: from here on, results are the chip's, not the network's.
+    """Warning: a register of an emulated chip overflowed. Further results are the chip's, not the network's.
 
     Attributes:
         what: overflows, such as "input wraps of hidden".
@@ -38,7 +38,7 @@ class Problem:
         refused: True if the part cannot run at all, False if it is approximated.
         what: the part and the property, e.g. "population 'exc': 1500 neurons".
         why: the limit, and the substitute if the part is approximated.
-        way_out: what the author can do.
+        way_out: hint for the author of the network.
         origin: the place in the description.
     """
 
@@ -49,7 +49,7 @@ class Problem:
     origin: Where | None = None
 
     def error(self) -> ModelError:
-        """Return the problem as an error, such as `ModelError.others` lists when a network is refused."""
+        """Return the problem as an error, for `ModelError.others` of a refused network."""
         return ModelError(f"{self.what}: {self.why}", where=self.origin, hint=self.way_out)
 
 
@@ -68,7 +68,7 @@ class Spikes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sent:
-    """A state of synapses, as left by presynaptic spikes and as sent with them, sorted by step.
+    """Values of a synaptic state after presynaptic spikes, as sent with them, sorted by step.
 
     Attributes:
         steps: steps of the emission.
@@ -104,10 +104,10 @@ class Outcome:
     """The result of a trial.
 
     Attributes:
-        winner: the neuron that decided, the first one of several, or -1.
+        winner: the deciding neuron, the first of several, or -1.
         tick: the tick of the decision, or -1.
-        potential: largest V_m of each map at the decision, shape (maps,), before the reset. With several winners the
-            value of a map is the one at its own first win. Without a decision it is the value at the end.
+        potential: largest V_m of each map at the decision, shape (maps,), before the reset. With several winners, it is
+            V_m at the first win of the map; without a decision, V_m at the end.
         best: the neuron of each map with this V_m, shape (maps,).
         ticks: number of ticks that ran.
         peak: if requested, the largest V_m of each output neuron up to the decision, shape (neurons,); infinite for the
@@ -179,10 +179,10 @@ class Engine(Protocol):
         """Set the dopamine concentration of all synapses that a signal modulates, one value per target neuron."""
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """Return a copy of a state or parameter of all neurons, or of the neurons `ids` in their order."""
+        """Return a copy of a state or parameter of all neurons, or of the neurons `ids`, in this order."""
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
-        """Change states and parameters together, all or none, from the next step on.
+        """Change states and parameters from the next step on, either all of them or none.
 
         Each value has the shape (1,) or (size,). A `ModelError` names the values that the engine cannot hold.
         """
@@ -203,7 +203,7 @@ class Engine(Protocol):
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights, or only the chosen ones.
 
-        The entries of `weights` that are not chosen are the values of the last read, and do not change.
+        Other entries of `weights` are the values of the last read, and must not change.
         """
 
     def spikes(self, population: int, since: int) -> Spikes:
@@ -222,14 +222,14 @@ class Engine(Protocol):
         """Return to step 0 and the initial states, and to the initial weights if `weights` is true."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return everything that `restore` needs to continue bit for bit."""
+        """Return all arrays that `restore` needs to continue bit for bit."""
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot of the same program."""
 
 
 class Backend(Protocol):
-    """A way to run programs.
+    """Base of the backends, which run programs.
 
     A backend that computes in integers has `arithmetic = "integer"`; the default is "float".
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
@@ -255,7 +255,7 @@ class Distributed(Protocol):
     """A backend that can run one network in several processes, started by mpirun."""
 
     def share(self) -> Share:
-        """Return the share of a network that this process has. Its methods exchange values with the other processes.
+        """Return this process's share of a network. Methods of the share exchange values with other processes.
 
         Raises:
             ModelError: the processes cannot work together.
@@ -264,7 +264,7 @@ class Distributed(Protocol):
 
 @runtime_checkable
 class Draws(Protocol):
-    """A backend with connection rules of its own, which draw the synapses of rules with `draw: backend`."""
+    """A backend with its own connection rules, for synapses with `draw: backend`."""
 
     draws_synapses: bool
     """Always true; the attribute marks the protocol."""
@@ -278,7 +278,7 @@ class Family(Protocol):
     """
 
     def of(self, target: str) -> Backend | None:
-        """Return the backend of a target by name or by the file that describes it; None if another family may run it.
+        """Return the backend of a target, given by name or file; None if the target is of another family.
 
         Raises:
             ModelError: no family runs that target, or its file cannot be read.
@@ -293,7 +293,7 @@ class Replays(Protocol):
     """A backend that can be compared with single calls of a chip's programs, in addition to whole networks."""
 
     def replay(self, case: Mapping[str, Any], events: NDArray[Any]) -> Mapping[str, NDArray[Any]]:
-        """Return the states after every event of a case, by name. `neuro.testing.chip_traces` has the cases.
+        """Return the states after every event of a case, by name. For cases see `neuro.testing.chip_traces`.
 
         Raises:
             ModelError: the chip has no such programs.
@@ -305,7 +305,7 @@ class Registers(Protocol):
     """An engine whose neurons and synapses have registers that can be read."""
 
     def registers(self, population: int, name: str) -> Ints:
-        """Return a register of every neuron, named by the register or by the state or parameter stored in it."""
+        """Return a register of every neuron. `name` is the register, or the state or parameter stored there."""
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
         """Return a register of every synapse, in the order of the program's weights."""
@@ -329,7 +329,7 @@ class Notes(Protocol):
 
 @runtime_checkable
 class Samples(Protocol):
-    """An engine that samples states of neurons while it runs, in the steps that a probe asks for."""
+    """An engine that samples states of neurons during a run, in the steps of a probe."""
 
     @property
     def samples(self) -> Collection[int]:
@@ -353,12 +353,12 @@ def counter(engine: Engine) -> Callable[[int], Ints]:
 
 
 def unnoted(program: Program) -> list[Problem]:
-    """Return the problems of a backend whose engine cannot record synapses at presynaptic spikes (`Notes`)."""
+    """Return the problems of a backend with an engine that cannot record synapses at presynaptic spikes (`Notes`)."""
     return [
         Problem(
             True,
             f"probe '{probe.name}': {probe.record} at pre spikes",
-            "weights that learn can be read between steps only",
+            "learning weights can be read between steps only",
             "record it at intervals, with 'every', or run it on backend 'event'",
             probe.origin,
         )
@@ -403,7 +403,7 @@ def floats_only(program: Program) -> list[Problem]:
     ]
 
 
-SAVE_FROZEN = "neuro run FILE --save-frozen learnt.yaml writes what it learns as static synapses"
+SAVE_FROZEN = "neuro run FILE --save-frozen learnt.yaml writes the learnt weights as static synapses"
 """Hint for a backend that cannot learn."""
 
 TAKE_PAYLOADS = "run it on event, reference, torch or loihi2"
@@ -411,12 +411,12 @@ TAKE_PAYLOADS = "run it on event, reference, torch or loihi2"
 
 
 def ungraded(program: Program) -> list[Problem]:
-    """Return the problems of a backend whose spikes carry no payloads."""
+    """Return the problems of a backend without payloads of spikes."""
     return [
         Problem(
             True,
             f"population '{part.name}': {part.model.name}",
-            "its spikes carry payloads, and spikes carry none here",
+            "its spikes carry payloads, and this backend has none",
             TAKE_PAYLOADS,
             part.origin,
         )
@@ -426,9 +426,9 @@ def ungraded(program: Program) -> list[Problem]:
 
 
 def own_generators(program: Program) -> list[Problem]:
-    """Return the problems of a backend whose host sends listed and Poisson spikes and steps currents."""
+    """Return the problems of a backend with a host that sends listed and Poisson spikes and steps currents."""
     emitting = "only poisson_generator, inhomogeneous_poisson_generator and spike_generator emit spikes here"
-    inject = "run it on backend 'event', or inject the spikes that it emits there into a spike_generator"
+    inject = "run it on backend 'event', or inject its spikes of that run into a spike_generator"
     varying = "its current changes at every step, and the host writes a current only when it changes"
     problems = []
     for part in program.populations:
@@ -464,7 +464,7 @@ def installed() -> dict[str, Backend]:
 
 
 def find_backend(name: str | PathLike[str]) -> Backend:
-    """Return the backend of a name, or the backend of a family (`Family`) that runs a target, by name or file.
+    """Return the backend with a name, or the backend of a `Family` for a target, given by name or file.
 
     Raises:
         ModelError: no backend or target has that name, or the file does not describe a target.

@@ -27,7 +27,7 @@ def is_single(weights: NDArray[np.floating[Any]]) -> bool:
     return all(np.array_equal(piece.astype(np.float32), piece) for piece in pieces)
 
 
-def _short(targets: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
+def _in_16_bits(targets: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
     """Return targets in 16 bits, if all fit."""
     return targets.astype(np.uint16, copy=False) if targets.max(initial=0) < 1 << 16 else targets
 
@@ -61,11 +61,11 @@ class SynapseBlock:
         delay: NDArray[np.integer[Any]],
     ) -> SynapseBlock:
         """Return a block with the given synapses in the smallest types."""
-        return cls(row_ends, _short(targets), _single(weight), delay)
+        return cls(row_ends, _in_16_bits(targets), _single(weight), delay)
 
 
 class CompactProjection(Projection):
-    """A projection with targets in 16 bits and weights in 32 bits if all values fit exactly.
+    """A projection with targets in 16 bits and weights in 32 bits, if all values fit exactly.
 
     `targets`, `weight` and `delay` return a copy in the types of any other projection. A backend with a sorted copy of
     the synapses can free the arrays with `release`, and supplies the synapses on demand.
@@ -91,7 +91,7 @@ class CompactProjection(Projection):
         blocks: Sequence[SynapseBlock],
         join: Callable[[Sequence[SynapseBlock]], StoredSynapses],
     ) -> CompactProjection:
-        """Return a projection whose synapses stay in blocks until the first read in order.
+        """Return a projection with synapses in blocks, which are joined when they are first read in order.
 
         Args:
             part: the other properties. Its targets and delays are empty. Its weights are empty, too, unless shared.
@@ -115,7 +115,7 @@ class CompactProjection(Projection):
 
     @property
     def has_arrays(self) -> bool:
-        """True if the projection stores the synapses itself, and no backend supplies them."""
+        """True if the projection stores the synapses itself; False if a backend supplies them."""
         return self._supply is None or bool(self._blocks)
 
     @property
@@ -124,7 +124,7 @@ class CompactProjection(Projection):
         return self._blocks or (SynapseBlock(self.row_ends, *self.stored()),)
 
     def stored(self) -> StoredSynapses:
-        """Return targets, weights and delays in the types in which they are stored."""
+        """Return targets, weights and delays in their stored types."""
         if self._supply is None:
             return self._arrays["targets"], self._arrays["weight"], self._arrays["delay"]
         targets, weight, delay = self._supply()
@@ -138,7 +138,7 @@ class CompactProjection(Projection):
         self._set(dict(zip(_ARRAYS, self.stored(), strict=True)))
 
     def release(self, supply: Callable[[], StoredSynapses]) -> None:
-        """Free all arrays with a value per synapse; `supply` returns them again, in the same order and types."""
+        """Free all arrays with a value per synapse. `supply` returns them again, in the same order and types."""
         self._set({} if "weight" in self.kinds else {"weight": self._arrays["weight"]}, supply)
 
     def discard(self, first: int, last: int) -> None:
@@ -160,7 +160,7 @@ class CompactProjection(Projection):
             self.kinds[name] = values.dtype
 
     targets = property(
-        lambda self: self.stored()[0].astype(np.int32), lambda self, values: self._store("targets", _short(values))
+        lambda self: self.stored()[0].astype(np.int32), lambda self, values: self._store("targets", _in_16_bits(values))
     )
     weight = property(
         lambda self: self.stored()[1].astype(np.float64), lambda self, values: self._store("weight", _single(values))
@@ -169,7 +169,7 @@ class CompactProjection(Projection):
 
 
 class SharedProjection(Projection):
-    """The share of a projection in one of several processes, with the synapses per source counted in the smallest type.
+    """Share of a projection in one of several processes. The numbers of synapses per source have the smallest type.
 
     A share has few synapses of each source but a row for each source. `row_ends` returns a new array of the usual type
     at each access.

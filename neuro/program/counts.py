@@ -1,4 +1,4 @@
-"""Counts of a run that every backend computes alike, because they follow from spikes and connections only."""
+"""Counts of a run, which are equal on all backends: they follow from spikes and connections only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from neuro.program.backend import EngineCounts
 from neuro.program.program import Grid, Ints, Program
 
 BY_SPIKES = ("pairs", "chip", "moves")
-"""Kinds of learning in which each spike updates all plastic synapses of its neuron."""
+"""Kinds of learning with an update of all plastic synapses of a neuron at each of its spikes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +34,8 @@ class ProjectionCounts:
     """Counts of one projection.
 
     Attributes:
-        synaptic_ops: each spike counts the synapses that it travels along; an expected value where the backend draws
-            them.
+        synaptic_ops: synapses of the source neuron, summed over all spikes; an expected value if the backend draws
+            the synapses.
         learning_updates: plastic synapses of each pre and each post spike, and weights changed after trials.
     """
 
@@ -77,7 +77,7 @@ class Counts:
 
     @property
     def synaptic_ops(self) -> int:
-        """Synapses that each spike travels along, summed over all spikes."""
+        """Synapses of the source neuron, summed over all spikes."""
         return sum(part.synaptic_ops for part in self.projections.values())
 
     @property
@@ -87,7 +87,7 @@ class Counts:
 
 
 class Tally:
-    """Converts an engine's raw counts to `Counts`.
+    """Conversion of an engine's raw counts to `Counts`.
 
     Args:
         program: the network with the connections.
@@ -123,7 +123,7 @@ class Tally:
         return Counts(after.steps, populations, projections, dict(after.native))
 
     def _fan(self, index: int) -> tuple[Ints, Ints]:
-        """Return the synapses of each source, and onto each target if the projection learns by spikes."""
+        """Return the number of synapses of each source; for learning by spikes, also onto each target."""
         if index not in self._fans:
             self._fans[index] = fan_out(self.program, index), self._fan_in(index)
         return self._fans[index]
@@ -183,10 +183,10 @@ def total(first: EngineCounts, second: EngineCounts) -> EngineCounts:
 
 
 def _grid_fan_out(grid: Grid) -> Ints:
-    """Return the number of targets of every source of a grid: the targets whose kernel covers the source."""
+    """Return the number of targets of every source of a grid, i.e. of targets with a kernel that covers the source."""
 
-    def covering(length: int, before: int, kernel: int, places: int) -> Ints:
-        offset = np.arange(length)[:, None] + before - np.arange(places)[None, :] * grid.stride
+    def covering(length: int, padding: int, kernel: int, n_places: int) -> Ints:
+        offset = np.arange(length)[:, None] + padding - np.arange(n_places)[None, :] * grid.stride
         covered: Ints = ((offset >= 0) & (offset < kernel)).sum(axis=1)
         return covered
 

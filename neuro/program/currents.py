@@ -1,7 +1,7 @@
-"""Parameters of current generators over time, and the currents that follow.
+"""Parameters of current generators over time, and the resulting currents.
 
-The caller writes currents that change in few steps at each change (`Currents`), so that no loop over time needs these
-currents. Other currents are computed for each step (`Emission`).
+Currents that change in few steps (`Currents`) are written by the caller at each change, outside of the loop over time.
+Other currents are computed for each step (`Emission`).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def generator_of(population: Population) -> CurrentGenerator:
 
 
 def driven(program: Program) -> list[int]:
-    """Return the populations whose current must be computed for every step.
+    """Return the populations with a current that must be computed for every step.
 
-    Their current can change at every step, or charges a receptor.
+    Such a current can change at every step, or charges a receptor.
     """
     carrying = [p for p in program.projections if p.carries == "current"]
     varying = [generator_of(program.populations[p.source]).varies or p.receptor is not None for p in carrying]
@@ -43,7 +43,7 @@ def driven(program: Program) -> list[int]:
 
 
 class Currents:
-    """Stores the parameters and weights of all currents with the steps after which they hold.
+    """Store of the parameters and weights of all currents, with the steps after which they hold.
 
     The current that a generator emits in step k over a delay of D steps is the external current of step k + D + 1. A
     value that is set after step k is first emitted in step k + 1. Example: a value set after step 4 over a delay of 2
@@ -53,7 +53,7 @@ class Currents:
         program: the whole network.
 
     Attributes:
-        targets: indices of the populations that receive only currents that change in few steps.
+        targets: indices of the populations without input from currents that change at every step.
     """
 
     def __init__(self, program: Program) -> None:
@@ -82,11 +82,11 @@ class Currents:
         return self._parameters[population][word][-1][1]
 
     def parameters(self, population: int) -> Mapping[str, History]:
-        """Return the histories that still matter, by parameter; of dc and step generators the amplitude."""
+        """Return the histories that still have an effect, by parameter; for dc and step generators the amplitude."""
         return self._parameters[population]
 
     def weights(self, projection: int) -> History:
-        """Return the history of weights that still matters."""
+        """Return the history of weights that still have an effect."""
         return self._weights[projection]
 
     def set(self, population: int, word: str, values: Floats, step: int) -> None:
@@ -107,7 +107,7 @@ class Currents:
         self._changes = self._steps_of_change()
 
     def _steps_of_change(self) -> Ints:
-        """Return the steps whose current differs from that of the step before."""
+        """Return the steps at which the current changes."""
         steps = [0]
         for q in self._steady:
             p = self._program.projections[q]
@@ -132,23 +132,23 @@ class Currents:
                 self._add(current, q, step)
         return current
 
-    def full(self, population: int, instead: Mapping[int, Floats] | None = None) -> Floats:
+    def full(self, population: int, replacements: Mapping[int, Floats] | None = None) -> Floats:
         """Return the current in pA into every neuron of a population while all generators are on.
 
         Args:
             population: index of the target.
-            instead: amplitudes that replace the present ones, by generator: one value for all neurons, or one per
+            replacements: amplitudes instead of the present ones, by generator: one value for all neurons, or one per
                 neuron. For a generator with listed amplitudes, the largest amplitude of each neuron counts.
         """
-        instead = instead or {}
+        replacements = replacements or {}
         current = np.zeros(self._program.populations[population].size)
         for q in self._steady:
             p, weights = self._program.projections[q], self._weights[q]
             if p.target == population:
                 pre, post = self._program.connections(q)
                 source = self._program.populations[p.source]
-                if p.source in instead:
-                    largest = instead[p.source]
+                if p.source in replacements:
+                    largest = replacements[p.source]
                 elif source.schedule is None:
                     largest = self.parameter(p.source, "amplitude")
                 else:
@@ -214,7 +214,7 @@ def _name(population: int, word: str) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurrentLine:
-    """The synapses of a projection with the weights of one interval of time.
+    """Synapses of a projection, with the weights of one interval of time.
 
     Attributes:
         projection: index of the projection.
@@ -241,7 +241,7 @@ def lines_of(program: Program, currents: Currents) -> list[CurrentLine]:
 
 
 class Emission:
-    """The current that a generator emits along a projection, with a column for each neuron or each synapse.
+    """Current from a generator along a projection, with a column for each neuron or each synapse.
 
     Args:
         program: the whole network.
@@ -266,7 +266,7 @@ class Emission:
         self.first = max(1, source.start)
 
     def moments(self, steps: Ints) -> Ints:
-        """Return the step in which the current of each step was drawn. Generators can hold values."""
+        """Return, for each step, the step in which its current was drawn. Generators can hold values."""
         hold_steps = self._model.steps_per_value(self._h)
         return self.first + (steps - self.first) // hold_steps * hold_steps
 
@@ -282,7 +282,7 @@ class Emission:
         return np.broadcast_to(self._model.values(expanded, t, z), (moments.size, self.columns))
 
     def table(self, steps: Ints, histories: Mapping[str, History]) -> tuple[Ints, Floats]:
-        """Return the current of neighbouring steps, with values that are held stored once.
+        """Return the current of neighbouring steps. A value that is held for several steps is stored once.
 
         Returns:
             For each step an index into the rows of the values, and the values. Row 0 is 0, for steps in which the
@@ -291,10 +291,10 @@ class Emission:
         rows, values = np.zeros(steps.size, dtype=np.int64), [np.zeros((1, self.columns))]
         is_on = self.on(steps)
         if is_on.size:
-            moments, back = np.unique(self.moments(is_on), return_inverse=True)
+            moments, value_index = np.unique(self.moments(is_on), return_inverse=True)
             values += [self.at(m, p) for m, p in _pieces(moments, histories)]
             begin = int(is_on[0] - steps[0])
-            rows[begin : begin + is_on.size] = back + 1
+            rows[begin : begin + is_on.size] = value_index + 1
         return rows, np.concatenate(values)
 
     def during(self, steps: Ints, histories: Mapping[str, History]) -> Floats:
@@ -322,7 +322,7 @@ def _at(history: History, step: int) -> Floats:
 
 
 def filtered_current(program: Program, part: Projection, parameters: Mapping[str, Floats]) -> tuple[int, Floats]:
-    """Return the state that filters a current to a receptor, and the fraction of the current that a step adds to it.
+    """Return the state that filters a current to a receptor, and the fraction of the current added to it per step.
 
     A current I through the filter exp(-t / tau) / tau of a synaptic current adds (1 - exp(-h / tau)) I per step.
 

@@ -1,4 +1,4 @@
-"""Storage of the listed spikes that an engine still has to emit, for backends with compiled loops."""
+"""Listed spikes that an engine still has to emit, for backends with compiled loops."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NO_INTS = np.zeros(0, dtype=np.int64)
 
 
 class ListedSpikes:
-    """Stores the spikes to come by population and writes them into the arrays that the loop reads.
+    """Store of future spikes by population. It writes the spikes into the arrays of the loop.
 
     The arrays are `list_steps`, `list_ids` and `list_counts`, and `cursor` (threads + 1, populations): the next listed
     spike for each thread. The last row of `cursor` holds the ends.
@@ -41,43 +41,43 @@ class ListedSpikes:
         self._capacity: dict[int, int] = {}
         self._write(0)
 
-    def add(self, population: int, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> bool:
-        """Add spikes after step `now`, with payloads if graded; return whether arrays were replaced."""
+    def add(self, population: int, steps: Ints, ids: Ints, present_step: int, payloads: Ints | None = None) -> bool:
+        """Add spikes after `present_step`, with payloads if graded. Return whether arrays were replaced."""
         old = self._spikes[population]
         new: tuple[Ints, ...] = (steps, ids) if payloads is None else (steps, ids, payloads)
-        is_ahead = old[0] > now
+        is_ahead = old[0] > present_step
         if is_ahead.any():
             new = tuple(np.concatenate([a[is_ahead], b]) for a, b in zip(old, new, strict=True))
         self._spikes[population] = new
-        return self._put(population, _rows(*new, begin=self._begins[population]), now)
+        return self._put(population, _rows(*new, begin=self._begins[population]), present_step)
 
-    def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
-        """Replace the spikes of a population, sorted by step, then id; return whether arrays were replaced."""
+    def replace(self, population: int, steps: Ints, ids: Ints, present_step: int) -> bool:
+        """Replace the spikes of a population, sorted by step, then id. Return whether arrays were replaced."""
         self._spikes[population] = (_NO_INTS,) * len(self._spikes[population])
         neurons = ids + self._begins[population]
-        return self._put(population, np.column_stack([steps, neurons, np.ones_like(steps)]), now)
+        return self._put(population, np.column_stack([steps, neurons, np.ones_like(steps)]), present_step)
 
-    def reserve(self, population: int, n: int, now: int) -> bool:
-        """Allocate space for n spikes of a population; return whether arrays were replaced."""
+    def reserve(self, population: int, n: int, present_step: int) -> bool:
+        """Allocate space for n spikes of a population. Return whether arrays were replaced."""
         if n <= self._capacity.get(population, 0):
             return False
         self._capacity[population] = 2 * n + 64
-        self._write(now)
+        self._write(present_step)
         return True
 
     def place(self, population: int) -> int:
         """Return the index of a population's first spike in the lists."""
         return self._first[population]
 
-    def pending(self, population: int, now: int) -> bool:
+    def pending(self, population: int, present_step: int) -> bool:
         """Return whether some added spikes have not been emitted yet."""
         steps = self._spikes[population][0]
-        return steps.size > 0 and bool((steps > now).any())
+        return steps.size > 0 and bool((steps > present_step).any())
 
     def _put(self, population: int, rows: Ints, now: int) -> bool:
         """Write the rows of a population into the arrays; allocate twice the space if they do not fit.
 
-        A closed loop adds a few spikes before each call. Replacing the arrays takes 0.5 ms, since all are linked anew.
+        A closed loop adds a few spikes before each call. Replacing the arrays takes 0.5 ms, since all are relinked.
         """
         n = len(rows)
         grows = self.reserve(population, n, now)
@@ -93,12 +93,12 @@ class ListedSpikes:
         self._spikes[population] = (_NO_INTS,) * len(self._spikes[population])
         self._a["cursor"][:-1, population] = self._a["cursor"][-1, population]
 
-    def _write(self, now: int) -> None:
-        """Write all spikes after step `now`, with equal ones joined."""
+    def _write(self, present_step: int) -> None:
+        """Write all spikes after `present_step`. Equal spikes are joined."""
         cursor = np.zeros(self._cursor_shape, dtype=np.int64)
         columns, begin = [np.zeros((0, 3), dtype=np.int64)], 0
         for k, spikes in self._spikes.items():
-            is_ahead = spikes[0] > now
+            is_ahead = spikes[0] > present_step
             rows = _rows(*(column[is_ahead] for column in spikes), begin=self._begins[k])
             self._first[k] = begin
             cursor[:-1, k], cursor[-1, k] = begin, begin + len(rows)
@@ -113,26 +113,26 @@ class ListedSpikes:
         """Return the spikes by population."""
         return {f"listed.{k}": np.stack(spikes) for k, spikes in self._spikes.items()}
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], now: int) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]], present_step: int) -> None:
         """Replace all spikes by those of a snapshot."""
         for k in self._spikes:
             self._spikes[k] = tuple(column.copy() for column in arrays[f"listed.{k}"])
-        self._write(now)
+        self._write(present_step)
 
 
 def _rows(steps: Ints, ids: Ints, payloads: Ints | None = None, *, begin: int) -> Ints:
-    """Return rows (step, neuron, multiplicity or payload), sorted, with equal ones joined."""
+    """Return sorted rows (step, neuron, multiplicity or payload). Equal rows are joined."""
     if payloads is None:
         return _with_multiplicity(steps, begin + ids)
-    pairs, which = np.unique(np.stack([steps, begin + ids], axis=1), axis=0, return_inverse=True)
+    pairs, pair_index = np.unique(np.stack([steps, begin + ids], axis=1), axis=0, return_inverse=True)
     sums = np.zeros(len(pairs), dtype=np.int64)
-    np.add.at(sums, which.ravel(), payloads)
+    np.add.at(sums, pair_index.ravel(), payloads)
     rows: Ints = np.column_stack([pairs, sums])[sums != 0]
     return rows
 
 
 def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:
-    """Return rows (step, neuron, multiplicity), sorted, with equal ones joined.
+    """Return sorted rows (step, neuron, multiplicity). Equal rows are joined.
 
     Example: steps [5, 3, 5] of neurons [1, 0, 1] give (3, 0, 1) and (5, 1, 2).
     """
@@ -146,7 +146,7 @@ def _with_multiplicity(steps: Ints, neurons: Ints) -> Ints:
 
 @kernel
 def _extents(steps: Ints, neurons: Ints) -> tuple[int, int, int]:
-    """Return the first step, the step after the last one, and the index after the largest neuron."""
+    """Return the first step, the last step + 1, and the largest neuron + 1."""
     begin, end, span = 0, 0, 0
     for k in range(steps.size):
         begin = min(begin, int(steps[k])) if k else int(steps[0])
@@ -156,7 +156,7 @@ def _extents(steps: Ints, neurons: Ints) -> tuple[int, int, int]:
 
 @kernel
 def _join(keys: Ints, begin: int, span: int, rows: Ints) -> int:
-    """Write the rows of sorted keys, `(step - begin) * span + neuron`, with equal ones joined; return their number."""
+    """Write the rows of sorted keys, `(step - begin) * span + neuron`, join equal rows, and return their number."""
     n, step, first, beyond = 0, 0, 0, 0
     for k in range(keys.size):
         if k and keys[k] == keys[k - 1]:

@@ -1,4 +1,4 @@
-"""A compiled network: flat arrays, times in steps, parts by index. Names and origins serve messages only.
+"""Compiled network: flat arrays, times in steps, parts by index. Names and origins serve messages only.
 
 A backend sees nothing else of a network. A process may have a share of it: the synapses onto some neurons of each
 population.
@@ -30,7 +30,7 @@ StoredSynapses = tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]], NDAr
 
 @dataclass(frozen=True)
 class Share:
-    """One of several shares of equal size; `WHOLE` is the only one.
+    """A share of a network. `WHOLE` is the single share of an undivided network.
 
     All shares of a network must call the methods that exchange values in the same order.
 
@@ -81,7 +81,7 @@ AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SynapseStretch:
-    """The synapses of some neighbouring sources, gathered from all shares.
+    """Synapses of neighbouring sources, gathered from all shares.
 
     Attributes:
         sources: the first source, and the end.
@@ -100,14 +100,14 @@ class SynapseStretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The synapses of a projection in the order of their sources. Every share has some synapses of each source.
+    """Synapses of a projection in the order of their sources. Every share has some synapses of each source.
 
     All shares must call the methods together.
 
     Attributes:
         share: the share that these synapses belong to.
         row_ends: source i has the synapses row_ends[i] : row_ends[i + 1].
-        delays: the delay of each synapse; None where the synapses of a source are not sorted by delay.
+        delays: the delay of each synapse; None if the synapses of a source are not sorted by delay.
     """
 
     share: Share
@@ -119,7 +119,7 @@ class Rows:
         return self.share.total(np.diff(self.row_ends))
 
     def stretches(self) -> Iterator[SynapseStretch]:
-        """Yield all synapses in order, some sources at a time."""
+        """Yield all synapses in order, in stretches of neighbouring sources."""
         ends = np.concatenate(([0], np.cumsum(self.fan_out())))
         first = 0
         while first < ends.size - 1:
@@ -141,7 +141,7 @@ class Rows:
         return np.concatenate([self.share.gather(values[stretch.own])[stretch.order] for stretch in self.stretches()])
 
     def places(self) -> Ints:
-        """Return the index of each synapse of this share among those of all shares."""
+        """Return the index of each synapse of this share among the synapses of all shares."""
         places = np.empty(int(self.row_ends[-1]), dtype=np.int64)
         for part in self.stretches():
             sorted_at = np.empty(part.order.size, dtype=np.int64)
@@ -190,8 +190,8 @@ class Population:
         start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
         records: whether the engine stores the spikes for reading.
         stream: source of spikes for a listed population during a run; None without one.
-        schedule: the listed rates or amplitudes of a generator; None where the value is a parameter.
-        declared: the name of the model in the description, where a substitute runs instead; "" elsewhere.
+        schedule: the listed rates or amplitudes of a generator; None if the value is a parameter.
+        declared: the name of the model in the description, if a substitute runs instead; else "".
     """
 
     name: str
@@ -222,7 +222,7 @@ class Population:
         return self.parameters["rate"] if self.schedule is None else self.schedule.at(step)
 
     def largest(self, word: str) -> float:
-        """Return the largest magnitude that the rate or amplitude has at any time, as described."""
+        """Return the largest magnitude of the described rate or amplitude at any time."""
         values = self.parameters[word] if self.schedule is None else self.schedule.values
         return float(np.abs(values).max(initial=0.0))
 
@@ -239,7 +239,7 @@ class Grid:
     Attributes:
         top, left: lines of silent padding above and left of the source. Padding below and right follows from the sizes.
         depthwise: whether map m receives from channel m // (maps / channels) only.
-        mean: whether learning changes a shared weight by the mean of the changes at its places, not by their sum.
+        mean: whether learning changes a shared weight by the mean, not the sum, of the changes at all its places.
     """
 
     channels: int
@@ -269,13 +269,13 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Receptor:
-    """The receptor of the target neurons that a projection names.
+    """Receptor of the target neurons, named by a projection.
 
     Attributes:
         index: index of the input of the neurons.
-        conductance: whether the input is a conductance, whose weights must be >= 0.
+        conductance: whether the input is a conductance, which needs weights >= 0.
         negated: whether weights are delivered with a minus sign. Models that choose between two conductances by sign
-            expect negative values at the second one.
+            expect negative values at the second conductance.
     """
 
     name: str
@@ -286,7 +286,7 @@ class Receptor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Undrawn:
-    """The rules by which a backend draws synapses. Weights and delays (ms) are a number or a distribution."""
+    """Rules for the synapses that a backend draws. Weights and delays (ms) are numbers or distributions."""
 
     rule: NamedRule
     weight: float | Distribution
@@ -311,18 +311,18 @@ class Projection:
         size: number of synapses of all shares together; for a grid, number of weights in the kernels.
         grid: the sizes of a grid, else None.
         synapse: the model; a parameter is a number, or one for each synapse in the order of the weights.
-        receptor: the receptor that all spikes go to; None where the sign of a weight chooses the receptor. A current
+        receptor: the receptor of all spikes; None if the sign of a weight chooses the receptor. A current
             is filtered by its receptor; without one the current acts on V_m directly.
         signal: index of the signal that sets n, or -1.
         dopamine: index of the population that releases dopamine, or -1; `dopamine_one_to_one` and
             `dopamine_delay` (steps) say how.
-        gate: index of the signal that scales what a rule that learns by moves gathers, or -1.
+        gate: index of the signal that scales the eligibility of a rule that learns by moves, or -1.
         span: the smallest and the largest value in `delay`, see `delay_span`; None: not yet computed.
         by_delay: csr: whether the synapses of a source are sorted by delay.
-        share: the share whose neurons these synapses target. With several shares the layout is csr.
+        share: the share with the target neurons of these synapses. With several shares the layout is csr.
         whole_layout: the layout of the synapses of all shares together.
-        undrawn: the rules by which the backend draws the synapses; None where the program has the synapses. With such
-            rules, `weight` and `delay` hold the smallest and the largest value that can be drawn, and `size` is a mean
+        undrawn: rules for synapses that the backend draws; None if the program has the synapses. With such
+            rules, `weight` and `delay` hold the smallest and the largest possible draw, and `size` is a mean
             if the number of synapses is random.
     """
 
@@ -361,15 +361,15 @@ class Projection:
     @property
     def rows(self) -> Rows:
         """The synapses of all shares, in layout csr."""
-        sorted_by_delay = self.by_delay and self.share.number > 1  # a single share is in order already
+        sorted_by_delay = self.by_delay and self.share.number > 1  # the synapses of a single share are in order already
         return Rows(self.share, self.row_ends, self.delay if sorted_by_delay else None)
 
     def stored(self) -> StoredSynapses:
-        """Return targets, weights and delays in the types in which they are stored, see `neuro.program.compact`."""
+        """Return targets, weights and delays in their stored types, see `neuro.program.compact`."""
         return self.targets, self.weight, self.delay
 
     def delay_range(self, resolution: float) -> tuple[int, int]:
-        """Return the smallest and the largest delay in steps, including the delays that learning can reach."""
+        """Return the smallest and the largest delay in steps, including delays within reach of learning."""
         if isinstance(self.synapse, DelayRule):
             return self.synapse.delay_range(resolution)
         return self.delay_span
@@ -377,7 +377,7 @@ class Projection:
     def arriving(self, weights: NDArray[W]) -> NDArray[W]:
         """Return the weights as delivered: negated if the receptor is `negated`.
 
-        Applied twice, the method returns the original weights.
+        Applying the method twice returns the original weights.
         """
         if self.receptor is None or not self.receptor.negated:
             return weights
@@ -385,7 +385,7 @@ class Projection:
         return negated
 
     def as_by_sign(self, weights: Floats) -> bool:
-        """Return whether routing by sign gives all weights to the named receptor; True if none is named."""
+        """Return whether routing by sign leads all weights to the named receptor; True without a named receptor."""
         if self.receptor is None:
             return True
         if self.receptor.index > 1:
@@ -395,9 +395,9 @@ class Projection:
 
 
 def synapse_states(part: Projection) -> list[str]:
-    """Return the names of the states of a projection's synapses that can be read."""
+    """Return the names of the readable states of a projection's synapses."""
     names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
-    if part.grid is not None and part.synapse.learns == "pairs":  # a weight stands for many synapses
+    if part.grid is not None and part.synapse.learns == "pairs":  # many synapses share a weight
         return names[:1]
     if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
         names.append("K_plus")
@@ -408,7 +408,7 @@ def synapse_states(part: Projection) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Operation:
-    """An operation of an expression; the result is a number.
+    """Operation of an expression; the result is a number.
 
     Attributes:
         name: an operator or a function. "number", "count", "mean", "trace" and "after" have a constant or a memory.
@@ -416,7 +416,7 @@ class Operation:
         number: for "number" the constant; for "mean" the share of a new value, 0 for the mean of all values; for
             "trace" the share that remains after a step; for "after" the number of steps within which one spike must
             follow another.
-        reads: the populations whose spikes are read, each with some of its neurons, or None for all.
+        reads: populations that provide spikes, each with ids of neurons or None for all.
     """
 
     name: str
@@ -448,10 +448,10 @@ class Computed:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A signal and the index of its target population.
+    """Signal with the index of its target population.
 
     Attributes:
-        values: the source of the values, the same object for signals that are set together; None: set from outside.
+        values: source of the values, the same object for signals set together; None for values set from outside.
         scale: the factor on these values, shape (1,) or (size,).
         in_world: the largest absolute value that the world of the network sets; None without a world that sets the
             signal.
@@ -466,7 +466,7 @@ class Signal:
 
     @property
     def largest(self) -> float | None:
-        """The largest absolute value that the signal can have; None if unknown."""
+        """The largest possible absolute value of the signal; None if unknown."""
         if self.scale is None or self.values is None:
             return self.in_world
         largest = self.values.values if isinstance(self.values, Schedule) else self.values.largest
@@ -475,7 +475,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Neurons of a population that compete, and the rule of competition."""
+    """Competing neurons of a population, and the rule of competition."""
 
     name: str
     population: int

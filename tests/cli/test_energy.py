@@ -138,7 +138,7 @@ def test_silent_input_is_told(run, network):
         status, _, err = run.func(command, *RUN, *words)
         assert status == 0
         assert err.startswith(
-            "warning: no input emitted a spike (noise): all figures are of a network without input\n"
+            "warning: no input emitted a spike (noise): all figures are those of a network without input\n"
             "  hint: set spikes or rates of the generators, or inject spikes from a program\n"
         )
 

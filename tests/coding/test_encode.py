@@ -182,7 +182,7 @@ def lists(values, of: list):
 @pytest.mark.parametrize(
     ("function", "message"),
     [
-        (taken, "code 'taken': 'rates' has a meaning of its own: expected another name of a parameter"),
+        (taken, "code 'taken': 'rates' has a special meaning: expected another name for the parameter"),
         (nothing, "code 'nothing' takes no argument: expected the values first"),
         (lists, "code 'lists': 'of' is annotated <class 'list'>: expected float, int, bool or Literal words"),
         (unknown, "code 'unknown': its annotations cannot be read: name 'Missing' is not defined"),
@@ -213,5 +213,5 @@ def test_trials_bring_their_own_spikes():
     net.connect("p", "out", neuro.one_to_one())
     net.group("first", neuro.winner_take_all(of="out"))
     net.trials(input="p", duration=10.0)
-    with pytest.raises(neuro.ModelError, match="input 'p' has spike_times: expected none, as trials bring their own"):
+    with pytest.raises(neuro.ModelError, match="expected none, because trials bring their own"):
         neuro.compile(net, "reference")

@@ -68,7 +68,7 @@ def test_a_group_cannot_have_what_resets_itself():
     net = neuro.Network()
     net.population("cells", 2, neuro.equations("own", **MODELS["own_aeif_cond_exp"])())
     net.group("choice", neuro.winner_take_all(of="cells"))
-    why = "an own, which resets itself before a group can choose: expected neurons that a group resets"
+    why = "an own, whose neurons reset themselves before a group can choose: expected neurons that a group resets"
     assert refused(neuro.compile, net).endswith(f"group 'choice': winner_take_all of 'cells', {why}")
 
 

@@ -166,7 +166,7 @@ def test_a_training_goes_on_with_what_it_began_with_alone(neuro, interrupted, ow
     with h5py.File(kept) as opened:
         at = good.index(opened["weights"]["weights.in_hidden"][()].tobytes()) + 7
     kept.write_bytes(good[:at] + bytes([good[at] ^ 16]) + good[at + 1 :])
-    assert "hint: delete the file to begin anew" in refused("damaged neuro training by gradients 1: the content ")
+    assert "hint: delete the file to start again" in refused("damaged neuro training by gradients 1: the content ")
     kept.write_bytes(good)
     own.rename(own.with_name("moved"))  # where they lie does not matter
     assert neuro(file, "--data", own.with_name("moved"), *QUICK)[0] == 0
