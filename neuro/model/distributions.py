@@ -21,10 +21,10 @@ _BLOCK = 1 << 16
 """Number of values drawn at a time. A block fits in the cache while it is compared with the bounds."""
 
 _MANY = 1 << 20
-"""Number of values from which `normal` draws with compiled code."""
+"""Smallest number of values for which `normal` uses compiled code."""
 
 _MAX_DEVIATIONS = 40.0
-"""Distance from the mean, in standard deviations, that a drawn normal number never reaches."""
+"""Upper limit of the distance of a drawn normal number from the mean, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +73,7 @@ class Distribution(Choice):
 
 
 def _within(bound: float, inner_direction: float) -> np.float32:
-    """Return the 32-bit float nearest to a bound, on the bound's inner side."""
+    """Return the 32-bit float nearest to a bound, on the inner side of the bound."""
     nearest = np.float32(bound)
     outside = nearest > bound if inner_direction < 0.0 else nearest < bound
     return np.nextafter(nearest, np.float32(inner_direction)) if outside else nearest
@@ -98,7 +98,7 @@ class uniform(Distribution):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Clipped(Distribution):
-    """A distribution truncated to bounds. Values outside are drawn again."""
+    """Base of distributions with bounds. Values outside the bounds are drawn again."""
 
     low: float = quantity(-math.inf, "", "values below are drawn again", infinite=True, of_value=True)
     high: float = quantity(math.inf, "", "values above are drawn again", infinite=True, of_value=True)
@@ -157,7 +157,7 @@ class normal(_Clipped):
             return
         try:
             from neuro.kernels.normals import Normals
-        except ImportError:  # this version of numba keeps NumPy's tables in another module
+        except ImportError:  # other versions of numba have NumPy's tables in another module
             yield from super().pieces(rng, n)
             return
         normals, buffer = Normals(rng), np.empty(_BLOCK)

@@ -1,4 +1,4 @@
-"""Groups, the ways in which neurons of a population compete."""
+"""Groups: rules of competition between the neurons of a population."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from neuro.core.quantities import quantity
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Competition(Choice):
-    """Base of the ways in which neurons of a population compete.
+    """Base of the rules of competition between the neurons of a population.
 
     Class attributes:
-        noun: name of the feature in the error of a chip or a simulator that lacks it.
+        noun: name of the feature in errors of chips and simulators without it.
         decides: whether the winner decides a trial.
         several: whether several neurons may win in one trial.
     """
@@ -26,7 +26,7 @@ class Competition(Choice):
     of: str = quantity(doc="the population", kind="name")
 
     def misfit(self, shape: tuple[int, ...]) -> str:
-        """Return the error message for a shape in which neurons cannot compete this way, or ""."""
+        """Return the error message for a shape that the rule cannot have, or ""."""
         return ""
 
     def summary(self) -> str:

@@ -1,4 +1,4 @@
-"""The class `Network`, which collects parts, independent of backends, array layouts and steps."""
+"""The class `Network`: a collection of parts, independent of backends, array layouts and steps."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class Network(Description):
 
     Attributes:
         place: the origin (file and line) of the next part. None: the line of the caller.
-        inputs: the files that the network was read from. Empty for a network built in Python.
+        inputs: files of the network; empty for a network built in Python.
         latest: the part that was added last.
-        verdicts: for a network imported from another tool, the result of the conversion of each node, else None.
+        verdicts: result of the conversion of each node, for a network imported from another tool; else None.
     """
 
     inputs: tuple[str, ...] = ()
@@ -94,13 +94,13 @@ class Network(Description):
 
         Args:
             name: a new name.
-            shape: number of neurons, or sizes of the axes (`"auto"` where a grid decides).
+            shape: number of neurons, or sizes of the axes; `"auto"` if a grid decides.
             model: e.g. `neuro.iaf_psc_exp(tau_m=10.0)`.
             initial: states at time 0, by name: a number, an array or a distribution.
             positions: coordinates, shape (n, 1 to 3). Without them, positions follow from the shape, centred at 0.
             extent: length of each axis, in the unit of positions. Without it, neighbours are one unit apart.
             periodic: whether opposite edges touch (periodic boundary conditions).
-            neurons: the table that lists the neurons. With the shape `"auto"` there is one neuron per row.
+            neurons: table of the neurons. With the shape `"auto"` there is one neuron per row.
 
         Returns:
             The population, an argument of `connect`, `signal` and `probe`.
@@ -324,13 +324,13 @@ class Network(Description):
         return section
 
     def save(self, path: str | Path) -> None:
-        """Write the network as YAML that loads to an equal network. Large arrays go to an HDF5 file beside it."""
+        """Write the network as YAML, which loads as an equal network. Large arrays go to an HDF5 file beside it."""
         from neuro.model.language.writer import save
 
         save(self, path)
 
     def frozen(self) -> Network:
-        """Return the same network with its weights, static synapses and no signals, so that nothing learns."""
+        """Return the network without learning: with its weights, static synapses, and no signals."""
         from neuro.model.frozen import frozen
 
         return frozen(self)
@@ -339,8 +339,8 @@ class Network(Description):
         if not isinstance(other, Network):
             return NotImplemented
         skip = ("trials_origin", "world_origin", "place", "inputs", "latest", "verdicts")
-        mine, theirs = vars(self), vars(other)
-        return all(same(mine[k], theirs[k]) for k in mine if k not in skip)
+        own_parts, other_parts = vars(self), vars(other)
+        return all(same(own_parts[k], other_parts[k]) for k in own_parts if k not in skip)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -374,35 +374,35 @@ class Network(Description):
 
     @contextmanager
     def _in_place(self, context: str = "") -> Iterator[None]:
-        """Add the origin of the next part to errors that are raised inside, and begin their messages with `context`."""
+        """Add the origin of the next part, and the prefix `context`, to errors raised in the block."""
         try:
             yield
         except ModelError as error:
             raise error.at(self._where(), context) from None
 
-    def _checked(self, part: type[Part], word: str, value: Any, what: str, quantity: Quantity | None = None) -> Any:
+    def _checked(self, part: type[Part], word: str, value: Any, label: str, quantity: Quantity | None = None) -> Any:
         """Check the value of a word of a part. `quantity` replaces the part's own quantity for that word."""
         try:  # a context manager here would cost a second for 200,000 parts
-            return check(quantity or part.words[word], value, f"{what}: {word}", (word,))
+            return check(quantity or part.words[word], value, f"{label}: {word}", (word,))
         except ModelError as error:
             raise error.at(self._where()) from None
 
-    def _view_or_name(self, of: Any, what: str) -> Any:
-        """Return the view that a text such as `exc[:100]` or a mapping describes. Names and parts are unchanged."""
+    def _view_or_name(self, of: Any, label: str) -> Any:
+        """Convert a text such as `exc[:100]`, or a mapping, to a view. Names and parts are returned unchanged."""
         if not isinstance(of, Mapping) and not (isinstance(of, str) and "[" in of):
             return of
-        with self._in_place(what):
+        with self._in_place(label):
             neurons = view_of_index(of, self.populations)
             if isinstance(neurons, Mapping):
-                raise ModelError(f"{what}: found {shown(dict(neurons))}: expected a name, or {{name: index}}")
+                raise ModelError(f"{label}: found {shown(dict(neurons))}: expected a name, or {{name: index}}")
         return neurons
 
-    def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
-        """Return the name of a population, and the view if only some of its neurons are chosen."""
-        of = self._view_or_name(of, f"{what}: {role}")
+    def _neurons(self, of: Population | View | str, label: str, role: str) -> tuple[str, View | None]:
+        """Return the name of a population, and the view if the choice is only some neurons."""
+        of = self._view_or_name(of, f"{label}: {role}")
         if isinstance(of, View):
-            return self._name_of(of.population, what, role), of
-        return self._name_of(of, what, role), None
+            return self._name_of(of.population, label, role), of
+        return self._name_of(of, label, role), None
 
     def _name_of(self, population: HasShape | str, what: str, role: str) -> str:
         name = population.name if isinstance(population, Population) else population
@@ -415,48 +415,48 @@ class Network(Description):
             raise ModelError(message, where=self._where(), hint=f"pass the name '{name}'", path=(role,))
         return name
 
-    def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:
+    def _recorded(self, of: Population | View | Projection | str, label: str) -> tuple[str, View | None]:
         """Return the name of a population or projection, and the view if only some neurons are chosen."""
         if isinstance(of, Projection) and self.projections.get(of.name) is not of:
-            message = f"{what}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
+            message = f"{label}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
             raise ModelError(message, where=self._where(), path=("of",))
         name = of.name if isinstance(of, Projection) else of
         if isinstance(name, str) and name in self.projections and name not in self.populations:
             return name, None
         assert not isinstance(of, Projection)
-        neurons = self._view_or_name(of, f"{what}: of")
+        neurons = self._view_or_name(of, f"{label}: of")
         if isinstance(neurons, str) and neurons not in self.populations:
             names = [*self.populations, *self.projections]
-            raise unknown("population", neurons, names, path=("of",)).at(self._where(), what)
-        return self._neurons(neurons, what, "of")
+            raise unknown("population", neurons, names, path=("of",)).at(self._where(), label)
+        return self._neurons(neurons, label, "of")
 
-    def _side(self, side: Side, of: str, what: str, word: str) -> View | None:
+    def _side(self, side: Side, of: str, label: str, word: str) -> View | None:
         """Return the view of the neurons at one end of a projection, or None for all."""
         if side is None:
             return None
         if of in self.populations:
-            message = f"{what}: {word} is for projections: '{of}' is a population"
+            message = f"{label}: {word} is for projections: '{of}' is a population"
             raise ModelError(message, where=self._where(), path=(word,), kind="no projection")
         end = getattr(self.projections[of], {"pre": "source", "post": "target"}[word])
         if isinstance(side, (Population, View, str, Mapping)):
-            population, neurons = self._neurons(side, what, word)
+            population, neurons = self._neurons(side, label, word)
             if population != end:
                 value = repr(side) if neurons is not None else f"'{population}'"
-                message = f"{what}: {word} = {value}: expected neurons of '{end}', an end of '{of}'"
+                message = f"{label}: {word} = {value}: expected neurons of '{end}', an end of '{of}'"
                 raise ModelError(message, where=self._where(), path=(word,), kind="neurons at an end")
             return neurons
         ids = [side] if is_number(side) else side
-        with self._in_place(f"{what}: {word}"):
+        with self._in_place(f"{label}: {word}"):
             return view(self.populations[end], ids if isinstance(ids, list) else np.asarray(ids))
 
-    def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
+    def _expect(self, value: object, kind: type | tuple[type, ...], label: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):
             message, hint = f"{value.__name__} is a class", f"write {value.__name__}()"
         elif not isinstance(value, kind):
             message, hint = f"found {shown(value)}", ""
         else:
             return
-        raise ModelError(f"{what}: {message}: expected {expected}", where=self._where(), hint=hint)
+        raise ModelError(f"{label}: {message}: expected {expected}", where=self._where(), hint=hint)
 
 
 def _population_name(end: Any) -> str:
@@ -464,12 +464,12 @@ def _population_name(end: Any) -> str:
     return population.name if isinstance(population, Population) else str(population)
 
 
-def check_name(name: Any, what: str, where: Where | None) -> str:
+def check_name(name: Any, noun: str, where: Where | None) -> str:
     """Return the name of a network or a part if it is valid.
 
     Raises:
         ModelError: the name is empty or contains other characters than letters, digits, '_', '-' and '.'.
     """
     if not isinstance(name, str) or not name or not (name.isalnum() or all(c.isalnum() or c in "_-." for c in name)):
-        raise ModelError(f"{what} name {shown(name)}: expected letters, digits, '_', '-' or '.'", where=where)
+        raise ModelError(f"{noun} name {shown(name)}: expected letters, digits, '_', '-' or '.'", where=where)
     return name

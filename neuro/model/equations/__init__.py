@@ -1,4 +1,4 @@
-"""Models defined by equations: a neuron or a learning rule as text, compiled like any other model.
+"""Models in equations: the text of a neuron or a learning rule is compiled like other models.
 
 No user code is run.
 """
@@ -20,11 +20,11 @@ from neuro.model.synapses import SYNAPSES
 __all__ = ["EquationNeuron", "EquationSynapse", "equations", "model_from_words"]
 
 _CLASSES: dict[str, type[EquationNeuron] | type[EquationSynapse]] = {}
-"""Classes of models by their words. The same words give the same class."""
+"""Classes of models by their words. Equal words give the same class."""
 
 
 def equations(name: str, **words: Any) -> Any:
-    """Create a model class from equations, which is used like other model classes, e.g. `adex(C_m=200.0)`.
+    """Create a model class from equations. Use the class like other model classes, e.g. `adex(C_m=200.0)`.
 
     Args:
         name: name of the model.
@@ -47,7 +47,7 @@ def equations(name: str, **words: Any) -> Any:
 
 
 def model_from_words(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[EquationSynapse]:
-    """Return the class of the model that words define.
+    """Return the model class defined by words.
 
     Raises:
         ModelError: the first mistake in the words. The path of the error leads to the word.

@@ -151,5 +151,5 @@ def _product(
 
 
 def innermost_misfit(tree: Tree, fits: Callable[[Tree], bool]) -> Tree:
-    """Return the innermost subtree that does not satisfy `fits` although all its operands do."""
+    """Return an innermost subtree that does not satisfy `fits`: all of its operands do."""
     return next((innermost_misfit(operand, fits) for operand in operands(tree) if not fits(operand)), tree)

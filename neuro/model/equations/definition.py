@@ -63,7 +63,7 @@ MAX_RECEPTORS = 16
 class Receptor:
     """Effect of an incoming spike: a jump of the state `name` (exp, alpha) or of the state of an equation (delta).
 
-    With `magnitude` the state is a conductance and grows by |w|, whatever the sign of the weight.
+    With `magnitude` the state is a conductance and grows by |w|, independent of the sign of the weight w.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Definition:
     Attributes:
         states: the states of the equations, V_m first, with the right sides.
         let: abbreviations, which may use earlier ones.
-        hold: the states that stay constant during refractoriness. None: the neuron has no refractoriness.
+        hold: the states that are constant during refractoriness; None without refractoriness.
         dimensions: dimensions of all states.
         plain: the words of the definition.
     """
@@ -99,7 +99,7 @@ class Definition:
     plain: Mapping[str, Any]
 
     def full(self, tree: Tree) -> Tree:
-        """Return a tree in which all abbreviations are expanded.
+        """Expand all abbreviations in a tree.
 
         Raises:
             ModelError: the expanded tree is too large.
@@ -120,7 +120,7 @@ class Definition:
 
 @contextmanager
 def under_path(*path: str) -> Iterator[None]:
-    """Add a path within the words to errors raised inside."""
+    """Add a path within the words to errors raised in the block."""
     try:
         yield
     except ModelError as error:
@@ -170,23 +170,23 @@ def read(name: str, words: Mapping[str, Any]) -> Definition:
     return _check_dimensions(definition)
 
 
-def mapping(value: Any, words: tuple[str, ...], what: str) -> Mapping[str, Any]:
+def mapping(value: Any, words: tuple[str, ...], label: str) -> Mapping[str, Any]:
     """Return the words of a mapping.
 
     Raises:
         ModelError: the value is not a mapping, or has an unknown word.
     """
     if not isinstance(value, Mapping):
-        raise ModelError(f"found {shown(value)}: expected the words of {what}: {', '.join(words)}")
+        raise ModelError(f"found {shown(value)}: expected the words of {label}: {', '.join(words)}")
     for word in value:
         if word not in words:
-            error = unknown(f"word of {what}", word, words, path=(str(word),))
+            error = unknown(f"word of {label}", word, words, path=(str(word),))
             raise error.but(hint=WORD_HINTS.get(str(word), error.hint))
     return value
 
 
 def expressions(words: Mapping[str, Any], section: str) -> dict[str, Expression]:
-    """Parse the expressions of a section. Return them by name.
+    """Parse the expressions of a section, and return the expressions by name.
 
     Raises:
         ModelError: an expression cannot be parsed.

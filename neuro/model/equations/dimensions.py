@@ -1,4 +1,4 @@
-"""Checks that all terms of a sum, both sides of a comparison and both sides of an equation have the same dimension.
+"""Checks of dimensions: the terms of a sum, and the sides of a comparison or an equation, must have equal dimensions.
 
 The dimensions of parameters are known, and those of states are derived: each sum, comparison and equation is a linear
 equation between powers of dimensions, which is solved at once. States therefore need no declared unit.
@@ -31,7 +31,7 @@ _KEEP_DIMENSION = {"min", "max", "abs", "where"}
 
 @dataclass(frozen=True)
 class Powers:
-    """A dimension that may be partly unknown: a known dimension times powers of unknown ones."""
+    """A dimension with unknown factors: a known dimension times powers of unknown dimensions."""
 
     known: Dimension
     unknown: Mapping[str, Fraction]
@@ -162,7 +162,7 @@ class Dimensions:
         """Check that an expression has a dimension. A mistake is recorded with both dimensions and the column."""
         dimension = self.powers(expression, expression.tree, expected)
         if not self.same(dimension, expected):
-            message = f"the expression is {self.text(dimension)}: expected it {self.text(expected)}"
+            message = f"found an expression {self.text(dimension)}: expected an expression {self.text(expected)}"
             hint = self.factor(expression, expression.tree, dimension, expected)
             self.mistake(expression.mistake(_begin(expression.tree), message, hint))
 
@@ -172,11 +172,11 @@ class Dimensions:
         return self.names[name].times(Powers(time, {}))
 
     def reduced(self, powers: Powers) -> Powers:
-        """Return a dimension in which solved unknowns are replaced by their solutions."""
+        """Replace solved unknowns in a dimension by their solutions."""
         while name := next((n for n in powers.unknown if n in self.solved), ""):
             power = powers.unknown[name]
-            others = {n: p for n, p in powers.unknown.items() if n != name}
-            powers = Powers(powers.known, others).times(self.solved[name], power)
+            other_powers = {n: p for n, p in powers.unknown.items() if n != name}
+            powers = Powers(powers.known, other_powers).times(self.solved[name], power)
         return powers
 
     def same(self, a: Powers, b: Powers) -> bool:
@@ -185,8 +185,8 @@ class Dimensions:
         if not quotient.unknown:
             return quotient.known == NONE
         name, power = list(quotient.unknown.items())[-1]
-        others = Powers(quotient.known, {n: p for n, p in quotient.unknown.items() if n != name})
-        self.solved[name] = Powers(NONE, {}).times(others, -1 / power)
+        other_powers = Powers(quotient.known, {n: p for n, p in quotient.unknown.items() if n != name})
+        self.solved[name] = Powers(NONE, {}).times(other_powers, -1 / power)
         return True
 
     def text(self, powers: Powers) -> str:
@@ -240,7 +240,7 @@ class Dimensions:
     def _common_dimension(
         self, expression: Expression, terms: list[tuple[Binary | None, Tree]], expected: Powers | None = None
     ) -> Powers:
-        """Return the dimension that all terms share. Terms of unknown dimension get the dimension of the others."""
+        """Return the common dimension of all terms. Terms of unknown dimension get the dimension of the other terms."""
         terms_with_powers = [(sign, tree, self.powers(expression, tree)) for sign, tree in terms]
         dimensions = [self.reduced(powers) for _, _, powers in terms_with_powers]
         common = next((powers for powers in dimensions if not powers.unknown), dimensions[0])
@@ -254,11 +254,11 @@ class Dimensions:
             self.same(powers, common)
         return common
 
-    def _without_unit(self, expression: Expression, tree: Tree, dimension: Powers, at: int, what: str) -> None:
+    def _without_unit(self, expression: Expression, tree: Tree, dimension: Powers, at: int, label: str) -> None:
         """Record a mistake unless a part of an expression is a number without unit."""
         if not self.same(dimension, Powers(NONE, {})):
             hint = self.factor(expression, tree, dimension, Powers(NONE, {}))
-            message = what.format(text_of(tree), self.text(dimension))
+            message = label.format(text_of(tree), self.text(dimension))
             self.mistake(expression.mistake(at, f"{message}: expected a number without unit", hint))
 
     def _call_powers(self, expression: Expression, tree: Call) -> Powers:
@@ -301,7 +301,7 @@ class Dimensions:
 
 
 def refuse(errors: Iterable[ModelError]) -> None:
-    """Raise the first of some errors with the others as `others`, if there are any."""
+    """Raise the first of several errors, with the rest as its `others`; do nothing without errors."""
     all_errors = [*errors]
     if all_errors:
         all_errors[0].others = tuple(all_errors[1:])
@@ -386,7 +386,7 @@ def _bracketed(tree: Tree, binding: int) -> str:
 
 
 def unit_unknown(name: str) -> ModelError:
-    """Return the error for a state whose unit cannot be derived."""
+    """Return the error for a state with a unit that cannot be derived."""
     message = f"nothing determines the unit of '{name}'"
     hint = f"write a value with a unit in 'initial', e.g. {{{name}: 0 mV}}"
     return ModelError(message, hint=hint, path=(name,), about=("initial", name))

@@ -1,4 +1,4 @@
-"""Checks of parameters for divisions by 0 and other results that are not finite, before the network runs."""
+"""Checks before a run for parameters that lead to divisions by 0 or other results that are not finite."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 
 
 class Divisions:
-    """Finder of expressions of a model that are not finite for some parameters.
+    """Search for expressions of a model that are not finite for given parameters.
 
     Args:
         parameters: parameters of the model.
-        variables: names of states and receptors, which hide units of the same name.
+        variables: names of states and receptors. They hide units of the same name.
         let: abbreviations, which may use earlier ones.
         expressions: the other expressions, by their paths in the words.
         taus: paths of the expressions that are time constants.
@@ -101,7 +101,7 @@ class Divisions:
                         known_values[path[1]] = value_of_tree
 
     def _dependencies(self, evaluator: _Evaluator, values: Mapping[str, Any]) -> str:
-        """Return the values of the parameters on which a mistake depends, as text."""
+        """Return, as text, the values of the parameters that cause a mistake."""
         texts = {}
         for name in self._with_definitions(evaluator.wrong_tree):
             if name in values:
@@ -130,7 +130,7 @@ class _Evaluator:
         return self.expression.mistake(at, f"'{text_of(tree)}' {message}")
 
     def evaluate(self, tree: Tree) -> Any:
-        """Return the value of a subtree, or None if it is unknown. A mistake in the subtree is raised."""
+        """Return the value of a subtree, or None if unknown. Raise an error for a mistake in the subtree."""
         match tree:
             case Number(value, unit):
                 return np.float64(value * UNITS[unit][0] if unit else value)
@@ -156,7 +156,7 @@ class _Evaluator:
         return result
 
     def choice(self, condition: Binary, first: Tree, second: Tree) -> Any:
-        """Return the value of a `where`. A branch that no neuron selects may have any value."""
+        """Return the value of a `where`. A branch that no neuron selects need not be finite."""
         holds = self.evaluate(condition)
         if holds is None or np.all(holds):
             branch = self.evaluate(first)
@@ -170,7 +170,7 @@ class InEquations:
 
     Class attributes:
         definition: the words that define the model.
-        divisions: finder of parameters for which a constant is not finite.
+        divisions: search for parameters that make a constant infinite or NaN.
     """
 
     definition: ClassVar[Mapping[str, Any]] = {}

@@ -1,4 +1,4 @@
-"""Linear systems: the exact step of a neuron, and an upper bound that shows that it cannot fire."""
+"""Linear systems: the exact step of a neuron, and an upper bound of V_m for proof that the neuron cannot fire."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class System:
         return len(self.rows) + 2
 
     def dependencies(self, fixed: tuple[str, ...] = ()) -> dict[str, set[str]]:
-        """Return the names on which each state depends in the course of a step. States in `fixed` are constant."""
+        """Return, for each state, the names that affect it during a step. States in `fixed` are constant."""
         dependencies = {name: {name} | (set() if name in fixed else set(row)) for name, row in self.rows.items()}
         for _ in self.rows:
             for name, names in dependencies.items():
@@ -70,7 +70,7 @@ def system(definition: Definition) -> System | None:
 
 
 def matrix_lines(linear: System, constants: Constants, place: str, fixed: tuple[str, ...] = ()) -> Iterator[str]:
-    """Yield the lines of `constants` that solve the system with the states in `fixed` constant."""
+    """Yield the lines of `constants` that solve the system. States in `fixed` are constant."""
     size = linear.size
     columns = {name: k for k, name in enumerate((*linear.states, CONSTANT, CURRENT_NAME))}
     yield f"for k in range({size * size}):"
@@ -87,14 +87,14 @@ def buffer_size(linear: System) -> int:
     return N_MATRICES * linear.size**2
 
 
-def solution(linear: System, name: str, place: str, fixed: tuple[str, ...] = ()) -> tuple[list[str], str]:
-    """Return lines that unpack the solution for a state, and the expression of the state after a step.
+def solution(linear: System, name: str, offset_name: str, fixed: tuple[str, ...] = ()) -> tuple[list[str], str]:
+    """Return the lines that unpack the solution for a state, and the expression of the state after a step.
 
     Args:
         linear: the system.
         name: the state.
-        place: the name of the offset of the solution in the constants.
-        fixed: the states that are constant.
+        offset_name: name of the offset of the solution in the constants.
+        fixed: the constant states.
     """
     states = linear.states
     i, names = states.index(name), linear.dependencies(fixed)[name]
@@ -102,7 +102,7 @@ def solution(linear: System, name: str, place: str, fixed: tuple[str, ...] = ())
     for j, word in enumerate((*states, CONSTANT, CURRENT_NAME)):
         if word in names:
             factor = f"{'held' if fixed else 'free'}_{i}_{j}"
-            lines.append(f"{factor} = {'1.0 + ' if names == {name} else ''}c[{place} + {i * linear.size + j}]")
+            lines.append(f"{factor} = {'1.0 + ' if names == {name} else ''}c[{offset_name} + {i * linear.size + j}]")
             value = {CONSTANT: "", CURRENT_NAME: " * i_0[i]"}.get(word, f" * {local(word)}")
             terms.append(f"{factor}{value}")
     change = " + ".join(terms)
@@ -144,7 +144,7 @@ def quiet_lines(definition: Definition, linear: System, constants: Constants, he
 
 
 def _charges(definition: Definition, linear: System, name: str, constants: Constants) -> list[tuple[str, str]] | None:
-    """Return the kernel states that drive a state, each with the charge of one unit. None if other states drive it."""
+    """Return the kernel states that drive a state, each with the charge of one unit; None if others drive the state."""
     kernels = {r.name: r for r in definition.receptors if r.kernel != "delta"}
     charges = []
     for word, factor in linear.rows[name].items():
@@ -170,7 +170,7 @@ N_MATRICES = 3
 """Number of matrices in the buffer of the exponential, including the result."""
 
 
-def change(c, at, n, more, h):
+def change(c, offset, n, n_inputs, h):
     """Compute the change of z in h for z' = A z + B u with constant u.
 
     The method is scaling, a Taylor series and squaring. The identity matrix is left out of the result, because adding
@@ -178,57 +178,57 @@ def change(c, at, n, more, h):
     another value. Equal time constants and singular matrices need no special case.
 
     Args:
-        c: has the matrix [[A, B], [0, 0]] at `at`, row by row, which is replaced by [[exp(A h) - 1, integral of
-            exp(A t) B], [0, 0]]. The next two matrices are a buffer.
-        at: offset of the matrix.
+        c: array with the matrix [[A, B], [0, 0]] at `offset`, row by row. The function replaces the matrix by
+            [[exp(A h) - 1, integral of exp(A t) B], [0, 0]]. The space of the next two matrices is a buffer.
+        offset: offset of the matrix.
         n: rows of A.
-        more: columns of B.
+        n_inputs: columns of B.
         h: duration.
     """
-    size = n + more
+    size = n + n_inputs
     norm = 0.0
     for i in range(n):
         row = 0.0
         for j in range(n):
-            row += abs(c[at + i * size + j])
+            row += abs(c[offset + i * size + j])
         norm = max(norm, row * h)
     if not norm < math.inf:
         for k in range(size * size):
-            c[at + k] = math.nan
+            c[offset + k] = math.nan
         return
     squarings, part = 0, h
     while norm > 0.5:
         norm *= 0.5
         part *= 0.5
         squarings += 1
-    first, buffer = at + size * size, at + 2 * size * size
+    first, buffer = offset + size * size, offset + 2 * size * size
     for k in range(size * size):
-        c[at + k] *= part
-        c[first + k] = c[at + k]
+        c[offset + k] *= part
+        c[first + k] = c[offset + k]
     for term in range(TERMS, 1, -1):
         for k in range(size * size):
-            c[at + k] /= term
+            c[offset + k] /= term
         for i in range(size):
-            c[at + i * size + i] += 1.0
-        multiply(c, first, at, buffer, size)
+            c[offset + i * size + i] += 1.0
+        multiply(c, first, offset, buffer, size)
         for k in range(size * size):
-            c[at + k] = c[buffer + k]
+            c[offset + k] = c[buffer + k]
     for _ in range(squarings):
-        multiply(c, at, at, buffer, size)
+        multiply(c, offset, offset, buffer, size)
         for k in range(size * size):
-            c[at + k] = 2.0 * c[at + k] + c[buffer + k]
+            c[offset + k] = 2.0 * c[offset + k] + c[buffer + k]
 
 
-def multiply(c, a, b, to, size):
-    """Write the product of two sparse matrices to a third place."""
+def multiply(c, a, b, output, size):
+    """Write the product of the sparse matrices at `a` and `b` to `output`."""
     for k in range(size * size):
-        c[to + k] = 0.0
+        c[output + k] = 0.0
     for i in range(size):
         for j in range(size):
             factor = c[a + i * size + j]
             if factor != 0.0:
                 for k in range(size):
-                    c[to + i * size + k] += factor * c[b + j * size + k]
+                    c[output + i * size + k] += factor * c[b + j * size + k]
 
 
 def lasting(leak):

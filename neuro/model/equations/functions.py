@@ -128,10 +128,10 @@ def fourth(x):
     return x * x * x * x
 
 
-def resized(size, worst):
-    """Return the next size of a step whose error is `worst` tolerances, by GSL's standard step control."""
-    if worst > 1.1:
-        return size * max(0.2, 0.9 / worst**0.2)
-    if worst < 0.5:
-        return size * (5.0 if worst < 1e-5 else min(5.0, max(1.0, 0.9 / worst ** (1.0 / 6.0))))
+def resized(size, error):
+    """Return the next size of a step after an error of `error` tolerances, by GSL's standard step control."""
+    if error > 1.1:
+        return size * max(0.2, 0.9 / error**0.2)
+    if error < 0.5:
+        return size * (5.0 if error < 1e-5 else min(5.0, max(1.0, 0.9 / error ** (1.0 / 6.0))))
     return size

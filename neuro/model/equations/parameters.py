@@ -51,7 +51,7 @@ NAME_HINTS: Mapping[str, str] = {
 SIGN_HINTS: Mapping[str, str] = {
     "=": f"{RIGHT_SIDE}; compare with < <= > or >=",
     "'": RIGHT_SIDE,
-    ":": "leave out the unit, which follows from parameters or 'initial', and write refractoriness in 'refractory'",
+    ":": "leave out the unit, since it follows from parameters or 'initial', and write refractoriness in 'refractory'",
     ";": "write an expression per state: {V_m: ..., w: ...}",
     "?": _CHOICE,
     "if": _CHOICE,
@@ -74,7 +74,7 @@ _HINTS = Hints(SIGN_HINTS, "write parts of it in 'let'")
 
 
 def parse(text: object) -> Expression:
-    """Parse an expression of a model. For the syntax of other languages, the error has a hint with the right syntax.
+    """Parse an expression of a model. Errors for the syntax of other languages have a hint with the right syntax.
 
     Raises:
         ModelError: see `neuro.core.grammar.parse`.
@@ -110,7 +110,7 @@ class Parameter:
     def quantity(self, positive: bool, arrays: bool = True) -> Quantity:
         """Return the quantity of the parameter's field.
 
-        With `positive` it must be > 0 unless the definition has bounds.
+        With `positive` the parameter must be > 0, unless the definition has bounds.
         """
         bounds: dict[str, Any] = dict(self.bounds) or ({"above": 0} if positive and self.default > 0 else {})
         return Quantity(unit=self.unit, doc=self.doc, arrays=arrays, **bounds)
@@ -166,17 +166,17 @@ def _parameter(name: Any, words: Any) -> Parameter:
 
 
 def refuse_attributes(parameters: Iterable[str], base: type[Choice]) -> None:
-    """Raise an error for parameters with the name of an attribute of the class that gets them as fields.
+    """Raise an error for parameters with the name of an attribute of the class for which they become fields.
 
     Args:
         parameters: names of the parameters.
-        base: the class. Attributes that are only annotated count as well.
+        base: the class. Annotations without a value count as attributes.
 
     Raises:
         ModelError: the first such parameter. The path of the error leads to the parameter.
     """
     for name in parameters:
-        if hasattr(base, name) or any(name in vars(each).get("__annotations__", {}) for each in base.__mro__):
+        if hasattr(base, name) or any(name in vars(cls).get("__annotations__", {}) for cls in base.__mro__):
             error = _reserved(name)
             raise error.but(message=f"parameters.{name}: {error.message}", path=("parameters", name))
 

@@ -1,7 +1,7 @@
 """Model classes of spike-pair rules in equations: traces, states, and the effects of spikes and a signal.
 
 Between spikes the states decay, and the signal changes the weight. The rate of change of the weight must be a sum of
-products of exponentially decaying quantities, so that it is integrated exactly.
+products of exponentially decaying quantities, for exact integration.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from neuro.model.synapses.base import Modulated, Synapse, Trace
 WORDS = ("traces", "states", "on_pre", "on_post", "on_signal", "initial", "parameters", "doc", "source")
 SPIKES = ("on_pre", "on_post")
 WEIGHT, SIGNAL = "w", "n"
-"""Names of the weight and of the value that a signal sets."""
+"""Names of the weight and of the value of the signal."""
 DECAY_OF_SIGNAL = "tau_n"
 """Name of the optional parameter with the time constant of the signal."""
 RESERVED = ("weight", "delay", "K_plus")
-"""Names under which `sim.get` reads other quantities, so that states cannot have them."""
+"""Names of other quantities of `sim.get`; states cannot have these names."""
 MAX_STATES = 8
 
 
@@ -65,9 +65,9 @@ class Pairs:
         """True if the weight or states change between spikes."""
         return self.drift is not None or any(self.states.values())
 
-    def side(self, of: str) -> dict[str, Trace]:
+    def side(self, side_name: str) -> dict[str, Trace]:
         """Return the traces of the spikes of one side."""
-        return {name: trace for name, (side, trace) in self.traces.items() if side == of}
+        return {name: trace for name, (side, trace) in self.traces.items() if side == side_name}
 
 
 def read(name: str, words: Mapping[str, Any]) -> Pairs:
@@ -106,7 +106,7 @@ def read(name: str, words: Mapping[str, Any]) -> Pairs:
 
 
 def _check_special(word: str, parameter: Parameter) -> None:
-    """Raise an error for parameters with a reserved name, or with a wrong unit if their numbers are used elsewhere."""
+    """Raise an error for a parameter with a reserved name, or with a wrong unit for its special name."""
     if word == WEIGHT or word in ARGUMENTS:
         with under_path("parameters", word):
             raise ModelError(f"'{word}' is reserved: expected another name")
@@ -216,11 +216,11 @@ def _check_weight(expression: Expression, dims: Dimensions) -> None:
         dims.names[WEIGHT] = dims.mistake(expression.mistake(0, message, hint))
 
 
-def _refuse(expression: Expression, names: Collection[str], what: str, hint: str) -> None:
+def _refuse(expression: Expression, names: Collection[str], reason: str, hint: str) -> None:
     """Raise an error for names that are not available in an expression."""
     for part in subtrees(expression.tree):
         if isinstance(part, Name) and part.name in names:
-            raise expression.mistake(part.at, f"'{part.name}' {what}", hint)
+            raise expression.mistake(part.at, f"'{part.name}' {reason}", hint)
 
 
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
@@ -334,19 +334,19 @@ def _text(pairs: Pairs, constants: Constants) -> str:
 
 
 def _spike_lines(pairs: Pairs, word: str, constants: Constants) -> list[str]:
-    """Return the lines of a spike's changes, which all use the values before the spike."""
+    """Return the lines for the changes by a spike. All of them use the values before the spike."""
     changes, rows = pairs.spikes[word], {name: k for k, name in enumerate((WEIGHT, *pairs.states))}
     variables = {name: local(name) for name in rows}
     for side in ("pre", "post"):
         variables |= {name: f"{side}[{k}]" for k, name in enumerate(pairs.side(side))}
-    used = {name for expression in changes.values() for name in names(expression.tree)}
-    lines = [f"{local(name)} = y[{row}, e]" for name, row in rows.items() if name in used]
+    unpacked_rows = {name for expression in changes.values() for name in names(expression.tree)}
+    lines = [f"{local(name)} = y[{row}, e]" for name, row in rows.items() if name in unpacked_rows]
     lines += [f"y[{rows[name]}, e] = {to_python(e.tree, constants.leaf(variables))}" for name, e in changes.items()]
     return lines or ["pass"]
 
 
 DEGREE = 4
-"""Largest number of states, or of the decaying signal, in a product of the rate."""
+"""Largest number of decaying factors, i.e. states or the signal, in a product of the rate."""
 
 
 def advance_lines(pairs: Pairs, constants: Constants) -> list[str]:

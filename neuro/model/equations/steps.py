@@ -25,7 +25,7 @@ HEAD = "step(s, c, x, i_0, lo, hi, fired)"
 
 @dataclass(frozen=True)
 class NeuronSteps:
-    """Everything needed to generate a neuron's functions: definition, linear system and constants."""
+    """Definition, linear system and constants of a neuron, to generate its functions."""
 
     definition: Definition
     linear: System | None
@@ -153,17 +153,17 @@ def _exact(neuron: NeuronSteps) -> list[str]:
     """
     linear = neuron.linear
     assert linear is not None
-    before: list[str] = []
+    unpack_lines: list[str] = []
     updates: dict[str, str] = {}
     for name in linear.states:
         lines, text = solution(linear, name, "SYSTEM")
-        before += lines
+        unpack_lines += lines
         if name not in neuron.hold and linear.dependencies()[name] & {*neuron.hold}:
-            lines, other = solution(linear, name, "HELD_SYSTEM", neuron.hold)
-            before += lines
-            text = f"{text} if held == 0.0 else {other}"
+            lines, held_text = solution(linear, name, "HELD_SYSTEM", neuron.hold)
+            unpack_lines += lines
+            text = f"{text} if held == 0.0 else {held_text}"
         updates[name] = text
-    return before + _loop(neuron, updates)
+    return unpack_lines + _loop(neuron, updates)
 
 
 def _euler(neuron: NeuronSteps) -> list[str]:
@@ -357,7 +357,7 @@ Call = Callable[[dict[str, str]], str]
 """Function from the values of states, as text by state, to the text of the call of `rates`."""
 
 SMALLEST = 1e-12
-"""Smallest substep, as a share of the step, whatever its error."""
+"""Smallest substep, as a share of the step. It is accepted with any error."""
 
 
 def rk4_lines(

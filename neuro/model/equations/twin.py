@@ -1,4 +1,4 @@
-"""Built-in models with the same equations as a neuron in equations. Chips run the built-in model instead."""
+"""Find a built-in model with the equations of a neuron in equations. Chips run that model instead."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Twin:
     Attributes:
         model: iaf_psc_exp or iaf_psc_delta.
         states: the built-in state of each state of the equations, or two built-in states that add up to it.
-        words: the parameters of the model that are computed from the parameters of the equations.
+        words: parameters of the model, computed from the parameters of the equations.
         arithmetic: module with `twin(p, q)`, which computes these parameters.
     """
 
@@ -143,8 +143,8 @@ def _membrane(
     constant: list[Product] = []
     trees = {"tau_m": ratio([UNITY], leak)}
     if gains:
-        (first, gain), *others = gains.items()
-        for name, other in others:
+        (first, gain), *other_terms = gains.items()
+        for name, other in other_terms:
             if not same(gain, other):
                 raise ModelError(f"{first} and {name} act on {potential} with different factors")
         constant = [term for term in constants if _is_current(term, leak, gain)]
@@ -153,7 +153,7 @@ def _membrane(
 
 
 def _is_current(term: Product, leak: list[Product], gain: list[Product]) -> bool:
-    """Return whether a constant term is a current: it has fewer factors as a current than as a potential."""
+    """Return whether a constant term is a current: as a current it has fewer factors than as a potential."""
     if len(leak) > 1 or len(gain) > 1:
         return False
     return len(term.times(gain[0], -1).powers) < len(term.times(leak[0], -1).powers)
@@ -271,8 +271,8 @@ def _products(tree: Tree, parameters: set[str]) -> list[Product]:
     by_powers: dict[frozenset[tuple[str, int]], Product] = {}
     for x in terms:
         key = frozenset(x.powers.items())
-        before = by_powers[key].number if key in by_powers else 0.0
-        by_powers[key] = Product(before + x.number, x.powers, x.factors)
+        earlier_terms = by_powers[key].number if key in by_powers else 0.0
+        by_powers[key] = Product(earlier_terms + x.number, x.powers, x.factors)
     return [x for x in by_powers.values() if x.number != 0.0]
 
 

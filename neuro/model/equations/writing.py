@@ -15,7 +15,7 @@ from neuro.model.equations import algebra
 from neuro.model.equations.parameters import Parameter
 
 Leaf = Callable[[Tree], str | None]
-"""Function that returns the text of a subtree, or None if the text is composed of the texts of its operands."""
+"""Function that returns the text of a subtree, or None to compose the text from the operands."""
 
 _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3}
 _NEGATIVE, _ATOM = 4, 6
@@ -39,7 +39,7 @@ def to_python(tree: Tree, leaf: Leaf) -> str:
 
     Args:
         tree: the tree.
-        leaf: returns the text of subtrees that are not composed of their operands.
+        leaf: function that returns the text of a subtree, or None to compose the text from the operands.
     """
     return _to_python(tree, leaf, 0)
 
@@ -75,7 +75,7 @@ def _bracketed(text: str, own_binding: int, binding: int) -> str:
 
 
 def _is_constant(tree: Tree, leaf: Leaf) -> bool:
-    """Return whether a divisor is a number other than 0 or a constant, which was checked not to be 0."""
+    """Return whether a divisor is a number other than 0, or a constant. Constants were checked not to be 0."""
     return (isinstance(tree, Number) and tree.value != 0.0) or (leaf(tree) or "").startswith("c[")
 
 
@@ -85,8 +85,8 @@ class Constants:
     Args:
         parameters: parameters of the model, in order.
         first: index in `p` of the first parameter.
-        variables: names that are not parameters, which hide units of the same name.
-        full: expands abbreviations.
+        variables: names other than parameters. They hide units of the same name.
+        full: function that expands abbreviations.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Constants:
         return all(name in self.parameters or (name in UNITS and name not in self.variables) for name in names)
 
     def leaf(self, variables: Mapping[str, str]) -> Leaf:
-        """Return the function that writes variables by their names, and subtrees of parameters as constants."""
+        """Return a function that writes variables by name, and subtrees of parameters as constants."""
 
         def leaf(tree: Tree) -> str | None:
             if isinstance(tree, Name) and tree.name in variables:
@@ -177,7 +177,7 @@ def module(text: str) -> ModuleType:
     """Return the module of a text. The same text gives the same module.
 
     Args:
-        text: text of a module that was generated from checked trees, never text by users.
+        text: text generated from checked trees, never text from users.
     """
     name = NAMES + hashlib.sha256(text.encode()).hexdigest()[:16]
     if name not in sys.modules:

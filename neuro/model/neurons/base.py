@@ -41,12 +41,12 @@ from neuro.core.quantities import Quantity, Value, quantity
 from neuro.core.registry import OfModule
 
 PAYLOAD = "payload"
-"""Name of the state of a graded neuron whose value its spikes carry."""
+"""Name of the state that the spikes of a graded neuron carry."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state variable: name, unit, meaning, and the bounds of values that a user may set.
+    """A state variable: name, unit, meaning, and bounds for values set by a user.
 
     A `hidden` state is an internal counter and is not recorded. A state that `follows` is computed from other states;
     it can be recorded but not set.
@@ -70,9 +70,9 @@ class Model(Choice):
     """Base of all population models.
 
     Class attributes:
-        equation: the dynamics in one line, for people.
+        equation: the dynamics in one line, for readers.
         source: the paper or simulator that defines the model.
-        chip: the chip whose registers the parameters are, or "" for a model of all backends.
+        chip: the chip with the parameters as registers; "" for a model of all backends.
         role: the way in which backends run the model: "neuron" (stepped), "poisson", "listed" and "current" (generators
             of this package), or "generator" (any other).
         width: the largest number of parameters, including `tau_minus`, and of constants.
@@ -103,7 +103,7 @@ class Model(Choice):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Generator(Model):
-    """Base of the populations without input, whose neurons each emit a spike train or a current.
+    """Base of the populations without input. Each neuron emits a spike train or a current.
 
     Class attributes:
         timed: whether the model has the parameters `start` and `stop`. Backends apply both, so `constants` does not get
@@ -171,7 +171,7 @@ class Neuron(Model):
         draws: whether `step` gets a random number per neuron, see above.
         signed: whether weights are routed to two receptors by sign if a synapse names no receptor. If not, a synapse
             must name a receptor.
-        most: the largest size of a population whose neurons `step` treats together. 0: neurons are independent.
+        most: largest size of a population, for a `step` that treats all neurons together; 0 for independent neurons.
         arithmetic: the class or module with `constants`, `step`, `fire` and `quiet`, see above and `OfModule`. The
             first constant is the threshold and the first state is V_m, if the model has them.
     """
@@ -202,7 +202,7 @@ class Neuron(Model):
 
     @classmethod
     def named_receptors(cls) -> tuple[str, ...]:
-        """Return the names of receptors that synapses may use. If all input is summed there are none."""
+        """Return the names of the receptors for synapses; none if all input is summed."""
         return cls.receptor_names or (("ex", "in") if cls.receptors == 2 else ())
 
     @staticmethod
@@ -212,15 +212,15 @@ class Neuron(Model):
 
     @staticmethod
     def caution(parameters: Mapping[str, Any], resolution: float) -> str:
-        """Return a warning about parameters that are probably a mistake with steps of `resolution` ms, or ""."""
+        """Return a warning about parameters that are probably a mistake in steps of `resolution` ms, or ""."""
         return ""
 
     @staticmethod
     def check_steps(parameters: Mapping[str, Any], resolution: float) -> None:
-        """Raise an error for parameters with which the model cannot run in steps of `resolution` ms.
+        """Raise an error if the model cannot run with these parameters in steps of `resolution` ms.
 
         Args:
-            parameters: parameters by name. After a change, the changed ones only.
+            parameters: parameters by name; after a change, only the changed parameters.
             resolution: length of a step in ms.
 
         Raises:
@@ -230,7 +230,7 @@ class Neuron(Model):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resting(Neuron):
-    """Base of the neurons whose V_m starts at the parameter E_L."""
+    """Base of the neurons with an initial V_m = E_L."""
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:

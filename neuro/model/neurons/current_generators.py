@@ -23,10 +23,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurrentGenerator(Timed):
-    """Base of the populations whose neurons emit a current instead of spikes.
+    """Base of the populations that emit currents instead of spikes.
 
     Class attributes:
-        varies: whether the current may differ from step to step. If not, it changes at a few known steps.
+        varies: whether the current may change at every step. If not, it changes at a few known steps.
         draws: whether `values` uses normal numbers.
     """
 
@@ -36,11 +36,11 @@ class CurrentGenerator(Timed):
 
     @property
     def individual(self) -> bool:
-        """True if each synapse has a current of its own, so that columns are synapses instead of neurons."""
+        """True if each synapse has its own current; columns are then synapses instead of neurons."""
         return False
 
     def steps_per_value(self, resolution: float) -> int:
-        """Return the number of steps for which a value is sent."""
+        """Return the number of steps with the same value."""
         return 1
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Neurons whose spikes carry payloads."""
+"""Neurons that send payloads with their spikes."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call", check-untyped-defs=False
 from __future__ import annotations

@@ -21,20 +21,20 @@ EMITTING = {"constants": 3, "emit": 7}
 """Functions of a generator's arithmetic, and their numbers of arguments."""
 
 SILENCE = 16
-"""Number of steps without input in `check_sleep`: the shortest period that the event backend passes at once."""
+"""Number of steps without input in `check_sleep`: the shortest period that the event backend computes as one step."""
 
 DEVIATIONS = np.repeat([0.0, 1.0, 30.0, 1000.0], 2)
-"""Standard deviations by which states are moved from their initial values, one per tested neuron."""
+"""Standard deviations of the tested states around their initial values, one per tested neuron."""
 
 LIMIT = 1e-9
-"""Largest relative error of steps that are passed at once."""
+"""Largest relative error of many steps computed as one."""
 
 
 def complete(model: type[Model]) -> type[Model]:
     """Return a model if it has everything that backends need.
 
     Raises:
-        TypeError: something is missing, or there are too many parameters. The message names it.
+        TypeError: an attribute or function is missing, or there are too many parameters. The message has the reason.
     """
     if not issubclass(model, (Neuron, Generator)):
         raise TypeError(f"model '{model.__name__}': expected a subclass of Neuron or Generator")
@@ -93,11 +93,11 @@ def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | 
 
 
 def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.1) -> None:
-    """Raise an error for a neuron model whose steps without input differ when they are passed at once.
+    """Raise an error if many steps of a neuron model without input differ from one long step.
 
-    Neurons in random states are tested. A neuron for which `quiet` is true must not fire within `SILENCE` steps.
-    Passing these steps at once must lead to the same state: by `catch_up` or one long step if the model is `linear`,
-    and otherwise by doing nothing.
+    Neurons in random states are tested. A neuron for which `quiet` is true must not fire within `SILENCE` steps. If the
+    model is `linear`, `catch_up` or one long step must lead to the same state as these steps; otherwise the state must
+    not change.
 
     Args:
         model: the class.
