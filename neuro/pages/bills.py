@@ -1,4 +1,4 @@
-"""Drawings of energy bills: the totals of all chips on one scale, and the items of each total."""
+"""Drawings of energy bills: the totals of all chips on a common scale, and the items of each total."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _row(about: str, e: Energy, *parts: object) -> Html:
 
 
 def _totals(bills: Bills) -> Html:
-    """Draw totals in joules on a logarithmic scale, as dots, since a logarithmic scale has no zero for bars."""
+    """Draw totals in joules as dots on a logarithmic scale. Bars would need a zero."""
     values = [j for _, e in bills for j in _energies(e).values()] or [1.0]
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)) + 1e-9)
     high = max(high, low + 1)
@@ -62,7 +62,7 @@ def _totals(bills: Bills) -> Html:
 
 
 def _energies(e: Energy) -> dict[str, float]:
-    """Return the joules of each kind that are above 0, in both clocks."""
+    """Return the joules of each kind above 0, at both clocks."""
     kinds = zip(_SPENT, (e.dynamic_j, e.static_j, e.real_time.static_j), strict=True)
     return {kind: j for kind, j in kinds if j > 0.0}
 

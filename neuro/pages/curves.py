@@ -16,7 +16,7 @@ from neuro.pages.raster import evenly
 from neuro.program.program import Floats, Ints
 
 _SLACK = (1e-9, 0.0)
-"""Share of a step: multiples that lie outside by this share are marks, too, if there is room for them."""
+"""Share of a step by which a mark may lie outside of the range, if there is room for the mark."""
 _LEAST_PLAIN, _LARGE, _LARGEST_PLAIN = 1e-3, 1e3, 1e15
 
 
@@ -37,7 +37,7 @@ def _multiples(low: float, high: float, step: float, slack: float) -> list[float
 
 
 def tick(mark: float, marks: Sequence[float]) -> str:
-    """Return a round number as text with the digits that all marks of its axis need."""
+    """Return a round number as text, with the number of digits common to all marks of its axis."""
     step = marks[1] - marks[0] if len(marks) > 1 else abs(mark) or 1.0
     digits = max(0, -math.floor(math.log10(step) + 1e-9))
     return f"{mark:,.{digits}f}" if digits < 5 and abs(mark) < 1e6 else f"{mark:.3g}"
@@ -67,12 +67,12 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
 WIDTH, LANE = 330.0, 84.0
 _TOP, _LEFT = 18.0, 48.0
 _WIDE = WIDTH - _LEFT
-"""Width of the lines, without the numbers of their scale."""
+"""Width of the drawn lines, without the numbers of the scale."""
 MOST = 60
 MOST_LINES = 4
 _HUGE = 1e300
 BINS, LEAST_BINS = 150, 10
-"""Largest and smallest number of bins of a rate; between them a bin has four spikes."""
+"""Largest and smallest number of bins of a rate. Within these limits a bin has four spikes on average."""
 _POINTS = 500
 
 
@@ -165,8 +165,8 @@ def _grid(drawings: Sequence[Html], count: int, noun: str) -> Html:
 
 def curves(
     x: Floats,
-    each: Sequence[Floats],
-    least: float | None,
+    lines: Sequence[Floats],
+    lowest: float | None,
     last: float,
     unit: str,
     label: str,
@@ -178,20 +178,20 @@ def curves(
 
     Args:
         x: times of all lines in ms.
-        each: values of each line; values that are not finite are left out.
-        least: lowest value of the scale; by default the lowest of all values.
+        lines: values of each line; NaN and infinite values are left out.
+        lowest: lowest value of the scale; by default the lowest of all values.
         last: end of the time axis in ms.
         unit: unit of the values, or their meaning.
         label: description for screen readers.
         names: name of each line, if there are several.
     """
     head = 14.0 if names else 0.0
-    lane = LANE if len(each) == 1 else LANE / 2
-    floor = _TOP + (head + lane) * len(each)
-    low, high = _scale(each, least)
-    marks = ticks(low, high, 4 if len(each) == 1 else 2)
+    lane = LANE if len(lines) == 1 else LANE / 2
+    floor = _TOP + (head + lane) * len(lines)
+    low, high = _scale(lines, lowest)
+    marks = ticks(low, high, 4 if len(lines) == 1 else 2)
     parts: list[Html] = [html.text(_LEFT - 8, _TOP - 6, unit, "tick", "end")]
-    for index, y in enumerate(each):
+    for index, y in enumerate(lines):
         bottom = _TOP + (head + lane) * (index + 1)
         share = (y - low) / (high - low)
         path = tag("path", d=_path(x * (_WIDE / last), (lane - 4.0) * (1.0 - share) + 2.0), class_=f"curve chip{index}")
@@ -210,15 +210,15 @@ def curves(
     return html.svg(WIDTH, floor + 24, *parts, axis, times, label=label, class_="curves")
 
 
-def _scale(each: Sequence[Floats], least: float | None) -> tuple[float, float]:
-    """Return the lowest and the highest value of a scale; constant values get a range around them."""
-    finite = np.concatenate([y[np.isfinite(y)] for y in each]) if each else np.zeros(0)
+def _scale(lines: Sequence[Floats], lowest: float | None) -> tuple[float, float]:
+    """Return the lowest and the highest value of a scale, with a range around constant values."""
+    finite = np.concatenate([y[np.isfinite(y)] for y in lines]) if lines else np.zeros(0)
     finite = np.clip(finite, -_HUGE, _HUGE)
     high = float(finite.max()) if finite.size else 0.0
-    low = least if least is not None else float(finite.min()) if finite.size else 0.0
+    low = lowest if lowest is not None else float(finite.min()) if finite.size else 0.0
     if high - low > max(1e-9 * max(abs(high), abs(low)), 1.0 / _HUGE):
         return low, high
-    return (0.0, 1.0) if least is not None else (low - (abs(low) / 100 or 1.0), low + (abs(low) / 100 or 1.0))
+    return (0.0, 1.0) if lowest is not None else (low - (abs(low) / 100 or 1.0), low + (abs(low) / 100 or 1.0))
 
 
 def _round(ms: float) -> float:
@@ -238,7 +238,7 @@ def _times(last: float, floor: float) -> Iterator[Html]:
 
 
 def _path(x: Floats, y: Floats) -> str:
-    """Return a line as a path. If there are too many points, it has the lowest and the highest of each stretch."""
+    """Return a line as a path. Too many points are reduced to the lowest and the highest point of each stretch."""
     keep = np.isfinite(y)
     x, y = x[keep], y[keep]
     if y.size > 2 * _POINTS:

@@ -1,4 +1,4 @@
-"""Weights as histograms: one drawing for each projection, with several kinds of weights on top of each other."""
+"""Histograms of weights: a drawing per projection, with several origins of weights on top of each other."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Histogram:
     Attributes:
         projection: name of the projection.
         unit: unit of the weights, "" for registers of a chip.
-        synapses: number of synapses; of a grid the number of weights of its kernels.
+        synapses: number of synapses; for a grid the number of weights in the kernels.
         edges: edges of the bins, shape (bins + 1,); length 1 if all weights are equal.
         counts: counts of each bin, shape (bins,), by origin of the weights, e.g. "described" or the name of a chip.
         distinct: number of different weights, by origin.
@@ -64,7 +64,7 @@ def histogram(projection: str, unit: str, weights: Mapping[str, Floats], grain: 
 
 
 def _edges(low: float, high: float, grain: float) -> Floats:
-    """Return the edges of about `BINS` bins. All bins have equal numbers of the values of the coarsest chip."""
+    """Return the edges of about `BINS` bins. Each bin has the same number of possible values of the coarsest chip."""
     if not 0.0 < grain < high - low:
         return np.linspace(low, high, BINS + 1)
     width = grain * np.ceil((high - low) / grain / BINS)

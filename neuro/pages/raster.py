@@ -1,7 +1,7 @@
-"""Rasters on a canvas, to be zoomed: strips of spikes along one time.
+"""Rasters that can be zoomed: strips of spikes along a common time axis.
 
-A spike is one number, step * rows + row; a page has the differences of these in ascending order, 7 bits a byte with the
-lowest first, as base64: 1 or 2 bytes a spike.
+A spike is the number step * rows + row. A page contains the differences of the sorted numbers, with 7 bits per byte,
+lowest bits first, as base64. A spike needs 1 or 2 bytes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _BUTTONS = (("left", "←"), ("right", "→"), ("in", "+"), ("out", "-"), ("whol
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Neurons and steps of a population that a raster shows.
+    """Neurons and steps of a population in a raster.
 
     Attributes:
         neurons: ids in ascending order; each neuron is a row.
@@ -58,14 +58,14 @@ class Window:
 
 
 def window(size: int, trains: Sequence[tuple[Ints, Ints]], last: int, most: int, also: Iterable[int] = ()) -> Window:
-    """Return the neurons and steps that a raster has room for: first it leaves out neurons, then the end of the run.
+    """Return the neurons and steps that fit into a raster. Neurons are left out first, then the end of the run.
 
     Args:
         size: number of neurons of the population.
         trains: steps and ids of the spikes of each strip.
         last: last step of the run.
         most: largest number of spikes of a strip.
-        also: neurons that are drawn in any case.
+        also: neurons to draw in any case.
     """
     total = max((ids.size for _, ids in trains), default=0)
     rows = max(min(MOST_ROWS, int(0.9 * most * size / max(total, 1))), LEAST_ROWS)
@@ -106,7 +106,7 @@ class Strip:
 def raster(
     strips: Sequence[Strip], ms: float, resolution_ms: float, *, label: str, tallest: int = 96, linked: bool = False
 ) -> Html:
-    """Draw strips with heights in proportion to the populations. Zooming or scrolling one moves all if `linked`."""
+    """Draw strips with heights in proportion to the populations. If `linked`, zooming one strip zooms all."""
     largest = max((strip.window.size for strip in strips), default=1)
     data = {
         "ms": ms,

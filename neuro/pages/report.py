@@ -1,4 +1,4 @@
-"""The self-contained page of a run, for which neither the network's file nor a network connection is needed."""
+"""Self-contained page about a run. It needs neither the network's file nor a network connection."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _cards(results: Results, described: Described, bill: Energy | None, target: 
     populations, projections = results.populations, results.projections
     inputs = {
         name for name, part in described.items() if isinstance(part.model, Generator)
-    }  # generators, whose spikes are not fired by neurons
+    }  # the spikes of generators are not spikes of neurons
     cells = [train for name, train in populations.items() if name not in inputs]
     summary = f"of {some(sum(part.size for part in cells), 'neuron')} in {some(len(cells), 'population')}"
     emitted = sum(populations[name].counts["spikes"] for name in inputs)
@@ -160,7 +160,7 @@ def _raster(results: Results, names: list[str]) -> Html:
 
 
 def _described(results: Results) -> Described:
-    """Return the described populations, since a recording is compiled to another model; {} if they are unknown."""
+    """Return the described populations, because compiling changes the model of a recording; {} if unknown."""
     try:
         return results.network().populations
     except ModelError:

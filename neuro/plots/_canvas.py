@@ -1,4 +1,4 @@
-"""Colours, panels and axes of all figures, and a figure class that a notebook displays.
+"""Colours, panels and axes of all figures, and a figure class for notebooks.
 
 Figures are made without pyplot, so that no window opens, no figure stays in memory and no setting changes. Colours
 are those of Okabe and Ito and of cividis, which colour-blind readers can distinguish.
@@ -24,10 +24,10 @@ WIDTH_IN, PANEL_IN, TALLEST_IN = 10.0, 2.2, 60.0
 
 
 class Picture(Figure):
-    """A Matplotlib figure that a notebook displays and `savefig` writes.
+    """Matplotlib figure that a notebook displays. Write it with `savefig`.
 
     Attributes:
-        titles: texts for the marks of an artist, by its `gid`; a page shows the text under the pointer.
+        titles: texts for the marks of an artist, by `gid` of the artist; a page shows the text under the pointer.
     """
 
     def __init__(self, *args: Any, **words: Any) -> None:
@@ -89,7 +89,7 @@ def label(axis: Any, title: str, quantity: str) -> None:
 
 
 def legend(axis: Any, columns: int, side: str = "left") -> None:
-    """Draw the legend of colours above the panel, where it covers no data."""
+    """Draw the legend of colours above the panel, outside of the data."""
     corner = (0.0 if side == "left" else 1.0, 1.0)
     place: dict[str, Any] = {"loc": f"lower {side}", "bbox_to_anchor": corner, "borderaxespad": 0.2}
     axis.legend(ncols=columns, frameon=False, fontsize="small", handlelength=1.2, **place)

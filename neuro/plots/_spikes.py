@@ -24,11 +24,11 @@ MOST_TICKS = 100
 MOST_VECTORS = 10_000
 MOST_BINS = 100_000
 LEAST_BAND = 0.08
-"""The share of the neurons that the band of a smaller population stands for."""
+"""Smallest height of a population's band, as a share of the heights of all bands."""
 
 
 def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
-    """Draw every spike as a dot, one panel for each population; large recordings are thinned evenly, with a note.
+    """Draw every spike as a dot, with a panel for each population. Large recordings are thinned evenly, with a note.
 
     Args:
         run: a simulation or results.
@@ -60,7 +60,7 @@ def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -
 
 
 def _stacked(spike_trains: list[SpikeTrain], axis: Any) -> Figure:
-    """Draw all populations in a panel, from the bottom up, each in a band that is high enough to be visible."""
+    """Draw all populations in a panel, from the bottom up, in bands of visible height."""
     figure: Figure = axis.get_figure(root=True)
     points = 72 * axis.get_position().height * figure.get_figheight()
     sizes = np.array([train.neurons.size for train in spike_trains], dtype=np.float64)
@@ -89,12 +89,12 @@ def _dots(axis: Any, times: Floats, rows: NDArray[Any], colour: str, height: flo
     axis.plot(times, rows, marker, color=colour, ms=size, mew=edge, rasterized=times.size > MOST_VECTORS)
 
 
-def chosen(train: SpikeTrain, most: int) -> tuple[Floats, Ints, str]:
-    """Return at most `most` spikes, chosen evenly and reproducibly, and a note for the title."""
-    if train.times_ms.size <= most:
+def chosen(train: SpikeTrain, limit: int) -> tuple[Floats, Ints, str]:
+    """Return at most `limit` spikes, chosen evenly and reproducibly, and a note for the title."""
+    if train.times_ms.size <= limit:
         return train.times_ms, train.ids, ""
-    selection = np.random.default_rng(0).choice(train.times_ms.size, most, replace=False)
-    return train.times_ms[selection], train.ids[selection], f", {most:,} of {train.times_ms.size:,} spikes drawn"
+    selection = np.random.default_rng(0).choice(train.times_ms.size, limit, replace=False)
+    return train.times_ms[selection], train.ids[selection], f", {limit:,} of {train.times_ms.size:,} spikes drawn"
 
 
 def rate(run: object, of: Any = None, *, bin: float | str | None = None, window: Any = None, ax: Any = None) -> Figure:
@@ -176,7 +176,7 @@ def _nice() -> Iterator[float]:
 
 BINS = 100
 DRAWN = 0.99
-"""Share of the intervals that is drawn: the longest would leave no room for the others."""
+"""Share of the drawn intervals. The longest intervals would leave no room for the rest."""
 
 
 def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:

@@ -1,4 +1,4 @@
-"""Figures of recorded values: traces of neurons or synapses, maps of many, dots at pre spikes; weights and kernels."""
+"""Figures of recorded values: traces, maps of many neurons or synapses, dots at pre spikes, weights and kernels."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ FAINTEST = 0.02
 
 
 def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None, ax: Any = None) -> Figure:
-    """Draw the traces of probes: lines of up to six neurons or synapses, a map of more; large ones are thinned.
+    """Draw the traces of probes: lines for up to six neurons or synapses, else a map. Large maps are thinned.
 
-    Values at pre spikes are dots, in a colour of its own for each of up to six synapses.
+    Values at pre spikes are dots, with one colour for each of up to six synapses.
 
     Args:
         run: a simulation or results.
@@ -217,7 +217,7 @@ _MAP: dict[str, Any] = {"cmap": "cividis", "interpolation": "nearest"}
 
 
 def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = None) -> Figure:
-    """Draw the weights of a projection, of results at the end of the run, of a simulation at present.
+    """Draw the weights of a projection: for results those at the end of the run, for a simulation the present ones.
 
     Args:
         run: a simulation or results.

@@ -32,28 +32,28 @@ from neuro.run.collect import collect
 MERGE = 16
 """Number of control steps after which parallel copies add up their changes of weights."""
 SPARSE = 10
-"""Factor on the number of random moves while no reward comes."""
+"""Factor on the number of random moves as long as all rewards are 0."""
 TESTS = 1 << 40
 """First seed of tests, larger than the seeds of any training."""
 MOST = 10_000
 """Largest number of control steps of an episode of a test."""
 LOOKED_AT = 100
-"""Number of observations by which two runs of a world with the same seed are compared."""
+"""Number of observations for the comparison of two runs of a world with the same seed."""
 
 
 class ClosedLoop:
-    """A pilot and its environments; made by `neuro.closed_loop`.
+    """A pilot and its environments, made by `neuro.closed_loop`.
 
-    Learning is divided into blocks. A block begins at time 0 of the network with new episodes and the learnt weights,
-    and its number decides all seeds. So a killed run continues from the last complete block with the same bits.
+    Learning is divided into blocks. A block begins at time 0 of the network, with new episodes and the learnt weights.
+    The number of the block decides all seeds, so a killed run continues from the last complete block with equal bits.
 
     Attributes:
         pilot: the network, or another object that acts.
-        environments: environments in which it acts.
+        environments: environments of the pilot.
         log: the episodes so far.
         steps: number of control steps of all environments so far.
-        watch: function that is called after each control step, e.g. the `tick` of a page; it may wait.
-        actions, rewards: actions and rewards of the steps of the present block, if they are recorded.
+        watch: function called after each control step, e.g. the `tick` of a page; it may wait.
+        actions, rewards: recorded actions and rewards of the present block.
         account: late steps, and times of all steps but the first of each block; None without a pace.
     """
 
@@ -103,7 +103,7 @@ class ClosedLoop:
         return made
 
     def network(self, frozen: bool = False) -> Network:
-        """Return the network with the present weights. If `frozen`, its synapses are static, and it has no signals."""
+        """Return the network with the present weights; if `frozen`, with static synapses and without signals."""
         pilot = self._network_pilot("network")
         return pilot.copies[0].network(frozen=frozen)
 
@@ -140,12 +140,12 @@ class ClosedLoop:
             window: number of episodes of the mean.
             out: path of the file that the caller writes at the end. A checkpoint beside it is written after each
                 block; after a kill the same call continues from the checkpoint. The caller removes the checkpoint.
-            belongs_to: settings that are stored in the checkpoint; only a run with equal settings continues.
+            belongs_to: settings in the checkpoint. Only a run with equal settings continues.
             progress: whether to show progress on stderr.
-            after: function that is called after each block.
+            after: function called after each block.
 
         Returns:
-            the log of all episodes.
+            The log of all episodes.
 
         Raises:
             ModelError: no end is given, the environment raises an error, hangs or returns NaN, or the network cannot
@@ -192,7 +192,7 @@ class ClosedLoop:
     def _step(
         self, observations: Floats, seeds: list[int], actions: npt.NDArray[Any] | None = None
     ) -> tuple[npt.NDArray[Any], tuple[Floats, Floats, Bools, Bools]]:
-        """Take a control step, by the pilot or with given actions, when it is due. Return actions and answer."""
+        """Take a control step when it is due, by the pilot or with given actions. Return the actions and the answer."""
         pace, env = self._pace, self.environments
         if pace is not None:
             pace.wait()
@@ -218,7 +218,7 @@ class ClosedLoop:
 
     @property
     def begun(self) -> tuple[tuple[int, int], bool]:
-        """Numbers of begun episodes and blocks, which decide their seeds; and whether random moves are over."""
+        """Numbers of begun episodes and blocks, which decide the seeds, and whether random moves are over."""
         return (self._begun[0], self._begun[1]), self._explored
 
     def go_on(self, arrays: Mapping[str, Any], begun: tuple[int, int, bool] | None = None) -> None:
@@ -232,7 +232,7 @@ class ClosedLoop:
             *self._begun, self._explored = begun
 
     def _seeds(self, begins: Bools | None = None) -> list[int]:
-        """Return the seed of each episode that begins, and 0 for the others."""
+        """Return the seed of each beginning episode, and 0 for the other episodes."""
         if begins is not None and not np.count_nonzero(begins):
             return self._no_seeds
         seeds = []
@@ -242,7 +242,7 @@ class ClosedLoop:
         return seeds
 
     def _check_repeatable(self) -> None:
-        """Warn of a world that differs under the same seed and actions, so a killed run cannot be repeated."""
+        """Warn if the world differs under equal seeds and actions: a killed run is then not repeatable."""
         if self.environments.n > 1:
             return
         with self.environments.watched():

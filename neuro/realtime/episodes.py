@@ -27,7 +27,7 @@ def episode_seed(seed: int, number: int) -> int:
 
 
 class Log:
-    """Episodes of a training, in the order in which they ended.
+    """Log of the episodes of a training, in the order of their ends.
 
     Attributes:
         returns: sum of the rewards of each episode, (episodes,).
@@ -83,7 +83,7 @@ class Log:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Log:
-        """Return the log that `arrays` describes; older files do not have the outcome."""
+        """Return the log in `arrays`. Older files lack the outcome."""
         returns, lengths, steps = (arrays[name].tolist() for name in ("returns", "lengths", "steps"))
         solved = int(arrays["solved"][0]) if "solved" in arrays else -1
         return cls(returns, lengths, steps, None if solved < 0 else bool(solved))
@@ -115,7 +115,7 @@ class Test:
         lengths: number of control steps of each episode, (episodes,).
     """
 
-    __test__ = False  # this class is no test for pytest
+    __test__ = False  # pytest must not collect this class
 
     def __init__(self, returns: Floats, lengths: Ints) -> None:
         self.returns, self.lengths = returns, lengths

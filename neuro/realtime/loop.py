@@ -1,4 +1,4 @@
-"""A network at the pace of the clock: in each tick it receives events, runs and acts."""
+"""A network in real time: in each tick it receives events, runs and acts."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ Act = Callable[[float], object]
 
 
 class Loop:
-    """A loop of events -> network -> action, once a tick, at the pace of the clock.
+    """A loop of events -> network -> action, once per tick, in real time.
 
-    An event that is received in one tick acts in the network in the next tick, at the same time within the tick. After
-    that tick `act` is called, which reads the network by ports and acts on the world. The network's time is the clock's
-    time since the begin, less skipped ticks. Spikes and traces of a tick can be read in its `act`; then they are
-    written to the file, or forgotten.
+    An event received in one tick acts in the network in the next tick, at the same time within the tick. After that
+    tick the loop calls `act`, which reads the network by ports and acts on the world. The network's time is the clock's
+    time since the begin, minus skipped ticks. `act` can read spikes and traces of the tick. Afterwards they are written
+    to the file, or forgotten.
 
     Args:
         sim: the simulation.
@@ -46,7 +46,7 @@ class Loop:
         late: reaction to an action after the next tick is due: "catch_up" runs the overdue ticks without waiting,
             "skip" leaves them out, drops their events and lets the network's time stand still, "stop" ends the run.
         watch: function called after each action, before the recording is forgotten, like `neuro.live.Page.tick`;
-            latencies leave its time out, but the next tick may be late by it.
+            its time is not part of latencies, but can delay the next tick.
 
     Raises:
         ModelError: the tick is no multiple of the resolution, a population does not exist, its sensor has another
@@ -103,10 +103,10 @@ class Loop:
                 run. Another process writes the file. After a kill, PATH.part has all but the last ten seconds.
             record: names of the populations whose spikes are stored; empty: all recorded populations.
             threads: number of threads of the network, stored in the file.
-            report: function that is called about once a second with the account so far.
+            report: function called about once per second with the account so far.
 
         Returns:
-            the account of the run: latencies, misses and drops.
+            The account of the run: latencies, misses and drops.
 
         Raises:
             ModelError: the time is no multiple of the tick, the file cannot be written, or the network fails. An error
@@ -182,7 +182,7 @@ class Loop:
         run.ended = self._stopped
 
     def _run_tick(self, pace: Pace) -> None:
-        """Run a tick on the events that were received before its moment."""
+        """Run a tick with the events received before it."""
         sim, step = self._sim, self._clock.step(self._sim.time, "time")
         arrivals = [(inlet, *inlet.take(pace.since, pace.due)) for inlet in self._inlets]
         pace.mark()
@@ -212,18 +212,18 @@ class _Chores:
         now = time.monotonic_ns()
         self._drained = self._looked = self._committed = now
 
-    def is_due(self, now: int) -> bool:
-        return now - self._drained > DRAIN_S * 1e9
+    def is_due(self, time_s: int) -> bool:
+        return time_s - self._drained > DRAIN_S * 1e9
 
-    def do(self, run: LiveRun, now: int) -> None:
-        self._drained = now
+    def do(self, run: LiveRun, time_s: int) -> None:
+        self._drained = time_s
         recording = self.recording
         if recording is not None:
             recording.drain()
-            if now - self._committed > COMMIT_S * 1e9:
-                self._committed = now
+            if time_s - self._committed > COMMIT_S * 1e9:
+                self._committed = time_s
                 recording.commit()
-        if now - self._looked > 1e9:
-            self._looked = now
+        if time_s - self._looked > 1e9:
+            self._looked = time_s
             if self._report is not None:
                 self._report(run)

@@ -1,4 +1,4 @@
-"""The pace of the clock: the moments of ticks, the wait until a tick is due, and the account of late ticks."""
+"""Pace of the clock: the moments of ticks, the wait until a tick is due, and the account of late ticks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from neuro.core.memory import free_memory
 from neuro.realtime.report import Cost, Histogram, LiveRun
 
 SPIN_NS = 60_000
-"""Time before a moment that is spent awake, because a sleep may end late, ns."""
+"""Time in ns to stay awake before a moment, because a sleep may end late."""
 
 _SET_TIMER_SLACK = 29
 _POPULATE_WRITE = 23
@@ -35,7 +35,7 @@ def wait_until(due_ns: int) -> int:
 
 @contextmanager
 def punctual() -> Iterator[None]:
-    """Within the block, let sleeps of this thread end on time, and let no garbage be collected automatically.
+    """Let sleeps of this thread end on time during the block, without automatic garbage collection.
 
     Existing objects are excluded from collections, so that collections of the loop are short. Memory that is allocated
     but has never been written is mapped first.
@@ -56,7 +56,7 @@ def punctual() -> Iterator[None]:
 
 
 def _timer_slack(ns: int) -> None:
-    """Set the delay by which Linux may wake this thread to combine wake-ups, ns; 0 restores 50,000 ns."""
+    """Set the delay in ns that Linux may add to combine wake-ups of threads; 0 restores 50,000 ns."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, ns, 0, 0, 0)
 
@@ -103,11 +103,11 @@ def empty_loop(tick_ms: float, ms: float) -> Histogram:
 
 
 LATE = ("catch_up", "skip", "stop")
-"""Policies for a tick whose action comes after the next tick is due."""
+"""Policies for a tick with an action after the next tick is due."""
 
 
 class Pace:
-    """Waits for ticks at regular moments, and records the times of each tick.
+    """Clock that waits for ticks at regular moments, and records the times of each tick.
 
     Call `wait` at the begin of a tick, `mark` at the end of each phase, and `end` at the end. The last phase is the
     action. The clock starts at `begin`, or at the end of a first tick, which is not counted.
@@ -148,14 +148,14 @@ class Pace:
         self.acted = time.monotonic_ns()
         self._marks.append(self.acted)
 
-    def end(self, most: int = NEVER) -> str:
+    def end(self, last_tick: int = NEVER) -> str:
         """Record the times of the tick, and set the moment of the next tick.
 
         Args:
-            most: number of ticks of the run; later ticks are not skipped.
+            last_tick: number of ticks of the run; later ticks are not skipped.
 
         Returns:
-            the reason to stop the run; "" to continue.
+            The reason to stop the run; "" to continue.
         """
         if not self.due:
             self.begin()
@@ -180,7 +180,7 @@ class Pace:
             return ""
         account.misses += 1
         account.missed_cost = account.missed_cost.plus(cost)
-        if self._late == "skip" and (n_skipped := min((acted - self.due) // self.tick, most - number)):
+        if self._late == "skip" and (n_skipped := min((acted - self.due) // self.tick, last_tick - number)):
             account.skipped += n_skipped
             self.due += n_skipped * self.tick
             self.since = self.due - self.tick

@@ -1,4 +1,4 @@
-"""The parts of a closed loop that act and learn: a network with a world, or anything with the same methods."""
+"""The acting and learning part of a closed loop: a network with a world, or an object with the same methods."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TAKES = {"spikes": ("listed", "a spike_generator"), "rates": ("poisson", "a poi
 
 
 class Pilot(Protocol):
-    """The part of the loop that acts and learns: a network, or something else for comparison."""
+    """Base of the acting and learning part of a loop: a network, or another object for comparison."""
 
     def begin(self, copies: int, block: int) -> None:
         """Begin a block with a number of copies, and with the learnt state."""
@@ -64,7 +64,7 @@ class NetworkPilot:
         environments: environments of the loop; the encoders and the decoder are made for their spaces.
         backend: name of the backend, or the backend itself.
         seed: seed of all random numbers.
-        learns: whether signals are set; no weight changes without signals.
+        learns: whether to set signals; without signals no weight changes.
         record: whether to record spikes and traces of the present block.
         options: options of the backend.
 

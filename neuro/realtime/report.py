@@ -43,15 +43,15 @@ class Histogram:
         if ns > self.largest_ns:
             self.largest_ns = ns
 
-    def add_since(self, moments: NDArray[np.int64], now: int) -> None:
-        """Count the durations from some moments to `now`, ns of one clock."""
-        self.largest_ns = max(self.largest_ns, count_since(moments, now, self.counts))
+    def add_since(self, moments: NDArray[np.int64], end_ns: int) -> None:
+        """Count the durations from moments to `end_ns`, all in ns of one clock."""
+        self.largest_ns = max(self.largest_ns, count_since(moments, end_ns, self.counts))
 
     def __len__(self) -> int:
         return int(self.counts.sum())
 
     def ms(self, share: float) -> float:
-        """Return the duration in ms that a share of all, e.g. 0.99, did not exceed; NaN for an empty histogram."""
+        """Return a percentile in ms, e.g. for `share` 0.99; NaN for an empty histogram."""
         sums = np.cumsum(self.counts)
         if not sums[-1]:
             return float("nan")
@@ -76,11 +76,11 @@ class Histogram:
 
 
 @kernel
-def count_since(moments: NDArray[np.int64], now: int, counts: Ints) -> int:
-    """Count the durations from some moments to `now`, and return the longest."""
+def count_since(moments: NDArray[np.int64], end_ns: int, counts: Ints) -> int:
+    """Count the durations from moments to `end_ns`, and return the longest."""
     largest, shift = 0, 0
     for k in range(moments.shape[0]):
-        ns = max(0, now - moments[k])
+        ns = max(0, end_ns - moments[k])
         largest = max(largest, ns)
         while ns >> shift >= 2 << _FINE:
             shift += 1
@@ -113,13 +113,13 @@ class Cost(NamedTuple):
         used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
         return cls(used.ru_nivcsw, used.ru_minflt, used.ru_majflt)
 
-    def plus(self, other: Cost) -> Cost:
+    def plus(self, other_cost: Cost) -> Cost:
         """Return the sum with other counts."""
-        return Cost(*map(operator.add, self, other))
+        return Cost(*map(operator.add, self, other_cost))
 
-    def since(self, before: Cost) -> Cost:
+    def since(self, earlier: Cost) -> Cost:
         """Return the difference from earlier counts."""
-        return Cost(*map(operator.sub, self, before))
+        return Cost(*map(operator.sub, self, earlier))
 
 
 @dataclass(eq=False)
@@ -129,7 +129,7 @@ class LiveRun:
     Attributes:
         tick_ms: length of a tick on the clock.
         ticks: number of ticks.
-        misses: ticks whose action came after the next tick was due.
+        misses: ticks with an action after the next tick was due.
         skipped: ticks left out by `late="skip"`.
         ended: reason for an early end; "" for a complete run.
         latency: time from the receipt of an event to the action of its tick.
@@ -214,6 +214,6 @@ class LiveRun:
 
 
 def _losses(counts: dict[str, int]) -> dict[str, int]:
-    """Return the counts of a source that stand for losses or damage."""
+    """Return the counts of losses or damage of a source."""
     no_losses = ("taken", "fed", "dropped", "events", "datagrams")
     return {word: n for word, n in counts.items() if n and word not in no_losses}

@@ -1,4 +1,4 @@
-"""Live sources of events, cut into ticks and put on the network's time."""
+"""Live sources of events: division into ticks, and conversion to the network's time."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Source(Protocol):
 
 
 class Inlet:
-    """An event camera of a network, and the source of its events.
+    """An event camera of a network, with the source of its events.
 
     An event acts a tick after it was received. The first event of a tick keeps its time of receipt within the tick; the
     others follow by the differences of their time stamps, up to the end of the tick.

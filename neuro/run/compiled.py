@@ -1,4 +1,4 @@
-"""Compilation of a network to a simulation, with all refusals and approximations of the backend reported first."""
+"""Compilation of a network to a simulation, after a report of the backend's refusals and approximations."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() o
 
 
 class ModelWarning(UserWarning):
-    """A network runs, but some of its parameters are likely a mistake."""
+    """Warning: a network runs, but some of its parameters are likely a mistake."""
 
 
 class ApproximationWarning(UserWarning):
-    """A backend runs a network, but not exactly as described."""
+    """Warning: a backend runs a network, but not exactly as described."""
 
 
 @overload
@@ -79,17 +79,17 @@ def compile(
         options: options of the backend.
 
     Returns:
-        a `Simulation`, or `Copies` if `copies` is set.
+        A `Simulation`, or `Copies` if `copies` is set.
 
     Raises:
-        ModelError: the network cannot run as described; the error lists everything that the backend refuses.
+        ModelError: the network cannot run as described. The error lists all refusals of the backend.
     """
     if not isinstance(net, Network):
         raise ModelError(f"neuro.compile: found {net!r}: expected a Network", hint="neuro.load reads one from YAML")
     threads = check(_THREADS, threads, "threads")
     if not is_number(seed) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
-        most = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
-        raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
+        limit_text = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
+        raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{limit_text}")
     if isinstance(backend, (str, PathLike)):
         chosen = find_backend(backend)
     elif isinstance(backend, type) or not all(hasattr(backend, word) for word in ("name", "problems", "build")):

@@ -1,4 +1,4 @@
-"""Copies of a network with different seeds, controlled together: one call acts on all copies."""
+"""Copies of a network with different seeds. One call acts on all copies."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Copies:
             before: weights of all copies before the changes, (synapses,), in the order of `weights` and `get`.
 
         Returns:
-            the new weights of all copies: `before` plus the sum of the changes.
+            The new weights of all copies: `before` plus the sum of the changes.
         """
         index = self._moving_projection(of, "merge")
         size, previous = self.program.projections[index].size, np.asarray(before, dtype=np.float64)
@@ -110,11 +110,11 @@ class Copies:
             raise ModelError(f"merge: before has shape {list(previous.shape)}: expected [{size}], one for each synapse")
         return self._joined.engines.merge(index, previous)
 
-    def _moving_projection(self, of: Projection | str, what: str) -> int:
+    def _moving_projection(self, of: Projection | str, call: str) -> int:
         index = self._sims[0].handles.projection(of)
         part = self.program.projections[index]
         if part.synapse.learns != "moves":
-            raise ModelError(f"{what}: '{part.name}' has {part.synapse.name}: expected a rule that learns by moves")
+            raise ModelError(f"{call}: '{part.name}' has {part.synapse.name}: expected a rule that learns by moves")
         return index
 
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:

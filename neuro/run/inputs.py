@@ -1,4 +1,4 @@
-"""Input from outside while a network runs: spikes, events, signals, and the silencing or driving of neurons."""
+"""Input from outside during a run: spikes, events, signals, and the silencing or driving of neurons."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from neuro.run.handles import Neurons, Run
 
 
 class InputFeeder:
-    """Passes input of the user to an engine.
+    """Feeder that passes input of the user to an engine.
 
     Args:
         run: the network in execution.
@@ -93,7 +93,7 @@ def outgoing(program: Program, neurons: Neurons) -> list[int]:
         if part.grid is not None and not is_silenced.all():
             message = f"silence: {neurons.text}: '{part.name}' has one kernel for all neurons: expected all neurons"
             raise ModelError(message, hint=f"sim.silence('{neurons.part.name}')")
-    # Dense, one-to-one and grid projections connect every source neuron. In sparse projections the fan-out decides.
+    # Dense, one-to-one and grid projections connect every source neuron; for sparse projections see the fan-out.
     is_sparse = [program.projections[index].layout == "csr" for index in candidates]
     indices = [
         index
@@ -115,7 +115,7 @@ def driver(program: Program, neurons: Neurons) -> Neurons:
     Among several generators, only the generators with a described rate of 0 are considered.
 
     Raises:
-        ModelError: there is no such generator, or there are several, and not exactly one has a rate of 0.
+        ModelError: no such generator exists, or there are several, and the number with a rate of 0 is not 1.
     """
     sources = [
         part.source

@@ -1,4 +1,4 @@
-"""Ports, which set or read values at every step of a closed loop.
+"""Ports: fast setting and reading of values at every step of a closed loop.
 
 A port accepts values that need no conversion directly: an array of doubles within the bounds. All other values are
 passed to `Simulation.set`, `signal` and `get`, with their rules and errors.
@@ -31,7 +31,7 @@ _DOUBLE, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 
 
 class Port:
-    """A value of a running network that is set or read repeatedly, made by `Simulation.port` and `Copies.port`.
+    """Access to a value of a running network, made by `Simulation.port` and `Copies.port`, for repeated use.
 
     For copies the first axis of all arrays has an entry for each copy.
 
@@ -47,7 +47,7 @@ class Port:
     """
 
     _call = ""
-    """The method of a simulation that `set` replaces."""
+    """The method of a simulation in place of which `set` is called."""
 
     def __init__(self, ports: Ports, text: str, size: int = 0, low: float = math.inf, high: float = -math.inf) -> None:
         self.text, self._turn, self._sims, self._engines = text, ports.turn, ports.sims, ports.engines
@@ -66,7 +66,7 @@ class Port:
                 1), or one value for all. The fastest form is a float64 array with a value for each neuron or synapse.
 
         Raises:
-            ModelError: a value is out of bounds, the port can only be read, or a call of the simulation is under way.
+            ModelError: a value is out of bounds, the port is read-only, or another call of the simulation is running.
         """
         turn, own_turn = self._turn, ("a port's set", get_ident())
         try:
@@ -88,7 +88,7 @@ class Port:
             `out` or a new array, for copies (copies, n). For spikes the filled part of `out`.
 
         Raises:
-            ModelError: `out` does not fit, the port can only be set, or a call of the simulation is under way.
+            ModelError: `out` does not fit, the port is write-only, or another call of the simulation is running.
         """
         turn, own_turn = self._turn, ("a port's get", get_ident())
         try:
@@ -270,7 +270,7 @@ class _CountPort(Port):
 
 
 class _SpikePort(Port):
-    """A port for the neurons that have fired since the last read: ids in the order of time, then id."""
+    """A port for the spikes since the last read: ids of neurons in the order of time, then id."""
 
     def __init__(self, ports: Ports, of: Any, neurons: Neurons) -> None:
         super().__init__(ports, f"spikes of {neurons.text}")
@@ -291,10 +291,10 @@ class _SpikePort(Port):
 
 
 class Ports:
-    """Makes the ports of a simulation, or of copies. A port refers to simulations; simulations refer weakly to ports.
+    """Maker of the ports of a simulation or of copies. Ports refer to simulations; simulations refer weakly to ports.
 
     Args:
-        sims: the simulations whose methods a port replaces.
+        sims: the simulations of the ports.
         turn: turn of the simulation, see `neuro.run.turn`.
         engines_of_copies: joined engines of copies; None for a single simulation, whose arrays have no axis of copies.
     """
@@ -343,7 +343,7 @@ def _closed(q: Quantity) -> tuple[float, float]:
 
 @kernel
 def within(values: NDArray[Any], low: float, high: float) -> bool:
-    """Return whether all values are in [low, high]. NaN is not."""
+    """Return whether all values are in [low, high]. NaN is outside."""
     # A single loop, since several calls of NumPy take longer than a step of a small network.
     is_within = True
     for k in range(values.size):

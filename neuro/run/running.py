@@ -1,4 +1,4 @@
-"""The base class of `Simulation`. Its methods advance a network and read records."""
+"""Base class of `Simulation`, with methods that advance a network and read records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The present state of a simulation: the learnt network, the program for a copy, and the state in a file."""
+"""Present state of a simulation: the learnt network, the program of a copy, and the state in a file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def learnt_network(run: Run) -> Network:
     """Return a copy of a network in execution with the present weights and parameters, and without random connections.
 
-    Delays that learn have the values of the next spikes, in whole steps. Random synapses become listed pairs. Random
+    Learnt delays are those of the next spikes, in whole steps. Random synapses become listed pairs. Random
     weights, delays and initial states become arrays, and encoded input becomes spikes or rates. States such as V_m
     start from the initial values.
     """
@@ -185,7 +185,7 @@ _CALLS_THAT_SET_WEIGHTS = ("set", "set_weights", "silence", "restore", "trials")
 
 
 def present(run: Run, steered: Collection[str]) -> Program:
-    """Return the program with the present weights and parameters; listed inputs repeat the spikes they emitted.
+    """Return the program with the present weights and parameters, and with listed inputs that repeat their spikes.
 
     Args:
         run: the network in execution; its engine is not changed.
@@ -212,10 +212,10 @@ def _present_population(index: int, part: Population, engine: Engine) -> Populat
             return _with_payloads(part, emitted)
         listed_keys, listed_counts = np.unique(part.spike_steps * part.size + part.spike_ids, return_counts=True)
         keys = np.concatenate([listed_keys, emitted.steps * part.size + emitted.ids])
-        spikes, places = np.unique(keys, return_inverse=True)
+        spikes, positions = np.unique(keys, return_inverse=True)
         # A listed spike is also among the emitted spikes if its time has passed.
         multiplicity = np.zeros(spikes.size, dtype=np.int64)
-        np.maximum.at(multiplicity, places, np.concatenate([listed_counts, emitted.multiplicity]))
+        np.maximum.at(multiplicity, positions, np.concatenate([listed_counts, emitted.multiplicity]))
         spikes = np.repeat(spikes, multiplicity)
         return replace(part, spike_steps=spikes // part.size, spike_ids=spikes % part.size, stream=None)
     if part.kind == "current" or part.schedule is not None:

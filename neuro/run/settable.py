@@ -1,4 +1,4 @@
-"""Checks of the values that may change while a simulation runs, and their conversion for the engine."""
+"""Checks of values that may change during a run, and their conversion for the engine."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
 
 @cache
 def _quantities(model: type[Model]) -> dict[str, Quantity]:
-    """Return the parameters of a model, cached since a closed loop needs them at every step."""
+    """Return the parameters of a model. They are cached, since a closed loop needs them at every step."""
     return model.quantities()
 
 
 @cache
 def _states(model: type[Model]) -> dict[str, Quantity]:
-    """Return the states of a model, cached for the same reason."""
+    """Return the states of a model, cached like the parameters."""
     return {state.name: state.quantity() for state in model.states}
 
 
@@ -72,7 +72,7 @@ def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: in
         return _one_or_each(quantity, value, part.shape, name, key)
     values = engine.get(neurons.index, word)
     if isinstance(value, Distribution):
-        # Drawn for all neurons, so that the value of a neuron does not depend on the view.
+        # Values are drawn for all neurons: the value of a neuron does not depend on the view.
         values[ids] = _one_or_each(quantity, value, part.shape, name, key)[ids]
     else:
         values[ids] = _one_or_each(quantity, value, neurons.end.shape, name, key)
@@ -107,23 +107,23 @@ def quantity_of(part: Population, word: str) -> Quantity | None:
 
 
 def _one_or_each(
-    quantity: Quantity, value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]
+    quantity: Quantity, value: Any, shape: tuple[int, ...], label: str, key: tuple[int, str, str]
 ) -> Floats:
     """Return values of neurons of a shape, as an array (1,) or (size,)."""
     size = math.prod(shape)
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (size,) and _inside(quantity, value):
         return value
     if quantity.kind == "boolean":
-        return np.array([float(check(quantity, value, what))])
-    accepted = check(quantity, value, what)
-    array = per_neuron(accepted, shape, what, key)
+        return np.array([float(check(quantity, value, label))])
+    accepted = check(quantity, value, label)
+    array = per_neuron(accepted, shape, label, key)
     if isinstance(accepted, (Distribution, FromFile)):
-        check(quantity, array, what)
+        check(quantity, array, label)
     return array
 
 
 def _inside(quantity: Quantity, array: Floats) -> bool:
-    """Return whether all values of an array are finite and within the bounds. False only means a slower check."""
+    """Return whether all values of an array are finite and within the bounds. After False, a slower check decides."""
     low, high = array.min(), array.max()
     finite = low > -np.inf and high < np.inf
     return bool(finite and all(holds(low, bound) and holds(high, bound) for _, bound, holds in quantity.bounds))
@@ -249,7 +249,7 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
 
 
 def new_weights(
-    part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, Chosen] | None = None, unit: str = ""
+    part: Projection, rule: Synapse, weights: ArrayLike, current: tuple[Floats, Chosen] | None = None, unit: str = ""
 ) -> Floats:
     """Return the weights of all synapses (for a grid: of its kernels), shape (size,), with some weights changed.
 
@@ -257,14 +257,14 @@ def new_weights(
         part: the projection.
         rule: present synapse model of the projection.
         weights: new weights, a number or an array.
-        among: the present weights of all synapses, and the chosen synapses; None to change all.
+        current: the present weights of all synapses, and the chosen synapses; None to change all.
         unit: unit to which weights with a unit are converted.
     """
     checked = check(replace(_WEIGHT, taken_in=unit), weights, f"weights of '{part.name}'")
     if isinstance(checked, Distribution | FromFile):
         raise ModelError(f"weights of '{part.name}' = {shown(checked)}: expected a number or an array", hint=_DRAWN)
     array = np.asarray(checked, dtype=np.float64)
-    size = part.size if among is None else _count(among[1])
+    size = part.size if current is None else _count(current[1])
     shapes: list[tuple[int, ...]] = [(size,)]
     if part.grid is not None:
         shapes.append(part.grid.kernels)
@@ -274,8 +274,8 @@ def new_weights(
             f"expected {' or '.join(str(list(s)) for s in reversed(shapes))}"
         )
     all_weights = np.broadcast_to(array.reshape(-1), size) + 0.0
-    if among is not None:
-        present, chosen = among[0].copy(), among[1]
+    if current is not None:
+        present, chosen = current[0].copy(), current[1]
         present[chosen] = all_weights
         all_weights = present
     check_rule(part, rule, all_weights)
@@ -319,10 +319,10 @@ def _payloads(payloads: ArrayLike, times: int) -> Ints:
     return values.astype(np.int64)
 
 
-def _one_axis(array: NDArray[Any], what: str) -> NDArray[Any]:
+def _one_axis(array: NDArray[Any], label: str) -> NDArray[Any]:
     """Return a number or a list of numbers as an array with one axis."""
     if array.ndim > 1:
-        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected a list, one for each spike")
+        raise ModelError(f"{label}: an array of shape {list(array.shape)}: expected a list, one for each spike")
     return np.atleast_1d(array)
 
 

@@ -1,4 +1,4 @@
-"""Signals with described values, which are set while a network runs."""
+"""Signals with described values, set during a run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def signals_of(program: Program, engine: Engine) -> SignalFeeder | None:
 
 
 class SignalFeeder:
-    """Sets the signals of a program that have values, between parts of a run.
+    """Feeder that sets the signals with values between parts of a run.
 
     Args:
         program: the program with the signals.
@@ -86,7 +86,7 @@ class SignalFeeder:
             player.begin()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return the computed values that are still to be set, by signal."""
+        """Return the computed values that are not set yet, by signal."""
         self.listen()
         return {f"{p.name}/{word}": array for p in self._players for word, array in p.state().items()}
 
@@ -98,7 +98,7 @@ class SignalFeeder:
 
 
 class _Player:
-    """Sets some signals together.
+    """Base of the players. A player sets some signals together.
 
     Attributes:
         targets: the index of each signal, and the factor for each neuron.
@@ -115,7 +115,7 @@ class _Player:
         """Return to time 0."""
 
     def listen(self) -> None:
-        """Read spikes that are about to be forgotten; most players need none."""
+        """Read spikes before they are forgotten. Most players need none."""
 
     def _set_signals(self, values: float | Floats) -> None:
         for index, scale in self.targets:
@@ -123,7 +123,7 @@ class _Player:
 
 
 class _Listed(_Player):
-    """Sets listed values."""
+    """Player of listed values."""
 
     def __init__(self, plan: Schedule, engine: Engine, name: str) -> None:
         self._plan = plan
@@ -132,8 +132,8 @@ class _Listed(_Player):
     def begin(self) -> None:
         self.due = int(self._plan.steps[0]) if self._plan.steps.size else NEVER
 
-    def set(self, now: int) -> None:
-        following = int(np.searchsorted(self._plan.steps, now, side="right"))
+    def set(self, present_step: int) -> None:
+        following = int(np.searchsorted(self._plan.steps, present_step, side="right"))
         self._set_signals(self._plan.values[following - 1])
         self.due = int(self._plan.steps[following]) if following < self._plan.steps.size else NEVER
 
@@ -145,7 +145,7 @@ class _Listed(_Player):
 
 
 class _Expression(_Player):
-    """Computes the value of an expression each period, and sets the value after a delay."""
+    """Player that computes the value of an expression each period, and sets the value after a delay."""
 
     def __init__(self, plan: Computed, engine: Engine, program: Program) -> None:
         self._plan, self._seed, self._clock = plan, program.seed, Clock(program.resolution)
@@ -184,15 +184,15 @@ class _Expression(_Player):
             self._set_signals(self._level)
         self.due = min(self._next, *(step for step, _ in self._delayed), NEVER)
 
-    def _delay(self, now: int) -> int:
-        """Return the steps until the value of a period is set; a drawn delay below 0 counts as 0."""
+    def _delay(self, period_end: int) -> int:
+        """Return the delay of a value in steps. A drawn delay below 0 counts as 0."""
         delay = self._plan.delay
         if not isinstance(delay, Distribution):
             return delay
-        draws = delay.checked_sample(generator(self._seed, "signal", f"{self._plan.name}/{now}"), 1)
+        draws = delay.checked_sample(generator(self._seed, "signal", f"{self._plan.name}/{period_end}"), 1)
         return max(0, round(float(draws[0]) / self._clock.resolution))
 
-    def _value(self, now: int) -> float:
+    def _value(self, period_end: int) -> float:
         """Return the value of the expression at the end of a period.
 
         Raises:
@@ -219,7 +219,7 @@ class _Expression(_Player):
                     results.append(spikes - float(self._memory[place]))
                     self._memory[place] = spikes
                 case "mean":
-                    period = now // self._plan.every
+                    period = period_end // self._plan.every
                     share = 1.0 if period == 1 else operation.number or 1.0 / period
                     self._memory[place] += share * (values[0] - self._memory[place])
                     results.append(float(self._memory[place]))
@@ -234,7 +234,7 @@ class _Expression(_Player):
                     results.append(float(self._memory[place + 1]))
                     self._memory[place + 1 : place + 3] = 0.0, spikes
         if not math.isfinite(results[-1]):
-            message = f"signal '{self.name}': its expression is {results[-1]} at {self._clock.ms(now):g} ms"
+            message = f"signal '{self.name}': its expression is {results[-1]} at {self._clock.ms(period_end):g} ms"
             hint = "avoid division by 0, e.g. where(b > 0, a / max(b, 1), 0)"
             raise ModelError(f"{message}: expected a finite number", hint=hint)
         return float(results[-1])
@@ -251,10 +251,10 @@ class _Expression(_Player):
             self._memory[place + 1] += counts[later - previous <= operation.number].sum()
         self._read_up_to = step
 
-    def _new_spikes(self, population: int, ids: Ints | None, now: int) -> tuple[Floats, Ints]:
+    def _new_spikes(self, population: int, ids: Ints | None, period_end: int) -> tuple[Floats, Ints]:
         """Return the steps of the spikes since the last call, and the number of spikes in each."""
         train = self._engine.spikes(population, self._read_up_to)
-        is_selected = train.steps <= now
+        is_selected = train.steps <= period_end
         if ids is not None:
             is_selected &= np.isin(train.ids, ids, kind="table")
         return train.steps[is_selected].astype(np.float64), train.multiplicity[is_selected]

@@ -1,4 +1,4 @@
-"""The class `Simulation`: the methods to set, read, run and save a compiled network."""
+"""The class `Simulation`, with methods to set, read, run and save a compiled network."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class Simulation(RunningNetwork):
     """A network in execution, made by `neuro.compile`.
 
     Times are in ms. Neurons are counted from 0 in C order of their population's shape. Values are in the units of their
-    models. A part is named by its name or by the object that `net.population`, `net.connect` and similar methods
-    returned. Neurons can also be named by a view such as `exc[:100]`: values are then in the order of the view, but ids
+    models. Methods take a part by name, or as the object that `net.population`, `net.connect` and similar methods
+    returned. Neurons can also be given as a view such as `exc[:100]`: values are then in the order of the view, but ids
     are always ids of the population.
 
     Only one call is allowed at a time: a call from another thread or from a callback during a call is an error, except
@@ -56,8 +56,8 @@ class Simulation(RunningNetwork):
     Attributes:
         backend: the name of the backend.
         program: the compiled network.
-        handles: finds parts by the names and objects that callers use.
-        steered: the names of the calls that changed the simulation since compilation, in the order of first use.
+        handles: search for parts by name or object.
+        steered: names of the calls that changed the simulation since compilation, in the order of first use.
         host_work: operations outside of the network, such as those of its world's encoders, for bills.
     """
 
@@ -235,7 +235,7 @@ class Simulation(RunningNetwork):
             Weights are the stored values, as in NEST: a weight of `stdp` changes when a presynaptic spike is sent.
 
         Raises:
-            ModelError: there is no such projection, or a weight is NaN or infinite: its rule is unstable.
+            ModelError: the projection does not exist, or a weight is NaN or infinite because its rule is unstable.
         """
         return self._values.weights(self.handles.projection(part), of, pre, post, delays)
 
@@ -338,7 +338,7 @@ class Simulation(RunningNetwork):
             rate: rate of the spikes in Hz, a number for all neurons or a number for each; 0 stops the spikes.
 
         Raises:
-            ModelError: no such generator drives the neurons, or several do, or a rate is below 0.
+            ModelError: none or several such generators drive the neurons, or a rate is below 0.
         """
         self._values.activate(self.handles.neurons(of), rate)
         self.steered["activate"] = None
@@ -471,7 +471,7 @@ class Simulation(RunningNetwork):
 
     @exclusive
     def taken(self) -> TrialCounts:
-        """Return the counts since the start or the last reset in a form that can be added over several runs."""
+        """Return the counts since the start or the last reset, in a form for sums over several runs."""
         from neuro.run.trials import TrialCounts
 
         return TrialCounts(0, self._engine.counts(), self._tally)
@@ -500,11 +500,11 @@ class Simulation(RunningNetwork):
             host: operations outside of the network, in addition to those of its world.
 
         Returns:
-            the bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules per event
+            The bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules per event
             and source, `missing`, `refused`, `extrapolated`; `per(n, what)` divides it; `str` prints it.
 
         Raises:
-            ModelError: there is no such target, the network does not fit on it, it has no published costs, or
+            ModelError: the target does not exist, has no published costs, or is too small for the network; or
                 `step_s`, `chips` or `duration_s` is out of bounds.
         """
         from neuro.chips.pricing import bill
@@ -556,7 +556,7 @@ class Simulation(RunningNetwork):
             reward_after: delay of a reward after the spikes that caused it, in ms.
 
         Raises:
-            ModelError: an argument is not as described.
+            ModelError: an argument has a wrong type or value.
         """
         self.program.refuse_share("doctor")
         from neuro.core.extras import app
@@ -607,7 +607,7 @@ class Simulation(RunningNetwork):
 
     @exclusive
     def restore(self, path: str | PathLike[str]) -> None:
-        """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
+        """Continue bit for bit from a file of `save` for the same network, backend and seed.
 
         Raises:
             ModelError: the file does not belong to this network, backend and seed; the simulation does not change.

@@ -32,7 +32,7 @@ class Joined:
 
     Attributes:
         engines: the joined engines.
-        plain: whether there are no probes, streams or signals with values, so that all engines can advance at once.
+        plain: whether all engines can advance at once: there are no probes, streams or signals with values.
     """
 
     def __init__(self, run: Run, engines: Sequence[Engine], watches: Sequence[Watch]) -> None:
@@ -47,7 +47,7 @@ class Joined:
         return len(self._engine_of_copy)
 
     def advance(self, steps: int, forget: bool) -> None:
-        """Advance all engines. With `forget` spikes are not recorded, and states are checked at intervals only.
+        """Advance all engines. With `forget`, spikes are not recorded, and states are checked at intervals only.
 
         Raises:
             ModelError: a state is NaN or infinite.
@@ -61,7 +61,7 @@ class Joined:
                 watch.look()
 
     def check_together(self) -> None:
-        """Refuse copies that were run separately.
+        """Raise an error if copies were run separately.
 
         Raises:
             ModelError: the copies are at different times.
@@ -123,7 +123,7 @@ class Stepper:
                 spikes `offsets[k] : offsets[k + 1]`.
 
         Returns:
-            for each population of `count` the number of spikes of each neuron, (copies, neurons).
+            For each population of `count` the number of spikes of each neuron, (copies, neurons).
 
         Raises:
             ModelError: a tick or an id is out of bounds, or a state became NaN.
@@ -141,7 +141,7 @@ class Stepper:
         else:
             self._run(self.ticks)
         fired = [joined.engines.fired(index) for index in self._count]
-        counts = [after - before for after, before in zip(fired, self._before, strict=True)]
+        counts = [counts_after - counts_before for counts_after, counts_before in zip(fired, self._before, strict=True)]
         self._before = fired
         return counts
 

@@ -1,4 +1,4 @@
-"""Streams that a network plays while it runs: events of recordings, and events of replayed runs."""
+"""Streams played to a network during a run: events of recordings, and events of replayed runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NONE = np.zeros(0, dtype=np.int64)
 
 
 class StreamFeeder:
-    """Feeds an engine from streams.
+    """Feeder of an engine from streams.
 
     The only state is the step up to which the engine has the spikes of each stream. Later spikes are read from
     the stream again, so the result does not depend on how a run is divided.
@@ -56,7 +56,7 @@ class StreamFeeder:
             yield min(complete_up_to, end) - self._engine.step
 
     def _fill(self, index: int) -> int:
-        """Inject spikes until the next step has all of its spikes; return the last such step."""
+        """Inject spikes until the next step is complete. Return the last complete step."""
         while self._complete_up_to[index] <= self._engine.step:
             if index not in self._iterators:
                 self._iterators[index] = self._streams[index].after(self._complete_up_to[index])
@@ -70,18 +70,18 @@ class StreamFeeder:
             self._complete_up_to[index] = max(stretch.until, self._complete_up_to[index])
         return self._complete_up_to[index]
 
-    def check_again(self, what: str) -> None:
-        """Refuse a call that sets back the time if a stream cannot be read again.
+    def check_again(self, call: str) -> None:
+        """Raise an error for a call that sets back the time, if a stream cannot be read again.
 
         Args:
-            what: name of the call, for the message.
+            call: name of the call, for the message.
 
         Raises:
             ModelError: a stream that can be read only once has been read.
         """
         for index in self._iterators:
             if not self._streams[index].repeatable:
-                message = f"{what}: '{self._names[index]}' has played events that can be read only once"
+                message = f"{call}: '{self._names[index]}' has played events that can be read only once"
                 hint = "use Events, a list of Events, or a function that returns an iterator of them"
                 raise ModelError(f"{message}: expected events that can be read again", hint=hint)
 
@@ -101,7 +101,7 @@ class StreamFeeder:
 
 
 class Inflow:
-    """Feeds an engine from the streams of a program, and from the replayed input of earlier runs.
+    """Feeder of an engine from the streams of a program and from the replayed input of earlier runs.
 
     Args:
         program: the program with the streams.

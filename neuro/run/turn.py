@@ -57,7 +57,7 @@ def exclusive(method: F) -> F:
 
 @contextmanager
 def hold(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
-    """Hold the turn during a block. On the inner object, which has no turn, this does nothing.
+    """Hold the turn during a block. The inner object has no turn, and needs none.
 
     Args:
         turn: the turn of the simulation; None on the inner object.
@@ -65,7 +65,7 @@ def hold(turn: Turn | None, name: str, wait: bool = False) -> Iterator[None]:
         wait: whether to wait for the end of a call of another thread.
 
     Raises:
-        ModelError: a call is under way.
+        ModelError: another call is running.
     """
     own_call = (name, get_ident())
     try:

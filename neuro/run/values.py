@@ -26,7 +26,7 @@ from neuro.run.watch import check_weights
 
 
 class NeuronValues:
-    """Reads and sets neurons.
+    """Reading and setting of neurons.
 
     Args:
         run: the network in execution.
@@ -50,16 +50,16 @@ class NeuronValues:
         settable.check_together(self._program, neurons.index, new, self._engine, self._clock)
         return new
 
-    def get(self, neurons: Neurons, what: str) -> Any:
+    def get(self, neurons: Neurons, name: str) -> Any:
         """Return a state or parameter, one value per neuron.
 
         Raises:
             ModelError: the population has no such state or parameter.
         """
-        part, word = neurons.part, word_of(what) if isinstance(what, str) else ""
+        part, word = neurons.part, word_of(name) if isinstance(name, str) else ""
         if word not in part.parameters and word not in settable.states(part):
             names = [*settable.states(part), *part.parameters]
-            raise unknown("parameter or state", what, names).at(None, f"population '{part.name}'")
+            raise unknown("parameter or state", name, names).at(None, f"population '{part.name}'")
         return self._engine.get(neurons.index, word, neurons.ids)
 
     def states(self, neurons: Neurons) -> list[str]:
@@ -69,7 +69,7 @@ class NeuronValues:
 
 
 class SynapseValues:
-    """Reads and sets synapses. Methods take the index of a projection.
+    """Reading and setting of synapses. Methods take the index of a projection.
 
     Args:
         run: the network in execution.
@@ -83,7 +83,7 @@ class SynapseValues:
         """Return source and target of every synapse, in the order of the weights."""
         return self._handles.ends(index)
 
-    def chosen(self, index: int, of: Any, pre: Side, post: Side, *, some: bool = False) -> Chosen | None:
+    def chosen(self, index: int, of: Any, pre: Side, post: Side, *, at_least_one: bool = False) -> Chosen | None:
         """Return the synapses of some pairs of neurons, or from some neurons to some neurons; None for all.
 
         Args:
@@ -91,13 +91,13 @@ class SynapseValues:
             of: pairs (source, target), rows of ids; the result has the order of the pairs.
             pre: a population, a view of it or ids.
             post: a population, a view of it or ids.
-            some: whether at least one synapse must be chosen.
+            at_least_one: whether at least one synapse must be chosen.
 
         Returns:
-            a mask over all synapses; for pairs the indices of the synapses.
+            A mask over all synapses; for pairs the indices of the synapses.
 
         Raises:
-            ModelError: no synapse is chosen although `some` is true, a pair has no synapse, the neurons belong to other
+            ModelError: no synapse is chosen but `at_least_one` is true, a pair has no synapse, the neurons belong to other
                 populations, or the synapses of a grid share weights.
         """
         part = self._program.projections[index]
@@ -107,7 +107,7 @@ class SynapseValues:
         if part.grid is not None:
             refuse_some_of_a_grid(part.name, next(iter(arguments)))
         if of is None:
-            return self._between(part, index, pre, post, some)
+            return self._between(part, index, pre, post, at_least_one)
         if len(arguments) > 1:
             raise ModelError(f"found both 'of' and '{[*arguments][1]}': expected pairs, or the neurons at either end")
         source, target = (self._program.populations[end] for end in (part.source, part.target))
@@ -143,7 +143,7 @@ class SynapseValues:
         part, weight = self._program.projections[index], self._engine.get_synapses(index, "weight")
         return check_weights(part.name, part.synapse.name, weight) if part.synapse.learns else weight
 
-    def read(self, index: int, what: str) -> Floats:
+    def read(self, index: int, name: str) -> Floats:
         """Return a state, the weight, the delay in ms or a parameter of the model, for all synapses.
 
         Raises:
@@ -151,17 +151,17 @@ class SynapseValues:
         """
         part = self._program.projections[index]
         names = synapse_states(part)
-        if what == "weight":
+        if name == "weight":
             return self.weights(index)
-        if what == "delay" and not part.synapse.delays:
+        if name == "delay" and not part.synapse.delays:
             delay = self._clock.array_ms(self._program.delays(index).astype(np.int64))
             return np.broadcast_to(delay, part.size).copy()
-        rule, word = self._rules[index], word_of(what) if isinstance(what, str) else ""
+        rule, word = self._rules[index], word_of(name) if isinstance(name, str) else ""
         if word in rule.numbers() and word not in names:
             return np.full(part.size, rule.parameters()[word], dtype=np.float64)
-        if not isinstance(what, str) or what not in names:
-            raise unknown("state of synapses", what, [*names, "delay"]).at(None, f"projection '{part.name}'")
-        return self._engine.get_synapses(index, what)
+        if not isinstance(name, str) or name not in names:
+            raise unknown("state of synapses", name, [*names, "delay"]).at(None, f"projection '{part.name}'")
+        return self._engine.get_synapses(index, name)
 
     def set(self, index: int, values: Mapping[str, Any], chosen: Chosen | None) -> None:
         """Change weights, or parameters of the synapse model, by name.
@@ -263,7 +263,7 @@ _FLAG = Quantity(kind="boolean")
 
 
 class Values:
-    """Reads and sets values of the part that a caller names: a population, a view or a projection.
+    """Reading and setting of values of a population, a view or a projection.
 
     Args:
         run: the network in execution.
@@ -295,7 +295,7 @@ class Values:
         if not new:
             raise ModelError("set: found no value: expected values by name", hint="sim.set(cells, V_m=-60.0)")
         if isinstance(neurons, int):
-            self.synapses.set(neurons, new, self.synapses.chosen(neurons, of, pre, post, some=True))
+            self.synapses.set(neurons, new, self.synapses.chosen(neurons, of, pre, post, at_least_one=True))
         else:
             _refuse_ends(neurons, of, pre, post)
             self.cells.set(neurons, new)
@@ -311,7 +311,7 @@ class Values:
             return {word: self.get(part, word, raw, of, pre, post) for word in what}
         registers = self._run.engine if check(_FLAG, raw, "raw") else None
         if registers is not None and not isinstance(registers, Registers):
-            raise ModelError(f"raw = True: expected False, as backend '{self._run.backend}' has no registers")
+            raise ModelError(f"raw = True: expected False, because backend '{self._run.backend}' has no registers")
         neurons = self._run.handles.neurons_or_projection(part)
         if isinstance(neurons, int):
             chosen = self.synapses.chosen(neurons, of, pre, post)

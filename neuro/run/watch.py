@@ -1,4 +1,4 @@
-"""Checks of states and weights for NaN and infinity, so that an instability is reported."""
+"""Checks of states and weights for NaN and infinity, which are reported as an instability."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ _WEIGHTS = "bound the weight in the rule, e.g. min(w + ..., Wmax), and avoid div
 
 
 class Watch:
-    """Checks states at the end of runs, on every backend.
+    """Checks of states at the end of runs, on every backend.
 
     States that can become unstable by themselves are checked each time: states of nonlinear models, and of targets of
-    third-party rules that learn. Other states become NaN only through unbounded input, and stay NaN. A check each time
-    that the number of steps has doubled, and at least every 10,000 steps, finds such a state, and costs
-    nothing in runs of one step.
+    third-party rules that learn. Other states become NaN only through unbounded input, and stay NaN. They are checked
+    whenever the number of steps has doubled, and at least every 10,000 steps, so runs of one step cost nothing.
 
     Args:
         run: the network in execution.
@@ -48,7 +47,7 @@ class Watch:
         self.due = 0
 
     def look(self) -> None:
-        """Refuse to continue with a state that is NaN or infinite.
+        """Raise an error if a state is NaN or infinite.
 
         Raises:
             ModelError: a state is NaN or infinite. The message names the neuron, or the projection with such weights.
