@@ -97,8 +97,8 @@ class SynapseValues:
             A mask over all synapses; for pairs the indices of the synapses.
 
         Raises:
-            ModelError: no synapse is chosen although `at_least_one` is true, a pair has none, the neurons belong to other
-                populations, or the synapses of a grid share weights.
+            ModelError: no synapse is chosen although `at_least_one` is true, a pair has no synapse, the neurons belong to
+                other populations, or the synapses of a grid share weights.
         """
         part = self._program.projections[index]
         arguments = {word: value for word, value in (("of", of), ("pre", pre), ("post", post)) if value is not None}
