@@ -111,7 +111,7 @@ def _spikes(q: Quantity, value: Any, label: str) -> NDArray[np.float64]:
 
 
 def _or_beyond(value: float) -> str:
-    """Return a number as text. A number beyond the bound is followed by it: "9.1e18, above 9007199254740992"."""
+    """Return a number as text. A number beyond the bound is followed by the bound: "3e+09, above 2147483647"."""
     bound = f", above {LARGEST}" if value > LARGEST else f", below -{LARGEST}" if value < -LARGEST else ""
     return shown(float(value)) + bound
 

@@ -97,7 +97,7 @@ class SynapseValues:
             A mask over all synapses; for pairs the indices of the synapses.
 
         Raises:
-            ModelError: no synapse is chosen although `at_least_one` is true, a pair has no synapse, the neurons belong to
+            ModelError: no synapse is chosen although `at_least_one` is true, a pair has no synapse, neurons belong to
                 other populations, or the synapses of a grid share weights.
         """
         part = self._program.projections[index]
