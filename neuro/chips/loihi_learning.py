@@ -58,7 +58,7 @@ COARSE_UPDATE = 16 * SMALLEST_UPDATE
 """Changes below this number of mantissas lose up to 6 %, or a trace has fewer than 16 levels. A problem is reported."""
 _MANTISSAS = (1, 3, 5, 7)
 LEAST_SHIFT = 3
-"""Smallest number of low bits that the modulatory trace of a target drops, which leaves 16 levels of 7 bits."""
+"""Smallest number of low bits dropped from the modulatory trace of a target; 7 bits then have 16 levels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ def tag_decay(tau: float, periods: Sequence[int] = range(LARGEST_U + 1)) -> tupl
 
 
 def too_small(label: str, change: float) -> ModelError:
-    """Return the error for a change that is too small for the accumulator."""
+    """Return the error for a change below the smallest step of the accumulator."""
     return ModelError(
         f"{label}: a change of {change:.3g} mantissas cannot be represented: the smallest is {SMALLEST_UPDATE:.3g}",
         hint="use a smaller weight scale (weight exponent) or a larger step size of the rule",
@@ -246,9 +246,9 @@ def _microcode_rule(p: Any, h: float, tau_minus: float, scale: float, largest_n:
     return MappedRule(rule, notes, COARSE_UPDATE, n)
 
 
-def _period(every: int) -> str:
+def _period(exponent: int) -> str:
     """Return "every step" for 0, "every 32 steps" for 5."""
-    return f"every {2**every} steps" if every else "every step"
+    return f"every {2**exponent} steps" if exponent else "every step"
 
 
 def _pair_rule(p: stdp, h: float, tau_minus: float, scale: float) -> MappedRule:
@@ -303,8 +303,8 @@ def _dopamine_rule(
         fade, off, factor = tag_decay(p.tau_c / h, range(every, -1, -1))
         every = fade[0].every
         if off > 0.25:
-            read = f"n is read {_period(every)}, and the nearest decay of the eligibility then is {off:.0%} off"
-            message = f"stdp_dopa.tau_c = {p.tau_c:g} ms, tau_n = {p.tau_n:g} ms: {read}"
+            problem_text = f"n is read {_period(every)}, and the nearest decay of the eligibility then is {off:.0%} off"
+            message = f"stdp_dopa.tau_c = {p.tau_c:g} ms, tau_n = {p.tau_n:g} ms: {problem_text}"
             raise ModelError(message, hint="bring them nearer to each other", path=("tau_c",))
     else:
         fade, _, factor = tag_decay(p.tau_c / h)
@@ -320,20 +320,20 @@ def _dopamine_rule(
         fit = nearest_fit(gain / p.tau_n, MANTISSA_BITS + WIDTHS["t"] + WIDTHS["r1"], "stdp_dopa.A_plus")
         n_scale = 1.0 / p.tau_n / fit.impulse
         notes += (f"dopamine of one spike is {fit.value * p.tau_n / gain - 1:+.1%} off",)
-    most, fraction = (TRACE_MAX, 2**FRACTION_BITS) if from_target else (LARGEST_CONSTANT, 1)
+    largest_b, fraction = (TRACE_MAX, 2**FRACTION_BITS) if from_target else (LARGEST_CONSTANT, 1)
     baseline = round(p.b / n_scale * fraction)
-    if abs(baseline) > most * fraction:
+    if abs(baseline) > largest_b * fraction:
         raise ModelError(
-            f"stdp_dopa.b = {p.b:g}: {p.b / n_scale:.0f} units of {n_scale:.3g}: expected at most {most}",
+            f"stdp_dopa.b = {p.b:g}: {p.b / n_scale:.0f} units of {n_scale:.3g}: expected at most {largest_b}",
             path=("b",),
         )
     more, less = POST[1:] if from_target else MODULATORY
-    moving = (Factor("t"), Factor(more, 0 if from_target else -baseline)), (Factor("t"), Factor(less))
+    products = (Factor("t"), Factor(more, 0 if from_target else -baseline)), (Factor("t"), Factor(less))
     dw = tuple(
-        Term(sign * fit.mantissa, fit.exponent, "u", every, part) for sign, part in zip((1, -1), moving, strict=True)
+        Term(sign * fit.mantissa, fit.exponent, "u", every, part) for sign, part in zip((1, -1), products, strict=True)
     )
-    keep = Trace.exponential(0, p.tau_n / h)
-    traces |= {more: Trace(fit.impulse, keep.numerator, KEEP), less: keep}
+    decay = Trace.exponential(0, p.tau_n / h)
+    traces |= {more: Trace(fit.impulse, decay.numerator, KEEP), less: decay}
     described = baseline / fraction * n_scale
     if from_target:
         rounding = (

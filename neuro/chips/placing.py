@@ -13,14 +13,14 @@ Assumptions:
 - Chips form a square, and tiles continue from one chip to the next.
 
 Order "connected" keeps neurons at one position of a grid together, because they share sources. The next population is
-always the one with most synapses to the populations before it. Cores are ordered by their spikes in the same way and
+always the one with most synapses to the previous populations. Cores are ordered in the same way, by their spikes, and
 fill adjacent tiles. Tiles and cores are exchanged as long as an exchange saves hops. Order "declared" follows the
 declaration, tile by tile and row by row. If "declared" needs fewer chips or hops, "connected" uses that placement, too.
 Programs of more than 2,000 cores are laid out once, without exchanges.
 
 Neurons, programs and delays that do not fit are refused. The delay register of a synapse follows from the step in which
-the spike acts (`neuro.chips.inputs`) and from the encoding of the chip's family. A chip without an emulated arithmetic
-uses that of Loihi 1.
+the spike acts (`neuro.chips.inputs`) and from the encoding of the chip's family. For a chip without an emulated
+arithmetic, the arithmetic of Loihi 1 applies.
 """
 
 from __future__ import annotations
@@ -282,17 +282,17 @@ def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, MeshPlaces]:
 
 def _core(chip: Chip, cut: Split, places: MeshPlaces, i: int) -> Core:
     """Return the description of a core, with its load."""
-    used = [int(counts[i]) for counts in (cut.neurons, cut.memory, cut.own, cut.axons_in, cut.axons_out)]
+    loads = [int(counts[i]) for counts in (cut.neurons, cut.memory, cut.own, cut.axons_in, cut.axons_out)]
     return Core(
         chip=int(places.chip[i]),
         column=int(places.column[i]),
         row=int(places.row[i]),
         slot=int(places.slot[i]),
         parts=cut.cores[i],
-        neurons=used[0],
-        synapse_bytes=used[1],
-        own_bytes=used[2],
-        axons_in=used[3],
-        axons_out=used[4],
-        load={name: n / limit for name, n in zip(_LIMITS, used, strict=True) if (limit := chip.limit(name))},
+        neurons=loads[0],
+        synapse_bytes=loads[1],
+        own_bytes=loads[2],
+        axons_in=loads[3],
+        axons_out=loads[4],
+        load={name: n / limit for name, n in zip(_LIMITS, loads, strict=True) if (limit := chip.limit(name))},
     )

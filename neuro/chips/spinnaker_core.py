@@ -37,14 +37,14 @@ REGISTER_OF_ONE = 1
 Parts = Sequence[tuple[int, int, int]]
 """Runs of neurons on a core: population, and its neurons first <= i < last."""
 Visits = Mapping[int, tuple[float, float]]
-"""Work of a tick, by projection: synapses that packets visit, and post spikes x synapses to which they are applied."""
+"""Work of a tick by projection: synapses visited by packets, and synapses visited by post spikes."""
 ENTRIES = 16
 NEURON_BYTES = 60
 CLOCK_HZ = 200e6
 
 
 PAIR, TAUGHT = (170, 44), (379, 123)
-"""Cycles per synapse that a packet visits, and per post spike of its history, without and with dopamine."""
+"""Cycles per synapse visited by a packet, and per post spike in the history, without and with dopamine."""
 
 
 def neuron_bits(neurons: int) -> int:
@@ -53,7 +53,7 @@ def neuron_bits(neurons: int) -> int:
 
 
 def slots_of(program: Program, chip: Chip, target: int) -> int:
-    """Return the number of slots that the host reserves for delays onto a population; longer delays are held back."""
+    """Return the number of slots for delays onto a population. The host holds back spikes with longer delays."""
     size = program.populations[target].size
     limit = int(2 ** (SLOT_BITS - neuron_bits(min(size, chip.limit("neurons_per_core") or size)) - 1))
     lags = (longest_lag(program, k) for k in spiking(program) if program.projections[k].target == target)

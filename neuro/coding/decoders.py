@@ -1,4 +1,4 @@
-"""Spikes to numbers and decisions."""
+"""Decoders of spikes: numbers and decisions from counts and spike times."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from neuro.core.errors import ModelError
 
 Ids = npt.NDArray[np.int64]
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
-"""Rounding error of the length of a vector sum, as a share of the added lengths. Angles up to pi are rounded, too."""
+"""Largest rounding error of a vector sum's length, as a share of the added lengths, including that of the angles."""
 
 
 def highest_rate(counts: npt.ArrayLike) -> Ids:
@@ -54,8 +54,8 @@ def first_to_fire(times: npt.ArrayLike) -> Ids:
     if checked.ndim not in (1, 2):
         raise ModelError(f"times has the shape {list(checked.shape)}, expected [neurons] or [neurons, spikes]")
     trains = checked if checked.ndim == 2 else checked[:, None]
-    first = np.where(np.isnan(trains), np.inf, trains).min(axis=1, initial=np.inf)
-    return np.flatnonzero((first < np.inf) & (first == first.min(initial=np.inf)))
+    first_times = np.where(np.isnan(trains), np.inf, trains).min(axis=1, initial=np.inf)
+    return np.flatnonzero((first_times < np.inf) & (first_times == first_times.min(initial=np.inf)))
 
 
 def rank_order(

@@ -83,7 +83,7 @@ def compare(
     watched, runs = _recording(net), list[Run]()
     for name in names:
         first = next((run for run in runs if not run.refused), None)
-        with _warnings() as caught:
+        with _warnings() as warning_texts:
             try:
                 loop = None
                 if watched.world_section is not None:
@@ -102,14 +102,14 @@ def compare(
             else:
                 run = _against(_gather(sim, name, first is None), first, sim.time)
                 run = run if loop is None else _in_world(run, loop, first)
-        runs.append(replace(run, warnings=tuple(caught)))
+        runs.append(replace(run, warnings=tuple(warning_texts)))
     record = record_of(net, backend=", ".join(names), threads=threads, seed=seed)
     return _comparison(net, ms, seed, runs, record)
 
 
 def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Mapping[str, Any]) -> Comparison:
     """Return the comparison of two or more runs."""
-    _enough(runs)
+    _check_number_of_runs(runs)
     program = next(run.program for run in runs if run.program is not None)
     fixed = {run.backend: run.fixed for run in runs if run.fixed is not None}
     return Comparison(
@@ -125,7 +125,7 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Map
     )
 
 
-def _enough(runs: list[Run]) -> None:
+def _check_number_of_runs(runs: list[Run]) -> None:
     """Raise an error if fewer than two backends ran. An error common to all backends is raised unchanged."""
     ran = sum(not run.refused for run in runs)
     refusals = dict.fromkeys(run.refused for run in runs if run.refused)

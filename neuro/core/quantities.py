@@ -62,7 +62,7 @@ class Quantity:
             network), "receptor" (of neurons), "word" (one of `words`), "shape" (a list of integers), "times" (spike
             times, a list per neuron), "moments" (times at which something changes), "series" (values at moments, in a
             list or a row per neuron), "train" (spikes, a row of time and neuron for each), "graded_train" (with a
-            third column, the payload), "ids", "delay" (a time that is no number of the rule), "names" (a list of
+            third column, the payload), "ids", "delay" (of a projection, no parameter of its rule), "names" (a list of
             names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not drawn),
             "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of `neuro.coding`),
             "choice" (a `choice`; with bounds also a number, with `arrays` also numbers), "choices" (`choice`s by
@@ -74,7 +74,7 @@ class Quantity:
         whole: a number, and every element of an array, must be whole.
         arrays: one value per element (an array or a distribution) is accepted.
         optional: None is accepted.
-        words: accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
+        words: accepted words of kind "word"; for kinds "integer" and "shape", words accepted besides numbers.
         part: class of kind "part", a `Choice`.
         choice: base class of the choices of kinds "choice" and "choices".
         of_value: the parameter takes the unit of the value that its distribution or function describes, e.g. `low` of

@@ -50,12 +50,11 @@ class Part:
 
     Class attributes:
         word: the name of the kind of part in messages. The plural is the name of its section in YAML.
-        words: by name, the quantity that each word of the section may hold, in the order in which messages list the
-            words.
+        words: accepted quantity of each word of the section, in the order of messages.
         needs: the required words.
         defaults: default values of the words whose attribute has no default of its own.
-        ends: for each word that names neurons: the attribute with the name of the population or projection, and the
-            attribute with the view, for some of the neurons only.
+        ends: two attributes for each word that names neurons: one has the name of the population or projection, the
+            other the view, if only some neurons are chosen.
     """
 
     word: ClassVar[str] = "part"
@@ -77,8 +76,8 @@ class Part:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        mine, theirs = vars(self), vars(other)
-        return all(same(mine[k], theirs[k]) for k in mine if k not in ("origin", "between"))
+        own_values, other_values = vars(self), vars(other)
+        return all(same(own_values[k], other_values[k]) for k in own_values if k not in ("origin", "between"))
 
     def __hash__(self) -> int:
         return hash((type(self), self.name))
@@ -102,14 +101,14 @@ class Part:
 def refuse(
     part: AnyPart, message: str, hint: str = "", word: str = "", kind: str = "", about: tuple[str, ...] = ()
 ) -> NoReturn:
-    """Raise the error for a part that is not valid, or for one of its words, such as "weight" or "stdp.signal"."""
+    """Raise an error about a part, or about a word of the part such as "weight" or "stdp.signal"."""
     text = f"{part.word} '{part.name}': {message}"
     raise ModelError(text, where=part.origin, hint=hint, path=words_of(word), kind=kind, about=about)
 
 
 @contextmanager
 def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
-    """Add the part's name and origin to errors that are raised inside, and put `path` in front of their path."""
+    """Add the part's name, origin and the prefix `path` of their path to errors raised in the block."""
     try:
         yield
     except ModelError as error:
@@ -167,7 +166,7 @@ class Population(Part):
 
     @property
     def sizes(self) -> tuple[int | str, ...]:
-        """The shape, with axes that a recording decides filled in once the recording is available."""
+        """The shape. Axes that follow from a recording are filled in as soon as the recording is available."""
         return self.model.sizes(self.shape)
 
     def __getitem__(self, index: Any) -> View:

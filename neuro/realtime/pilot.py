@@ -96,9 +96,9 @@ class NetworkPilot:
         program = self.copies.program
         self.encoders = self._encoders(program)
         self._act, self._read = self._decoder(program)
-        self._hear: dict[str, int] = {}  # number of neurons that receive each signal
+        self._n_receivers: dict[str, int] = {}  # number of neurons that receive each signal
         self.taught = self._teachers(program) if learns else {}
-        self._tell_host()
+        self._pass_host_work()
         self._plastic = [p.name for p in program.projections if p.synapse.learns] if learns else []
         self._moves = [p.name for p in program.projections if p.synapse.learns == "moves"] if learns else []
         if environments.n > 1 and len(self._moves) < len(self._plastic):
@@ -109,7 +109,7 @@ class NetworkPilot:
                 hint="use copies=1",
             )
 
-    # what is made once
+    # parts created once
 
     def _compile(self, copies: int, block: int) -> Copies:
         seed = block_seed(self._seed, block)
@@ -126,7 +126,7 @@ class NetworkPilot:
         return names.index(name)
 
     def _encoders(self, program: Program) -> dict[str, Shown]:
-        made = {}
+        encoders = {}
         for name, encoder in self._world.observe.items():
             part = program.populations[self._part(program, name, "observe", name)]
             kind, expected = _TAKES[encoder.gives]
@@ -143,23 +143,23 @@ class NetworkPilot:
                 needs = f"{encoder.name} of {observations} needs {in_use.size:,}"
                 message = f"population '{name}' has {part.size:,} neurons: {needs}"
                 raise self._wrong(ModelError(message, hint=f"shape: {in_use.size}"), "observe", name)
-            made[name] = in_use
-        return made
+            encoders[name] = in_use
+        return encoders
 
     def _decoder(self, program: Program) -> tuple[Act, list[str]]:
         decoder = self._world.act
-        parts = [program.populations[self._part(program, name, "act")] for name in decoder.of]
+        read_parts = [program.populations[self._part(program, name, "act")] for name in decoder.of]
         step = self._world.step
-        refractory = [part.parameters["t_ref"].max() if "t_ref" in part.parameters else 0.0 for part in parts]
+        refractory = [part.parameters["t_ref"].max() if "t_ref" in part.parameters else 0.0 for part in read_parts]
         most_spikes = [max(1.0, step / max(float(t_ref), program.resolution)) for t_ref in refractory]
         try:
-            act = decoder.made(self._environments.actions, [part.size for part in parts], most_spikes)
+            act = decoder.made(self._environments.actions, [part.size for part in read_parts], most_spikes)
         except ModelError as error:
             raise self._wrong(error, "act", decoder.name) from None
-        return act, [part.name for part in parts]
+        return act, [part.name for part in read_parts]
 
     def _teachers(self, program: Program) -> dict[str, Taught]:
-        made = {}
+        teachers = {}
         self._choosers: dict[str, str] = {}  # population of each signal whose values depend on the chosen action
         signals = {signal.name: signal for signal in program.signals}
         for name, teacher in (self._world.reward or {}).items():
@@ -172,17 +172,17 @@ class NetworkPilot:
                 names = [key for key in self._world.reward if not hasattr(self._world.reward[key], "as_")]
                 raise self._wrong(unknown("signal with its own value", other, names), "reward", name)
             heard_by = program.populations[signals[name].target]
-            self._hear[name] = heard_by.size
+            self._n_receivers[name] = heard_by.size
             if teacher.others != 1.0:
                 self._check_chooses(heard_by, name, teacher)
                 self._choosers[name] = heard_by.name
-            made[name] = teacher.made(neurons)
+            teachers[name] = teacher.made(neurons)
             try:
-                made[name].join(self.encoders)
+                teachers[name].join(self.encoders)
             except ModelError as error:
                 raise self._wrong(error, "reward", name, teacher.name) from None
-        # A teacher that takes the value of another teacher comes after it.
-        return dict(sorted(made.items(), key=lambda item: hasattr(self._world.reward[item[0]], "as_")))
+        # A teacher that uses another teacher's value comes after that teacher.
+        return dict(sorted(teachers.items(), key=lambda item: hasattr(self._world.reward[item[0]], "as_")))
 
     def _check_chooses(self, heard_by: Population, signal: str, teacher: Teacher) -> None:
         silence = {heard_by.name: np.zeros((1, heard_by.size), dtype=np.int64)}
@@ -196,19 +196,19 @@ class NetworkPilot:
         """Work of the host for one copy in a control step: encoders, decoder and teachers."""
         program, world = self.copies.program, self._world
         parts, ticks = {part.name: part for part in program.populations}, round(world.step / program.resolution)
-        made: list[tuple[str, Work | None]] = [
+        works: list[tuple[str, Work | None]] = [
             (f"{world.observe[name].name} of {name}", encoder.work(ticks, parts[name].shape))
             for name, encoder in self.encoders.items()
         ]
         sizes = [parts[name].size for name in self._read]
-        made.append((f"{world.act.name} of {', '.join(self._read)}", world.act.work(sizes)))
+        works.append((f"{world.act.name} of {', '.join(self._read)}", world.act.work(sizes)))
         for name, taught in self.taught.items():
             teacher, work = world.reward[name], taught.work()
-            total = None if work is None else work + teacher.spread_work(self._hear[name], taught.several)
-            made.append((f"{teacher.name} of {name}", total))
-        return [HostWork(name, work, steps=ticks) for name, work in made]
+            total = None if work is None else work + teacher.spread_work(self._n_receivers[name], taught.several)
+            works.append((f"{teacher.name} of {name}", total))
+        return [HostWork(name, work, steps=ticks) for name, work in works]
 
-    def _tell_host(self) -> None:
+    def _pass_host_work(self) -> None:
         """Pass the work of the host to the simulations of all copies, for their bills."""
         for sim in self.copies:
             sim.host_work[:] = self.host_work
@@ -222,13 +222,13 @@ class NetworkPilot:
         else:
             weights = self.weights
             self.copies, self._block = self._compile(copies, block), block
-            self._tell_host()
+            self._pass_host_work()
             self._set_weights(weights)
         outputs = {name: self._world.observe[name].gives for name in self.encoders}
         spiking = [name for name in outputs if outputs[name] == "spikes"]
         teachers = {name: self._world.reward[name] for name in self.taught}
         self._signals = {
-            name: (teacher, getattr(teacher, "as_", None), self.copies.port(name), self._hear[name])
+            name: (teacher, getattr(teacher, "as_", None), self.copies.port(name), self._n_receivers[name])
             for name, teacher in teachers.items()
         }
         critics = [teacher.critic for teacher in teachers.values() if hasattr(teacher, "critic")]
@@ -269,11 +269,11 @@ class NetworkPilot:
         raw: dict[str, Floats] = {}
         chosen = {name: self._world.act.chosen(self.counts, voters) for name, voters in self._choosers.items()}
         for name, taught in self.taught.items():
-            teacher, other, port, size = self._signals[name]
-            raw[name] = taught.values(moment) if other is None else taught.of(raw[other])
+            teacher, source_signal, port, size = self._signals[name]
+            raw[name] = taught.values(moment) if source_signal is None else taught.of(raw[source_signal])
             values = teacher.spread(raw[name], size, moment.time)
             if name in chosen:
-                delayed = (teacher if other is None else self._signals[other][0]).delayed
+                delayed = (teacher if source_signal is None else self._signals[source_signal][0]).delayed
                 voted = self._chosen.get(name, chosen[name]) if delayed else chosen[name]
                 values = values * np.where(voted, 1.0, teacher.others)
             port.set(values)

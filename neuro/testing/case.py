@@ -1,4 +1,4 @@
-"""Conformance cases, and the comparison of two outcomes."""
+"""Conformance cases, and the comparison of their outcomes."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def network(resolution: float = 0.1) -> Network:
 
 
 def after(start: Start, net: Network, ms: float = 60.0) -> Found:
-    """Run a network for `ms` milliseconds and return everything that can be read."""
+    """Run a network for `ms` milliseconds and return all readable values, see `observe`."""
     sim = start(net)
     sim.run(ms)
     return observe(sim)
@@ -90,7 +90,7 @@ def run_on(sim: Simulation, ms: float) -> None:
 
 
 def observe(sim: Simulation) -> Found:
-    """Return everything that can be read: spikes, states, weights, traces and counts."""
+    """Return all readable values: spikes, states, weights, traces and counts."""
     outcome: Found = {"time": np.array(round(sim.time / sim.program.resolution))}
     for population in sim.program.populations:
         name = population.name
@@ -199,7 +199,7 @@ def _synapses(sim: Simulation, index: int) -> tuple[Ints, Ints, Ints]:
 
 
 def _under_kernels(g: Grid) -> tuple[Ints, Ints]:
-    """Return source and target of each application of a kernel weight that is not in the padding."""
+    """Return source and target of each application of a kernel weight, except in the padding."""
     maps, depth, height, width = g.kernels
     m, r, c, k, i, j = np.indices((maps, g.rows, g.columns, depth, height, width)).reshape(6, -1)
     y, x = r * g.stride + i - g.top, c * g.stride + j - g.left

@@ -21,12 +21,12 @@ _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3}
 _NEGATIVE, _ATOM = 4, 6
 _POWERS = {2.0: "square", 3.0: "cube", 4.0: "fourth"}
 SAME_NAME = ("abs", "min", "max", "where")
-"""Functions whose generated name is their name in expressions."""
+"""Functions with the same name in expressions and in generated Python."""
 _CONSTANT = re.compile(r"\bc\[(\d+)\]")
 
 
 def local(name: str, role: str = "") -> str:
-    """Return the variable of a name, `V_m_`, or of another value of the name, `V_m__next`.
+    """Return the variable for a name, e.g. `V_m_`, or for another value of it by role, e.g. `V_m__next`.
 
     Names contain no `__` and do not end in `_`, so variables of different names cannot collide with each other or with
     Python's words.
