@@ -93,7 +93,7 @@ def test_files_that_are_no_cases_get_a_message(one, traces: Path):
     results = verify(folder, "reference")
     messages = {result.case: result.message for result in results if not result.ok}
     assert messages["foreign"] == (
-        "a case of no known kind: expected 'neuron' with 'inputs', 'neuron' with 'src', or 'synapse'"
+        "found a case of unknown kind: expected 'neuron' with 'inputs' or 'src', or 'synapse'"
     )
     assert messages["list"] == "list.json: expected an object that describes a case"
     assert messages["lonely"] == "lonely.npz is missing"

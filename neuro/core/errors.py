@@ -52,7 +52,7 @@ class ModelError(ValueError):
         expected: known names, sorted.
         suggestion: nearest known name; "" if none is near.
         missing: required word that is absent.
-        about: other words of the part on which the mistake depends.
+        about: other words of the part that contribute to the mistake.
         others: mistakes reported together, e.g. all unit errors of a model, or all problems on a backend.
 
     Programs use the attributes, never the text of a message.

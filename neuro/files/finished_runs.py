@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from neuro.chips.energy import Energy
 
 _NATIVE = "native."
-READABLE = "spikes, traces and weights are read without"
+READABLE = "spikes, traces and weights can be read without"
 
 
 class RecordingSearch:
@@ -87,7 +87,7 @@ def resolved(results: Any, net: Network) -> Program:
     return compile_network(without_recordings(results, net), int(results.about["seed"]))
 
 
-_DRAWN = "without 'draw: backend' in the rule the synapses are known"
+_DRAWN = "leave out 'draw: backend' in the rule: the synapses are then known"
 
 
 def without_recordings(results: Any, net: Network) -> Network:
@@ -138,8 +138,8 @@ def energy(
         native=native_counts(results),
     )
     host = [HostWork.of_list(part) for part in json.loads(results.about.get("host_work", "[]"))]
-    words: Any = {"step_s": step_s, "chips": chips, "ran_on": results.about.get("backend", ""), "host": host}
-    return bill(program, counts, target, **words)
+    options: Any = {"step_s": step_s, "chips": chips, "ran_on": results.about.get("backend", ""), "host": host}
+    return bill(program, counts, target, **options)
 
 
 def native_counts(results: Any) -> dict[str, int]:
@@ -167,7 +167,7 @@ def one_each(results: Any, name: Any, quantity: Any, of: Any, pre: Any, post: An
     """Return the weight or delay of each synapse, in the form of `Simulation.get`.
 
     Raises:
-        ModelError: the file has no such value.
+        ModelError: `quantity` is neither "weight" nor "delay", or the file has no such array.
     """
     if quantity not in ("weight", "delay"):
         message = f"projection '{name}': a file of results has no {quantity!r}: expected 'weight' or 'delay'"

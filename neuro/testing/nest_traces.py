@@ -1,4 +1,4 @@
-"""Golden cases of NEST: build the network of a case, run it, and compare the results.
+"""Golden cases of NEST: the network of a case is built and run, and the results are compared.
 
 | kind | recognised by | compared |
 | --- | --- | --- |
@@ -6,7 +6,7 @@
 | network | `neuron` and the array `src` | spikes and V_m of the first neurons |
 | stdp | `synapse` of model stdp_synapse | the weight sent at each pre spike, final weight and trace |
 | pairs | `synapse` of another model of PAIRS | the weight sent at each pre spike, final weight |
-| dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
+| dopamine | `synapse` of model stdp_dopamine_synapse | as for stdp, and w, c, n, K+ over time |
 
 Files of chips are recognised and compared by `neuro.testing.chip_traces`.
 
@@ -46,7 +46,7 @@ from neuro.testing.chip_traces import chip_of, compare_chip
 from neuro.testing.golden import LIMIT, Golden, Result, close
 
 LIMITS = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-3, "mat2_psc_exp": 1e-11}
-"""Accepted deviations other than 1e-9; with adaptive steps rounding errors grow with each spike."""
+"""Accepted deviations by model; 1e-9 for other models. With adaptive steps, rounding errors grow with each spike."""
 
 NEST_V_M = -70.0
 STRONG = 1e12
@@ -86,7 +86,7 @@ def compare(golden: Golden, backend: str | Backend) -> list[Result]:
         return _compare_network(golden, backend)
     if "neuron" in facts and "inputs" in facts:
         return _compare_neuron(golden, backend)
-    raise ModelError("a case of no known kind: expected 'neuron' with 'inputs', 'neuron' with 'src', or 'synapse'")
+    raise ModelError("found a case of unknown kind: expected 'neuron' with 'inputs' or 'src', or 'synapse'")
 
 
 # neurons
@@ -144,22 +144,22 @@ def _compare_network(golden: Golden, backend: str | Backend) -> list[Result]:
 
 
 def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
-    """Add neurons with NEST's names of parameters; parameters that are states, and `initial`, are initial values."""
+    """Add neurons from NEST's parameters. Initial values come from `initial`, and from parameters that are states."""
     kind = MODELS.get(facts["model"])
     if kind is None or not issubclass(kind, Neuron):
-        raise ModelError(f"a neuron of model '{facts['model']}', which is not known")
+        raise ModelError(f"unknown neuron model '{facts['model']}': expected a model of neuro with NEST's name")
     states = {state.name for state in kind.states if not state.follows}
     parameters = {word: value if isinstance(value, bool) else float(value) for word, value in facts["params"].items()}
     if not parameters.pop("consistent_integration", True):
         raise ModelError("consistent_integration: false: expected true")
-    start = {"V_m": parameters.get("E_L", NEST_V_M)} if "E_L" in kind.quantities() else {}
-    start |= {word: parameters.pop(word) for word in list(parameters) if word in states}
+    initial_values = {"V_m": parameters.get("E_L", NEST_V_M)} if "E_L" in kind.quantities() else {}
+    initial_values |= {word: parameters.pop(word) for word in list(parameters) if word in states}
     initial = facts.get("initial", {"V_m": NEST_V_M} if "E_L" in kind.quantities() else {})
     if isinstance(initial, Mapping):
-        start |= {word: float(value) for word, value in initial.items() if word in states}
+        initial_values |= {word: float(value) for word, value in initial.items() if word in states}
     model = kind.from_words(parameters)
     assert isinstance(model, Neuron)
-    net.population("neurons", n, model, initial=start)
+    net.population("neurons", n, model, initial=initial_values)
 
 
 # synapses
@@ -221,29 +221,29 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
     grid_rows = np.flatnonzero(rows % grid == 0)
     pre = _steps(arrays["w_times_ms"], clock)
     doses = _steps(arrays["dopa_ms"], clock) + clock.step(dopa["delay_ms"], "delay_ms") if written else pre[:0]
-    read: dict[int, list[float]] = {}
+    read_values: dict[int, list[float]] = {}
     for step in _walk(sim, np.unique(np.concatenate((rows[grid_rows], pre, doses, list(written)))).astype(int), clock):
         arrived = int(np.count_nonzero(doses == step))
         if arrived:
             sim.signal("n", sim.get("pre_post", "n") + arrived / facts["synapse"]["tau_n"])
-        read[step] = [float(sim.get("pre_post", name)[0]) for name in ("weight", "c", "n", "K_plus")]
+        read_values[step] = [float(sim.get("pre_post", name)[0]) for name in ("weight", "c", "n", "K_plus")]
         if step in written:
             sim.signal("n", written[step])
-    actual = np.array([read[int(step)] for step in rows[grid_rows]])
+    actual = np.array([read_values[int(step)] for step in rows[grid_rows]])
     results = [
         close(name, actual[:, column], arrays["trace"][grid_rows, column + 1])
         for column, name in enumerate(("w", "c", "n", "Kplus"))
     ]
-    return [*results, close("w_after", np.array([read[int(step)][0] for step in pre]), arrays["w_after"])]
+    return [*results, close("w_after", np.array([read_values[int(step)][0] for step in pre]), arrays["w_after"])]
 
 
 def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
-    """Build one synapse between a neuron with listed spikes and a neuron that fires only when a driver commands it.
+    """Build a synapse between a neuron with listed spikes and a neuron that fires only after input from a driver.
 
     Args:
         golden: the case.
         rule: the synapse model.
-        shortest: smallest delay of the network in steps, which is the delay from the driver to the post neuron.
+        shortest: smallest delay of the network in steps; also the delay from the driver to the post neuron.
     """
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     h = clock.resolution
@@ -251,10 +251,10 @@ def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
     net.population("pre", 1, spike_generator(spike_times=[_exact(arrays["pre_ms"], clock)]))
     times = clock.array_ms(_steps(arrays["post_ms"], clock) - shortest)
     net.population("driver", 1, spike_generator(spike_times=[times]))
-    deaf = iaf_psc_delta(
+    post_neuron = iaf_psc_delta(
         tau_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=STRONG, tau_minus=facts["synapse"]["tau_minus_ms"]
     )
-    net.population("post", 1, deaf)
+    net.population("post", 1, post_neuron)
     net.connect("driver", "post", one_to_one(), weight=2.0 * STRONG, delay=clock.ms(shortest))
     weight, delay = float(facts["synapse"]["weight0"]), float(facts["synapse"]["delay_ms"])
     net.connect("pre", "post", all_to_all(), rule, weight=weight, delay=delay, name="pre_post")
@@ -262,7 +262,7 @@ def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
 
 
 def _walk(sim: neuro.run.simulation.Simulation, steps: Iterable[int], clock: Clock) -> Iterable[int]:
-    """Run to each of the ascending steps, and yield the step when the simulation has reached it."""
+    """Run to each of the ascending steps, and yield the step after the simulation has reached it."""
     for step in steps:
         sim.run(clock.ms(int(step) - clock.step(sim.time, "time")))
         yield int(step)
