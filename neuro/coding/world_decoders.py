@@ -147,7 +147,7 @@ class mean(Decoder):
         return act
 
     def work(self, sizes: Sequence[int]) -> Work:
-        """Return the work: two additions, one of them weighted, per neuron, and a limit and a division per number."""
+        """Return the work: an addition and a weighted addition per neuron, and a limit and a division per number."""
         return on_numbers(2 * sum(sizes) + 2 * len(sizes), sum(sizes) + len(sizes))
 
 
