@@ -202,7 +202,7 @@ class SynapseBuffers:
 def synapse_buffers(
     projections: Mapping[str, Projection], shapes: Mapping[str, Shape]
 ) -> dict[str, SynapseBuffers] | None:
-    """Return memory for the synapses of all projections: views of a common array of targets, and of a common array of weights.
+    """Return memory for the synapses of all projections: views of a common array for targets, and for weights.
 
     A projection with a random number of synapses has None.
     """
