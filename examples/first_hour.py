@@ -1,6 +1,6 @@
-"""The first hour of who comes from NEST: two sheets of neurons in balance under noise, connected by distance.
+"""Records, pictures and tables of a network: two sheets of neurons in balance under noise, whose synapses learn.
 
-Synapses learn and are recorded; then come pictures, a page, and what other tools read.
+The program records states and sent weights, draws them, writes a page, and exports the run for other tools.
 
     python examples/first_hour.py
 """
