@@ -239,7 +239,7 @@ def main(number: str, part: str) -> None:
                 file.do(call, *arguments)
                 if answer:
                     pipe.sendall(b"+")
-        except (EOFError, pickle.UnpicklingError):  # the run has ended, or was killed within a call
+        except (EOFError, ConnectionError, pickle.UnpicklingError):  # the run has ended, or was killed within a call
             pass
         except Unwritable as error:
             with suppress(OSError):
