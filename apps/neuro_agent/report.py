@@ -43,7 +43,7 @@ def show_controls(tests: Mapping[str, Test], about: str) -> None:
         low, high = test.interval
         interval = f"{low:.5g} to {high:.5g}" if len(test.returns) > 1 else ""
         rows.append((name, CONTROLS[name], f"{test.mean:.5g}", interval, len(test.returns)))
-    columns = ("control", "is", ">mean return", ">95 %", ">episodes")
+    columns = ("control", "description", ">mean return", ">95 %", ">episodes")
     console().print(table(columns, rows, title=f"{about}; weights frozen"))
 
 
@@ -91,7 +91,7 @@ def show_comparison(comparison: Comparison) -> None:
     seeds = ", ".join(map(str, plan.seeds))
     title = f"{plan.environment}, seeds {seeds}; weights frozen, {plan.episodes} new episodes each"
     screen.print(comparison.winner, soft_wrap=True, markup=False)
-    screen.print(table(("who", "is", ">steps", ">mean return", ">worst seed", ">s"), rows, title=title))
+    screen.print(table(("method", "description", ">steps", ">mean return", ">worst seed", ">s"), rows, title=title))
     for name, reason in comparison.left_out.items():
         if not plan.only or name in comparison.failed:
             screen.print(f"not compared: {name}: {reason}", soft_wrap=True, markup=False)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Asked = Annotated[
     list[Path], typer.Argument(metavar="REC", help="Recordings, folders or zips of class folders, HDF5 data sets.")
 ]
-Input = Annotated[str | None, typer.Option("--input", metavar="NAME", help="Population that gets the recordings.")]
+Input = Annotated[str | None, typer.Option("--input", metavar="NAME", help="Population that receives the recordings.")]
 Output = Annotated[str | None, typer.Option("--output", metavar="NAME", help="Population with a neuron per class.")]
 Decide = Annotated[str | None, typer.Option("--decide", metavar="WORD", help="Rule: counts, potential or first.")]
 Classes = Annotated[str | None, typer.Option("--classes", metavar="A,B,...", help="Names of the output's neurons.")]

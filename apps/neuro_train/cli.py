@@ -29,11 +29,11 @@ Option = typer.Option
 
 # recordings
 Data = Annotated[Path, Option("--data", metavar="PATH", help="Recordings: a folder, zip or HDF5; for mse a .npz.")]
-Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the recordings, such as Train.")]
-Without = Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")]
+Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the data set, e.g. Train or Test.")]
+Without = Annotated[list[str], Option(metavar="PATTERN", help="Names to leave out, e.g. '*i.aedat'; repeatable.")]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on; default: no test.")]
 Folds = Annotated[
-    int | None, Option(metavar="N", parser=apps.at_least(2), help="Train N times, and test each part once.")
+    int | None, Option(metavar="N", parser=apps.at_least(2), help="Folds of a cross-validation; each is tested once.")
 ]
 
 # settings of the training beside the plan
@@ -42,20 +42,20 @@ Augment = Annotated[
     Option(
         "--augment",
         metavar="NAME=N",
-        help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; mirror=0.5: mirror half; repeatable.",
+        help="Augmentation: shift=2 (up to 2 px), warp=0.1 (rotation, scale, shear) or mirror=0.5 (half); repeatable.",
     ),
 ]
 Threads = Annotated[int, Option(metavar="N", min=1, help="Number of threads.")]
-Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")]
+Cost = Annotated[list[str], Option(metavar="CHIP=X", help="Energy penalty: loss per microjoule on CHIP; repeatable.")]
 
 # results
 Out = Annotated[Path, Option("--out", metavar="FILE", help="Network file to write.")]
-Html = Annotated[Path | None, Option(metavar="FILE", help="HTML page to write; default: --out with .html.")]
+Html = Annotated[Path | None, Option(metavar="FILE", help="HTML page to write; default: the name of --out with .html.")]
 Search = Annotated[
     str | None,
-    Option("--search", metavar="A,B=1:2,...", help="Vary A and B (1 and 2): accuracy by joules."),
+    Option("--search", metavar="A,B=1:2,...", help="Settings to vary, for the front of accuracy against joules."),
 ]
-Budget = Annotated[int, Option(metavar="N", min=1, help="Number of networks that a search trains.")]
+Budget = Annotated[int, Option(metavar="N", min=1, help="Number of networks that --search trains.")]
 
 
 @app.command()

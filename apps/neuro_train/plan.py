@@ -53,45 +53,45 @@ class TrainingPlan(Settings):
         ModelError: a value is invalid.
     """
 
-    input: str = setting("pixels", "", "population that gets the recordings", option="NAME")
-    output: str = setting("out", "", "population with a neuron for each class", option="NAME")
+    input: str = setting("pixels", "", "population that receives the recordings", option="NAME")
+    output: str = setting("out", "", "population with one neuron per class", option="NAME")
     trainable: tuple[str, ...] = setting(
-        (), "", "projection to learn, NAME=weight,delay or POPULATION=tau_m,V_th; default: all weights; repeatable",
+        (), "", "PROJECTION (its weights), PROJECTION=weight,delay or POPULATION=tau_m,V_th; default: all; repeatable",
         kind="names", option="--learn NAME",
     )  # fmt: skip
-    epochs: int = setting(60, "", "number of times that each recording is shown; 0 tests only", at_least=0, option="N")
-    duration: float = setting(100.0, "ms", "used part of each recording, in ms", above=0, option="--for MS")
-    start: float = setting(0.0, "", "time of each recording before the used part, in ms", at_least=0, option="MS")
-    scale: int = setting(1, "", "side of the square of pixels that share a neuron", at_least=1, option="N")
+    epochs: int = setting(60, "", "number of passes over the recordings; 0 only tests", at_least=0, option="N")
+    duration: float = setting(100.0, "ms", "duration of the used part of a recording, ms", above=0, option="--for MS")
+    start: float = setting(0.0, "", "begin of the used part of a recording, ms", at_least=0, option="MS")
+    scale: int = setting(1, "", "side of the blocks of N x N pixels that share a neuron, px", at_least=1, option="N")
     window: str | None = setting(
-        None, "", "used part of a larger sensor: column, row of its first pixel, or 'centred' on the events",
+        None, "", "used part of a larger sensor: column and row of its first pixel, or 'centred' on the events",
         kind="name", option="X,Y",
     )  # fmt: skip
-    batch: int = setting(20, "", "recordings for each step of learning", at_least=1, option="N")
-    rate: float = setting(0.01, "", "largest learning rate, for weights of about 0.1", above=0, option="R")
-    decay: float = setting(0.01, "", "share of the weights lost in each step, times the rate", at_least=0, option="R")
-    loss: str = setting("count", "", "loss: one of " + ", ".join(LOSSES), option="NAME")
+    batch: int = setting(20, "", "batch size: number of recordings per update of the weights", at_least=1, option="N")
+    rate: float = setting(0.01, "", "peak learning rate, for weights of about 0.1", above=0, option="R")
+    decay: float = setting(0.01, "", "weight decay of AdamW per update, times the rate", at_least=0, option="R")
+    loss: str = setting("count", "", "loss function: " + ", ".join(LOSSES), option="NAME")
     temperature: float = setting(
-        3.0, "", "lead in spikes, mV or steps that makes a class e times as likely", above=0, option="N"
+        3.0, "", "temperature of the softmax over classes, in spikes, mV or steps", above=0, option="N"
     )  # fmt: skip
-    surrogate: str = setting("fast_sigmoid", "", "surrogate: fast_sigmoid, arctan, slayer or triangle", option="NAME")
-    slope: float = setting(1.0, "", "slope of the surrogate, per V_th - V_reset", above=0, option="X")
+    surrogate: str = setting("fast_sigmoid", "", "gradient: fast_sigmoid, arctan, slayer or triangle", option="NAME")
+    slope: float = setting(1.0, "", "steepness of the surrogate gradient, per V_th - V_reset", above=0, option="X")
     shift: int = setting(0, at_least=0)
     warp: float = setting(0.0)
     mirror: float = setting(0.0)
     cost: Mapping[str, float] = field(default_factory=dict)
     bits: int | None = setting(
-        None, "", "bits of the weights during the training, on a chip's grid", kind="integer", at_least=1, option="N"
+        None, "", "bits per weight, on the grid of --chip; default: no rounding", kind="integer", at_least=1, option="N"
     )  # fmt: skip
     on: str | None = setting(
-        None, "", "chip of --bits; default: the chip of --cost, or loihi", kind="name", option="--chip NAME"
+        None, "", "chip for --bits; default: the chip of --cost, or loihi", kind="name", option="--chip NAME"
     )  # fmt: skip
-    prune: float = setting(0.0, "", "share of the synapses to remove half way, the smallest", option="SHARE")
+    prune: float = setting(0.0, "", "share of the synapses to remove half way, smallest first", option="SHARE")
     neurons_per_core: int | None = setting(
-        None, "", "neurons on a core, fewer than the chip allows", kind="integer", at_least=1, option="N"
+        None, "", "largest number of neurons per core; default: the chip's", kind="integer", at_least=1, option="N"
     )  # fmt: skip
     seed: int = 0
-    device: str = setting("cpu", "", "torch device, such as cuda", option="NAME")
+    device: str = setting("cpu", "", "PyTorch device, e.g. cuda", option="NAME")
 
     def __post_init__(self) -> None:
         super().__post_init__()
