@@ -160,10 +160,10 @@ class Comparison:
     @property
     def winner(self) -> str:
         """One line with the winner and the margin."""
-        first, *others = self.names
-        if not others:
+        first, *other_names = self.names
+        if not other_names:
             return f"{first}: mean return {self.mean(first):.5g}; no other method took part"
-        second = others[0]
+        second = other_names[0]
         first_means, second_means = self.means(first), self.means(second)
         if self.mean(first) == self.mean(second):
             tied = [name for name in self.names if self.mean(name) == self.mean(first)]

@@ -109,10 +109,10 @@ def counting_macs(policy: Any) -> Iterator[Counter[str]]:
     parameters = sum(array.numel() for group in policy.optimizer.param_groups for array in group["params"])
 
     def multiplied(layer: Any, inputs: Any, output: Any) -> None:
-        once = output.numel() * layer.weight[0].numel()
-        macs["layers, forward"] += once
+        positions = output.numel() * layer.weight[0].numel()
+        macs["layers, forward"] += positions
         if torch.is_grad_enabled():
-            macs["layers, backward"] += 2 * once
+            macs["layers, backward"] += 2 * positions
 
     def updated(*_: Any) -> None:
         macs["optimiser"] += OPTIMISER * parameters

@@ -107,14 +107,14 @@ class Learner:
 
     def arrays(self) -> dict[str, Any]:
         """Return everything that the agent has learnt, in the format of pilots."""
-        weights = {name: each.ravel() for name, each in self._memory["learnt"].items()}
+        weights = {name: values.ravel() for name, values in self._memory["learnt"].items()}
         parts = {"encoder.places": self._encoder.arrays(), "teacher.error": self._error.arrays()}
         return {**self._memory, "learnt": weights, **parts}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
         """Restore what the agent has learnt from `arrays`."""
         weights = self._memory["learnt"]
-        weights = {name: np.array(arrays["learnt"][name]).reshape(each.shape) for name, each in weights.items()}
+        weights = {name: np.array(arrays["learnt"][name]).reshape(array.shape) for name, array in weights.items()}
         self._memory = {"learnt": weights, "seen": arrays["seen"]}
         self._encoder.put(arrays["encoder.places"])
         self._error.put(arrays["teacher.error"])

@@ -113,10 +113,10 @@ class _Scrambled:
 
     def spikes(self, vectors: Floats, ticks: int, rng: np.random.Generator | None = None) -> tuple[Ints, Ints, Ints]:
         """Return the spikes of the fields, moved to other neurons."""
-        offsets, when, ids = self._fields.spikes(vectors, ticks, rng)
+        offsets, spike_ticks, ids = self._fields.spikes(vectors, ticks, rng)
         ids = self._rng.permutation(self._fields.size)[ids]
         copies = np.repeat(np.arange(len(vectors)), np.diff(offsets))
-        return offsets, when, ids[np.lexsort((ids, when, copies))]
+        return offsets, spike_ticks, ids[np.lexsort((ids, spike_ticks, copies))]
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
         """Return the activity of the fields, moved to other neurons."""
@@ -127,8 +127,8 @@ class _Scrambled:
 class _Frozen:
     """A frozen agent as the pilot of a closed loop."""
 
-    def __init__(self, agent: Learner, made: Callable[[], Any]) -> None:
-        self._agent, self._made = agent, made
+    def __init__(self, agent: Learner, create: Callable[[], Any]) -> None:
+        self._agent, self._made = agent, create
 
     def begin(self, copies: int, block: int) -> None:
         """Make the frozen agent."""

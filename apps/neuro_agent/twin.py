@@ -55,8 +55,8 @@ class LinearTwin(ActorCritic):
         raise _no_spikes(target)
 
 
-def _no_spikes(where: str) -> ModelError:
-    return ModelError(f"'{where}': the linear twin has no spikes, so no backend runs it: expected an ActorCritic")
+def _no_spikes(caller: str) -> ModelError:
+    return ModelError(f"'{caller}': the linear twin has no spikes, so no backend runs it: expected an ActorCritic")
 
 
 class _Pilot:

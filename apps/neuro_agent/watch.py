@@ -174,13 +174,13 @@ def _play(
             _store_evenly(episode.weights, k, np.concatenate(policies, axis=1), MOMENTS)
         if worlds.over[0]:
             break
-        last = worlds.over
+        was_over = worlds.over
         observations, rewards, ends, cuts = worlds.step(agent.actions.of(winners[None]), [0])
         reward, last_value, ended, cut = float(rewards[0]), value, bool(ends[0]), bool(cuts[0])
         if episode.learning:
-            moment = Moment(counts, is_first, last, rewards, ends, worlds.infos, observations, 0.0, k + 1, ())
+            moment = Moment(counts, is_first, was_over, rewards, ends, worlds.infos, observations, 0.0, k + 1, ())
             pilot.teach(moment)
-        is_first = last
+        is_first = was_over
     episode.end = "terminated" if ended else "cut off by the environment" if cut else f"cut off after {STEPS} steps"
 
 
@@ -288,9 +288,9 @@ def page(agent: Learner, episode: Episode, seed: int = 0) -> str:
     )
     names = ["item2", "item5", "item4"]
     lanes = [
-        {"name": name, "low": min(0.0, np.nanmin(each)), "high": max(0.0, np.nanmax(each)), "marks": 4,
-         "lines": [{"y": each, "colour": colour}]}
-        for colour, (name, each) in zip(names, series.items(), strict=True)
+        {"name": name, "low": min(0.0, np.nanmin(curve)), "high": max(0.0, np.nanmax(curve)), "marks": 4,
+         "lines": [{"y": curve, "colour": colour}]}
+        for colour, (name, curve) in zip(names, series.items(), strict=True)
     ]  # fmt: skip
     curves = {"lanes": lanes, "edge": EDGE, "cursor": "off", "click": True}
     lower = [
@@ -367,14 +367,14 @@ def _raster(agent: Learner, episode: Episode) -> player.Track:
     """Return the raster of active places and of spikes of critics and actors, by control step."""
     names, colours = _actors(agent)
     critic, steps = np.minimum(episode.critic, 255), np.arange(episode.moves)
-    at, spiking = critic.nonzero()
+    ks, spiking = critic.nonzero()
     firsts = np.cumsum([0, *agent.actions.sizes[:-1]])
     actors = (np.array(episode.winners[:-1]).reshape(len(steps), -1) + firsts).ravel()
-    levels = np.rint(255 * critic[at, spiking] / max(1, critic.max())).astype(np.uint8)
+    levels = np.rint(255 * critic[ks, spiking] / max(1, critic.max())).astype(np.uint8)
     strips = [
         {"name": "places", "size": agent.places.size, "height": 132, "ids": np.concatenate(episode.places),
          "times": np.repeat(np.arange(episode.moves + 1), list(map(len, episode.places)))},
-        {"name": "critics", "size": agent.settings.critics, "height": 70, "times": at, "ids": spiking, "level": levels},
+        {"name": "critics", "size": agent.settings.critics, "height": 70, "times": ks, "ids": spiking, "level": levels},
         {"name": "actors", "size": len(names), "height": len(names) * max(4.0, min(16.0, 90 / len(names))),
          "times": np.repeat(steps, len(firsts)), "ids": actors, "labels": [f"actor {name}" for name in names],
          "colours": colours},

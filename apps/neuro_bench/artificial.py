@@ -53,8 +53,8 @@ class CNN(Method):
 
         def make() -> Any:
             blocks = [*block(channels, maps), *block(maps, 2 * maps), *block(2 * maps, 4 * maps)]
-            last = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes))
-            return nn.Sequential(*blocks, nn.Flatten(), nn.Dropout(settings["dropout"]), last)
+            output_layer = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes))
+            return nn.Sequential(*blocks, nn.Flatten(), nn.Dropout(settings["dropout"]), output_layer)
 
         return members(make, train, settings, seed)
 
@@ -250,9 +250,9 @@ class Network:
         for hook in hooks:
             hook.remove()
         parameters = list(self.module.parameters())
-        weights = [each for each in parameters if each.dim() > 1]
-        count, zeros = sum(each.numel() for each in weights), sum(int((each == 0).sum()) for each in weights)
-        size = sum(each.numel() for each in parameters)
+        weights = [array for array in parameters if array.dim() > 1]
+        count, zeros = (sum(array.numel() for array in weights), sum(int((array == 0).sum()) for array in weights))
+        size = sum(array.numel() for array in parameters)
         macs, dense = totals["macs"] / len(data), totals["dense"] / len(data)
         return Costs(
             parameters=size,
@@ -284,8 +284,8 @@ def _effective(layer: Any, inputs: Tensor, out: Any, dense: bool = False) -> flo
     if isinstance(layer, torch.nn.Linear):
         return float((ones(inputs).double() @ ones(layer.weight).double().T).sum())
     states = out[0][:, :-1]
-    inward, back = ones(layer.weight_ih_l0).double().sum(dim=0), ones(layer.weight_hh_l0).double().sum(dim=0)
-    return float((ones(inputs).double() @ inward).sum() + (ones(states).double() @ back).sum())
+    inward, recurrent = ones(layer.weight_ih_l0).double().sum(dim=0), ones(layer.weight_hh_l0).double().sum(dim=0)
+    return float((ones(inputs).double() @ inward).sum() + (ones(states).double() @ recurrent).sum())
 
 
 def quantise(module: Any, data: Examples) -> nn.Module:

@@ -25,7 +25,7 @@ def tasks() -> None:
     console().print(table(("task", "description", "splits", "metric"), task_rows))
     for name, task in TASKS.items():
         typer.echo(f"{name}: {task.source}; licence: {task.licence}")  # no table, which would break addresses
-    method_rows = [(name, each.title, each.kind, "yes" if each.spiking else "no") for name, each in METHODS.items()]
+    method_rows = [(name, m.title, m.kind, "yes" if m.spiking else "no") for name, m in METHODS.items()]
     console().print(table(("method", "description", "for", "spikes"), method_rows))
 
 

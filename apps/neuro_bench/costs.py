@@ -154,7 +154,7 @@ def on_chips(
     joules, joules_of_spikes, refused, unpriced = {}, {}, {}, {}
     for target, title in CHIPS.items():
         problems = (*quantise(sim.program, chip(target)).problems, *place(sim.program, chip(target)).problems)
-        if reasons := [f"{each.what}: {each.why}" for each in problems if each.refused]:
+        if reasons := [f"{problem.what}: {problem.why}" for problem in problems if problem.refused]:
             refused[title] = reasons[0]
             continue
         fastest = sim.energy(target, of=counts, host=host).per(examples, "example")
@@ -168,9 +168,9 @@ def on_chips(
         item for item in sim.energy(HOST, of=counts, host=host).per(examples, "example").items if item.kind == "host"
     ]
     sums = {"macs": "count", "bytes": "bytes", "joules": "joules"}
-    of_host = {name: sum(getattr(item, field) or 0.0 for item in rows) for name, field in sums.items()}
+    host_sums = {name: sum(getattr(item, field) or 0.0 for item in rows) for name, field in sums.items()}
     figures = {"joules": joules, "joules_of_spikes": joules_of_spikes, "refused": refused, "unpriced": unpriced}
-    return figures | {"host": of_host}
+    return figures | {"host": host_sums}
 
 
 def break_even(joules: float, of_spikes: float, opponent: float) -> float:

@@ -66,8 +66,8 @@ class GradientBoosting(Method):
 
         # the first versions of all recordings: an exact learner of many of them takes long, and gains little
         train = train.take(np.arange(train.recordings), min(settings["versions"], train.versions))
-        words = {"learning_rate": settings["rate"], "max_iter": settings["trees"], "early_stopping": False}
-        learner = Boosting(max_leaf_nodes=settings["leaves"], random_state=seed, **words)
+        options = {"learning_rate": settings["rate"], "max_iter": settings["trees"], "early_stopping": False}
+        learner = Boosting(max_leaf_nodes=settings["leaves"], random_state=seed, **options)
         learner.fit(_rows(train, settings["pooled"]), train.labels)
         return _Classifier(learner, settings["pooled"])
 
@@ -100,18 +100,18 @@ class HATS(Method):
 def recordings(data: Examples) -> Iterator[Events]:
     """Yield the spikes of each example as camera events: a sheet is a polarity, a step has one time."""
     spikes = data.spikes
-    p, y, x = (each.astype(np.uint16) for each in np.unravel_index(spikes.neuron, spikes.shape))
+    p, y, x = (coordinate.astype(np.uint16) for coordinate in np.unravel_index(spikes.neuron, spikes.shape))
     t, size = (1e3 * spikes.step * spikes.at).astype(np.int64), spikes.shape[:0:-1]
     ends = np.searchsorted(spikes.example, np.arange(len(data) + 1)).tolist()
-    for own in (slice(*each) for each in pairwise(ends)):
-        yield Events(t=t[own], x=x[own], y=y[own], p=p[own].astype(np.uint8), sensor_size=size)
+    for rows in (slice(*bounds) for bounds in pairwise(ends)):
+        yield Events(t=t[rows], x=x[rows], y=y[rows], p=p[rows].astype(np.uint8), sensor_size=size)
 
 
 def surfaces(data: Examples, settings: Mapping[str, Any]) -> Any:
     """Return the histograms of each example as a row."""
     tau = round(1e3 * settings["tau"])
-    words: Any = {"cell": settings["cell"], "radius": settings["radius"], "window_us": tau, "tau_us": tau}
-    return np.stack([hats(events, **words).ravel() for events in recordings(data)])
+    options: Any = {"cell": settings["cell"], "radius": settings["radius"], "window_us": tau, "tau_us": tau}
+    return np.stack([hats(events, **options).ravel() for events in recordings(data)])
 
 
 class _HATS:

@@ -131,8 +131,8 @@ class Perceptron(Method):
 
         def make() -> Any:
             first, second = settings["first"], settings["second"]
-            hidden = (nn.Linear(windows.size, first), nn.ReLU(), nn.Linear(first, second), nn.ReLU())
-            return nn.Sequential(*hidden, nn.Dropout(settings["dropout"]), nn.Linear(second, targets.shape[1]))
+            layers = (nn.Linear(windows.size, first), nn.ReLU(), nn.Linear(first, second), nn.ReLU())
+            return nn.Sequential(*layers, nn.Dropout(settings["dropout"]), nn.Linear(second, targets.shape[1]))
 
         def loss(module: Any, chosen: Any, epoch: int, rng: Any) -> Any:
             outputs = module(torch.from_numpy(windows.at(chosen)))
@@ -208,13 +208,13 @@ class LIFReadout(Method):
         from neuro_train.plan import TrainingPlan
         from neuro_train.trainer import learn
 
-        before = int(FORGOTTEN * max(settings["tau"], settings["tau_out"]) / train.step)
+        first_row = int(FORGOTTEN * max(settings["tau"], settings["tau_out"]) / train.step)
         mean, std = _mean_and_std(train)
         standardised = Recording(train.spikes, (train.targets - mean) / std, train.step)
         options: Any = {name: settings[name] for name in ("epochs", "rate", "decay", "slope", "batch")}
-        duration = (before + settings["steps"]) * train.step
+        duration = (first_row + settings["steps"]) * train.step
         plan = TrainingPlan(input=INPUT, output=OUTPUT, loss="mse", duration=duration, seed=seed, **options)
-        trained = learn(self.network(train, settings), stretches(standardised, settings["steps"], before), plan)
+        trained = learn(self.network(train, settings), stretches(standardised, settings["steps"], first_row), plan)
         return _Readout(trained.net, seed, mean, std)
 
 

@@ -52,16 +52,16 @@ def compared(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
         ModelError: the results differ in task, split or data, or in a field of `SAME`.
     """
     first = results[0]
-    for other in results[1:]:
+    for result in results[1:]:
         pairs = [(f"task {word}", "task", word) for word in ("name", "split", "metric")]
         pairs += [(word, "asked", word) for word in SAME]
-        values = [(label, first[part][word], other[part][word]) for label, part, word in pairs]
-        for label, one, another in (*values, ("data", first.get("data"), other.get("data"))):
-            if one != another:
-                message = f"results differ in {label}: {one} and {another}: expected the same in one table"
+        values = [(label, first[part][word], result[part][word]) for label, part, word in pairs]
+        for label, value, another in (*values, ("data", first.get("data"), result.get("data"))):
+            if value != another:
+                message = f"results differ in {label}: {value} and {another}: expected the same in one table"
                 raise ModelError(message)
     sign = -1.0 if first["task"]["higher"] else 1.0
-    return sorted(results, key=lambda one: sign * one["mean"])
+    return sorted(results, key=lambda value: sign * value["mean"])
 
 
 def verdict(results: Sequence[Mapping[str, Any]]) -> str:
@@ -101,19 +101,19 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
     request, task = first["asked"], first["task"]
     if len(ordered) > 1:
         console().print(verdict(ordered), soft_wrap=True)
-    rows = [row(one) for one in ordered]
+    rows = [row(run) for run in ordered]
     head = ("method", "spikes", f">{task['metric']}", *(f">{word}" for word in (*COUNTS.values(), "ms", "cpu s")))
     tries = f"{request['tries']} {'try' if request['tries'] == 1 else 'tries'} each"
     folds = f"{len(first['folds'])} trainings tested"
     console().print(table(head, rows, title=f"{task['title']}; {task['split']} folds; {folds}; {tries}"))
     for line in sensitivity(ordered):
         console().print(line, soft_wrap=True)
-    machines = list(dict.fromkeys(name for one in ordered for name in one["costs"]["joules"]))
+    machines = list(dict.fromkeys(name for run in ordered for name in run["costs"]["joules"]))
     if machines:
-        bills = [[one["method"]["name"], *(_uj(one["costs"], each) for each in machines)] for one in ordered]
-        console().print(table(("method", *(f">{each}" for each in machines)), bills, title="uJ per example"))
-    for one in ordered:
-        name, costs = one["method"]["name"], one["costs"]
+        bills = [[run["method"]["name"], *(_uj(run["costs"], m) for m in machines)] for run in ordered]
+        console().print(table(("method", *(f">{m}" for m in machines)), bills, title="uJ per example"))
+    for run in ordered:
+        name, costs = run["method"]["name"], run["costs"]
         if host := costs.get("host"):
             counts = f"{number(host['macs'])} mac, {number(host['bytes'])} bytes"
             console().print(
@@ -123,8 +123,8 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
             console().print(
                 f"{name}: {machine}: without {', '.join(missing)} (no published figure), hence >", soft_wrap=True
             )
-        for chip, why in costs.get("refused", {}).items():
-            console().print(f"{name}: refused by {chip}: {why}", soft_wrap=True)
+        for chip, reason in costs.get("refused", {}).items():
+            console().print(f"{name}: refused by {chip}: {reason}", soft_wrap=True)
 
 
 def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -137,9 +137,9 @@ def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
     if spiking is None or other is None:
         return []
     lines, costs, other_joules = [], spiking["costs"], other["costs"]["joules"]
-    for chip, of_spikes in costs.get("joules_of_spikes", {}).items():
+    for chip, spike_joules in costs.get("joules_of_spikes", {}).items():
         for name, joules in other_joules.items():
-            times = break_even(costs["joules"][chip], of_spikes, joules)
+            times = break_even(costs["joules"][chip], spike_joules, joules)
             contest = f"{spiking['method']['name']} on {chip} against {other['method']['name']} on {name}"
             answer = f"fewer joules up to {times:.3g} times its spikes" if times else "more joules, even without spikes"
             lines.append(f"{contest}: {answer}")
@@ -148,7 +148,7 @@ def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def row(result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return a row of the table."""
-    costs, times_ms = result["costs"], [one["ms_an_example"] for one in result["folds"]]
+    costs, times_ms = result["costs"], [fold["ms_an_example"] for fold in result["folds"]]
     return (
         result["method"]["name"],
         "yes" if result["method"]["spiking"] else "no",
@@ -168,7 +168,7 @@ def _uj(costs: Mapping[str, Any], machine: str) -> str:
 def _finite(value: Any) -> Any:
     """Replace infinities and NaN by None, because JSON has neither."""
     if isinstance(value, Mapping):
-        return {name: _finite(one) for name, one in value.items()}
+        return {name: _finite(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(one) for one in value]
+        return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -162,13 +162,13 @@ def run(
         if len(results) >= len(folds):  # a further seed: use the settings that the first seed chose for this fold
             settings = results[k]["settings"]
         else:  # the first seed: folds with the same validation series share their settings
-            same = (j for j in range(len(results)) if task.kind == "series" and folds[j].validation is fold.validation)
-            settings = next((results[j]["settings"] for j in same), None)
+            runs = (j for j in range(len(results)) if task.kind == "series" and folds[j].validation is fold.validation)
+            settings = next((results[j]["settings"] for j in runs), None)
         candidates = tries(method, options["changes"], request.tries, seed) if settings is None else [settings]
         results.append(_run_fold(task, method, fold, candidates, seed))
         if file is not None:
             KEPT.write(file, identity, {"folds": results})
-    scores = [each["score"] for each in results]
+    scores = [result["score"] for result in results]
     mean, low, high = interval(scores)
     data = None if request.data is None else Path(request.data).absolute()
     return {
@@ -186,8 +186,8 @@ def run(
         "mean": mean,
         "interval": [low, high],
         "folds": results,
-        "costs": _mean_costs([each["costs"] for each in results]),
-        "cpu_s": sum(each["cpu_s"] for each in results),
+        "costs": _mean_costs([result["costs"] for result in results]),
+        "cpu_s": sum(result["cpu_s"] for result in results),
         "provenance": source,
     }
 
@@ -214,10 +214,10 @@ def _run_fold(
                 scores.append(task.score(predicted, validation))
             validated.append({"settings": settings, "validation": float(np.mean(scores))})
         sign = 1.0 if task.higher else -1.0
-        best: dict[str, Any] = max(validated, key=lambda one: sign * float(one["validation"]))["settings"]
+        best_try: dict[str, Any] = max(validated, key=lambda one: sign * float(one["validation"]))["settings"]
     else:
-        best = candidates[0]
-    model = method.fit(fold.both, best, seed)
+        best_try = candidates[0]
+    model = method.fit(fold.both, best_try, seed)
     test_start_s = time.process_time()
     predicted = model.predict(question(fold.test))
     test_s = time.process_time() - test_start_s
@@ -226,7 +226,7 @@ def _run_fold(
         "seed": seed,
         "score": task.score(predicted, fold.test),
         "n": len(fold.test),
-        "settings": best,
+        "settings": best_try,
         "tries": validated,
         "costs": model.costs(question(fold.test)).as_words(),
         "ms_an_example": 1000.0 * test_s / len(fold.test),
@@ -241,20 +241,20 @@ def interval(scores: Sequence[float]) -> tuple[float, float, float]:
     mean, n = float(np.mean(scores)), len(scores)
     if n < 2:
         return mean, float("nan"), float("nan")
-    half = float(t.ppf(0.975, n - 1) * np.std(scores, ddof=1) / n**0.5)
-    return mean, mean - half, mean + half
+    half_width = float(t.ppf(0.975, n - 1) * np.std(scores, ddof=1) / n**0.5)
+    return mean, mean - half_width, mean + half_width
 
 
 def _mean_costs(costs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Average the costs of the folds; a chip that refuses one fold has no mean, and None stays None."""
     means: dict[str, Any] = {}
     for name in costs[0]:
-        values = [one[name] for one in costs]
+        values = [cost[name] for cost in costs]
         if name == "refused":
-            means[name] = {key: why for one in values for key, why in one.items()}
+            means[name] = {key: reason for cost in values for key, reason in cost.items()}
         elif isinstance(values[0], Mapping):
-            shared = (key for key in values[0] if all(key in one for one in values))
-            means[name] = {key: float(np.mean([one[key] for one in values])) for key in shared}
+            shared = (key for key in values[0] if all(key in cost for cost in values))
+            means[name] = {key: float(np.mean([cost[key] for cost in values])) for key in shared}
         else:
             means[name] = None if None in values else float(np.mean(values))
     return means

@@ -109,8 +109,8 @@ class _Cells:
         neuron is the change of the function between the midpoints to its two neighbours.
         """
         weights = []
-        for k, at in enumerate(self.at):
-            middles = np.concatenate(([-1.0], (at[1:] + at[:-1]) / 2.0, [1.0]))
+        for k, time in enumerate(self.at):
+            middles = np.concatenate(([-1.0], (time[1:] + time[:-1]) / 2.0, [1.0]))
             weights.append(np.diff(tangents(functions, steep, (self._seed, k))(middles), axis=0))
         return weights
 
@@ -146,7 +146,7 @@ _cells = lru_cache(maxsize=4)(_Cells)
 @lru_cache(maxsize=4)
 def _shares_of_values(cells: _Cells, values: bytes) -> Floats:
     """Return the remaining shares for each value of a series, shape (members, values, neurons)."""
-    return np.stack([cells.remaining_shares(np.full(len(cells.at), each)) for each in np.frombuffer(values)], axis=1)
+    return np.stack([cells.remaining_shares(np.full(len(cells.at), age)) for age in np.frombuffer(values)], axis=1)
 
 
 class _Coded:
@@ -260,12 +260,12 @@ class Members:
 
     def costs(self, data: int) -> Costs:
         """Return the costs of the first member times the number of members."""
-        one: Costs = self._models[0].costs(data)
+        costs: Costs = self._models[0].costs(data)
         n = len(self._models)
         fields = ("parameters", "footprint_bytes", "effective_macs", "effective_acs", "dense")
-        joules = {name: n * value for name, value in one.joules.items()}
-        counts: Any = {field: n * getattr(one, field) for field in fields}
-        return replace(one, joules=joules, **counts)
+        joules = {name: n * value for name, value in costs.joules.items()}
+        counts: Any = {field: n * getattr(costs, field) for field in fields}
+        return replace(costs, joules=joules, **counts)
 
 
 class EchoState(Method):
@@ -326,8 +326,8 @@ class _Reservoir:
     def costs(self, data: int) -> Costs:
         """Count the products of the recurrent connections and of the readout for a value."""
         weights = (self._recurrent, self._input, self._out)
-        size = sum(each.size for each in weights)
-        macs = float(sum(np.count_nonzero(each) for each in weights))
+        size = sum(array.size for array in weights)
+        macs = float(sum(np.count_nonzero(array) for array in weights))
         return product_costs(self._out.size, 8 * size, macs, float(size), connection_sparsity=1.0 - macs / size)
 
 

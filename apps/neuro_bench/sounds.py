@@ -119,8 +119,8 @@ def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | 
     levels = levels[max(0, onset - BEFORE) :]
     if rng is not None:
         times = np.arange(0.0, len(levels) - 1.0, _random_factor(rng, TEMPO))
-        fraction, before = (times % 1.0)[:, None], times.astype(np.int64)
-        levels = (1.0 - fraction) * levels[before] + fraction * levels[before + 1]
+        fraction, lower = (times % 1.0)[:, None], times.astype(np.int64)
+        levels = (1.0 - fraction) * levels[lower] + fraction * levels[lower + 1]
         levels += np.interp(np.arange(BANDS), np.linspace(0, BANDS - 1, 5), rng.normal(0.0, COLOUR, 5))
     levels = levels[:steps]
     if len(levels):
@@ -139,7 +139,7 @@ def spikes_of(levels: Floats) -> Spikes:
     Args:
         levels: shape (examples, steps, bands); a band is a column of the sheets.
     """
-    spikes = [crossings(each, THRESHOLDS).reshape(len(each), -1).nonzero() for each in levels]
+    spikes = [crossings(level, THRESHOLDS).reshape(len(level), -1).nonzero() for level in levels]
     step, neuron = np.concatenate(spikes, axis=1)
     example = np.repeat(np.arange(len(levels)), [len(steps) for steps, _ in spikes])
     return Spikes((2, len(THRESHOLDS), levels.shape[2]), levels.shape[1], HOP, example, step, neuron)

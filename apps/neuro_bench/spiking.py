@@ -212,8 +212,8 @@ class Converted(Method):
             layers: list[Any] = []
             for source, target, size in ((channels, maps, 5), (maps, 2 * maps, 5), (2 * maps, 4 * maps, 3)):
                 layers += [nn.Conv2d(source, target, size, 2, size // 2), nn.BatchNorm2d(target), nn.ReLU()]
-            last = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes), bias=False)
-            return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(settings["dropout"]), last)
+            output_layer = nn.Linear(4 * maps * sides[0] * sides[1], len(train.classes), bias=False)
+            return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(settings["dropout"]), output_layer)
 
         modules = members(make, counts, settings, seed)
         layers_of_members = [scaled(module, counts.frames, settings["levels"]) for module in modules]
@@ -245,8 +245,8 @@ def scaled(module: Any, frames: Floats, levels: int) -> list[Layer]:
             x = layer(x)
             if hasattr(layer, "weight"):
                 positive = np.asarray(x[x > 0])
-                last = layer is module[-1]
-                scale = levels / float(np.quantile(positive, COMMON)) if len(positive) and not last else 1.0
+                is_output = layer is module[-1]
+                scale = levels / float(np.quantile(positive, COMMON)) if len(positive) and not is_output else 1.0
                 bias = np.zeros(len(layer.weight), np.float32) if layer.bias is None else layer.bias.numpy() * scale
                 layers.append((layer.weight.numpy() * (scale / previous_scale), bias))
                 previous_scale = scale
@@ -265,30 +265,30 @@ class _Converted:
         release_times = [float(first + k * (levels + 2)) for k in range(layers)]
         net = neuro.Network("converted-cnn", resolution=1.0)
         net.population(INPUT, like.shape, neuro.spike_generator())
-        times = [[1.0], [2.0], *([each - 1.0, each] for each in release_times)]
+        times = [[1.0], [2.0], *([time - 1.0, time] for time in release_times)]
         clock = net.population("clock", layers + 2, neuro.spike_generator(spike_times=times))
-        class_weights = np.concatenate([each[-1][0] for each in members], axis=1)
+        class_weights = np.concatenate([member[-1][0] for member in members], axis=1)
         # Output neurons never fire: the threshold is the potential with all excitatory inputs at the highest level.
         unreachable = max(1.0, levels * float(class_weights.clip(min=0.0).sum(axis=1).max()))
         net.population(OUTPUT, len(class_weights), neuro.iaf_psc_delta(V_th=unreachable, **parameters))
         for m, (*maps, (weight_of_classes, _)) in enumerate(members):
-            before, (_, rows, columns) = INPUT, like.shape
+            source, (_, rows, columns) = INPUT, like.shape
             for k, (weight, bias) in enumerate(maps):
                 name, size, rows, columns = f"maps_{m}_{k}", weight.shape[2], -(-rows // 2), -(-columns // 2)
                 net.population(name, (len(weight), rows, columns), cell)
                 rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
-                net.connect(before, name, rule, weight=weight.astype(np.float64), delay=1.0)
+                net.connect(source, name, rule, weight=weight.astype(np.float64), delay=1.0)
                 # An additional half threshold rounds to the nearest whole number of spikes. The largest weight of a
                 # chip nearly fills the register of a step's input. The inhibition therefore arrives in a step of its
                 # own, and its release in two halves.
                 offset = np.repeat(0.5 + bias.astype(np.float64), rows * columns)[None]
                 signals = ("held", 0, -HELD * levels), ("bias", 1, offset), ("open", k + 2, HELD * levels / 2.0)
-                for signal, neuron, each in signals:
+                for signal, neuron, strength in signals:
                     net.connect(
-                        clock[neuron], name, neuro.all_to_all(), weight=each, delay=1.0, name=f"{name}_{signal}"
+                        clock[neuron], name, neuro.all_to_all(), weight=strength, delay=1.0, name=f"{name}_{signal}"
                     )
-                before = name
-            net.connect(before, OUTPUT, neuro.all_to_all(), weight=weight_of_classes.T.astype(np.float64), delay=1.0)
+                source = name
+            net.connect(source, OUTPUT, neuro.all_to_all(), weight=weight_of_classes.T.astype(np.float64), delay=1.0)
         self.net, self._steps, self._backend = net, int(release_times[-1]) + levels + 4, backend
 
     def _show(self, sim: Any, data: Examples) -> tuple[Any, Showing]:
@@ -296,8 +296,8 @@ class _Converted:
         showing, spikes = Showing(sim, INPUT, OUTPUT), data.spikes
         ends, classes = np.searchsorted(spikes.example, np.arange(len(data) + 1)), []
         for k in range(len(data)):
-            own = slice(ends[k], ends[k + 1])
-            steps, neurons = 1 + (spikes.at[own] * spikes.step).astype(np.int64), spikes.neuron[own]
+            rows = slice(ends[k], ends[k + 1])
+            steps, neurons = 1 + (spikes.at[rows] * spikes.step).astype(np.int64), spikes.neuron[rows]
             showing.show(steps, neurons, self._steps, len(neurons))
             classes.append(int(np.argmax(sim.get(OUTPUT, "V_m"))))
         return np.array(classes), showing

@@ -50,9 +50,9 @@ class Spikes:
         if dense.ndim != 5:
             message = f"spikes: found the shape {dense.shape}"
             raise ModelError(f"{message}: expected (examples, steps, sheets, rows, columns)")
-        example, at, neuron = dense.reshape(*dense.shape[:2], -1).nonzero()
+        example, step_index, neuron = dense.reshape(*dense.shape[:2], -1).nonzero()
         _, steps, sheets, rows, columns = dense.shape
-        return cls((sheets, rows, columns), steps, step, example, at, neuron)
+        return cls((sheets, rows, columns), steps, step, example, step_index, neuron)
 
     def take(self, chosen: Ints, examples: int) -> Spikes:
         """Return the spikes of the examples with indices `chosen`, in this order; `examples` is their number now."""
@@ -233,9 +233,9 @@ class Folds(Sequence[Fold]):
             return Folds(self._examples, self._parts[k])
         name, *masks = self._parts[k]
         train, validation, test = (np.flatnonzero(mask) for mask in masks)
-        both = np.flatnonzero(masks[0] | masks[1])
+        chosen_rows = np.flatnonzero(masks[0] | masks[1])
         take = self._examples.take
-        return Fold(name, take(train), take(validation, 1), take(both), take(test, 1))
+        return Fold(name, take(train), take(validation, 1), take(chosen_rows), take(test, 1))
 
 
 def random_folds(examples: Examples, count: int, seed: int) -> Folds:
@@ -253,14 +253,14 @@ def random_folds(examples: Examples, count: int, seed: int) -> Folds:
     part = np.empty(n, dtype=np.int64)
     first = 0
     for label in range(len(examples.classes)):
-        of_class = np.flatnonzero(examples.labels[:n] == label)
-        part[rng.permutation(of_class)] = (first + np.arange(len(of_class))) % count
-        first += len(of_class)
+        members = np.flatnonzero(examples.labels[:n] == label)
+        part[rng.permutation(members)] = (first + np.arange(len(members))) % count
+        first += len(members)
     parts = []
     for k in range(count):
         test, validation = part == k, np.zeros(n, dtype=np.bool_)
-        others = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~test))
-        validation[others[: max(1, len(others) // 10)]] = True
+        learnable = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~test))
+        validation[learnable[: max(1, len(learnable) // 10)]] = True
         parts.append((f"random {k + 1}", ~test & ~validation, validation, test))
     return Folds(examples, parts)
 

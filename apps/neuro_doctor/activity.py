@@ -119,8 +119,8 @@ def _fast(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
     allows = "t_ref allows" if limit < min(999.0 / h, FAST_HZ) else f"one spike in each step of {h:g} ms allows"
     allows = "no neuron exceeds" if limit == FAST_HZ < 999.0 / h else allows
     evidence = f"{fires}, {rate / limit:.0%} of the {limit:,.0f} Hz that {allows}"
-    if by_current := _alone(wiring, k, rate):
-        yield fault("ceiling", part, f"{evidence}; {by_current[0]}", by_current[1], part.name)
+    if current_finding := _alone(wiring, k, rate):
+        yield fault("ceiling", part, f"{evidence}; {current_finding[0]}", current_finding[1], part.name)
     elif feedback:
         names = wiring.names(wiring.loops(k))
         remedy = f"lower `weight` of {names}, or strengthen the inhibition onto it"
@@ -244,14 +244,14 @@ class Silence:
 
     def falls(self, k: int) -> Iterator[Finding]:
         """Yield a finding if a population fires at first and falls silent although its inputs continue."""
-        part, (n_first, n_last), after = self.program.populations[k], self._thirds(k), self.wiring.reached([k])
-        onto = [q for q in self.wiring.onto(k) if self.wiring.may_excite(q)]
-        inputs = [self._thirds(j) for j in {self.program.projections[q].source for q in onto} - after]
+        part, (n_first, n_last), reached = self.program.populations[k], self._thirds(k), self.wiring.reached([k])
+        edges = [q for q in self.wiring.onto(k) if self.wiring.may_excite(q)]
+        inputs = [self._thirds(j) for j in {self.program.projections[q].source for q in edges} - reached]
         if self.run.ms < SHORT_MS or n_first < EARLY or self.wiring.onto(k, "current"):
             return
         if not inputs or any(n_end < KEPT * n_begin or not n_end for n_begin, n_end in inputs):
             return
-        learning = {q: self.run.learning[q] for q in onto if q in self.run.learning}
+        learning = {q: self.run.learning[q] for q in edges if q in self.run.learning}
         shrunk = [q for q, w in learning.items() if np.abs(w.last).mean() < SHRUNK * np.abs(w.first).mean()]
         slow = bool(shrunk) and 3000.0 * n_last < WITHERED_HZ * part.size * self.run.ms
         if n_last > (WITHERED if slow else FADED) * n_first:
@@ -260,19 +260,19 @@ class Silence:
             f"{some(n_first, 'spike')} in the first third of the run, {n_last} in the last, though its inputs continued"
         )
         inhibit, severity = [q for q in self.wiring.onto(k) if self.wiring.pushes(q)[1]], "fault"
-        cause, remedy = self._long_refractory(part) or self._depleted(onto)
+        cause, remedy = self._long_refractory(part) or self._depleted(edges)
         if shrunk:
-            first, last = learning[shrunk[0]].first.mean(), learning[shrunk[0]].last.mean()
-            cause = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {first:.3g} to {last:.3g}"
+            begin, end = learning[shrunk[0]].first.mean(), learning[shrunk[0]].last.mean()
+            cause = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {begin:.3g} to {end:.3g}"
             remedy = f"{balanced(self.program.projections[shrunk[0]], grows=False)}, or lower the learning rate"
         elif inhibit and not cause:
-            if not n_last and not after & {
+            if not n_last and not reached & {
                 self.program.projections[q].source for q in inhibit
             }:  # not a loop that settles
                 yield self._inhibited(k, "falls-silent", evidence, inhibit)
             return
         elif not cause:
-            remedy = f"raise `weight` of {self.wiring.names(onto)}: initial states made it fire at first, or it adapts"
+            remedy = f"raise `weight` of {self.wiring.names(edges)}: initial states made it fire at first, or it adapts"
             severity = "fault" if is_end(self.wiring, k) else "warning"
         yield finding("falls-silent", severity, part, evidence + cause, remedy, part.name)
 
@@ -286,9 +286,9 @@ class Silence:
         t_ref = float(part.parameters.get("t_ref", np.zeros(1)).min())
         return (f"; t_ref is {t_ref:g} ms", f"lower t_ref of '{part.name}'") if 3.0 * t_ref >= self.run.ms else None
 
-    def _depleted(self, onto: list[int]) -> tuple[str, str]:
+    def _depleted(self, inputs: list[int]) -> tuple[str, str]:
         """Return evidence and remedy for the first projection with strong short-term depression; empty if none."""
-        for q in onto:
+        for q in inputs:
             part, rate = self.program.projections[q], self.run.per_step()
             rested, remaining = (self.wiring.efficacy(q, per_step) for per_step in (1e-9, rate[part.source]))
             if remaining < DEPLETED * rested:
@@ -345,15 +345,15 @@ class Silence:
         severity = "note" if probed and stimuli and not self.wiring.out_of(k) else "fault"
         # Recurrent weights are no remedy: no effect before the first spike, and too much after it.
         active = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
-        onto = [q for q in active if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
-        slow = {j for j in (self.program.projections[q].source for q in onto) if self.run.rate(j) < WITHERED_HZ}
+        inputs = [q for q in active if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
+        slow = {j for j in (self.program.projections[q].source for q in inputs) if self.run.rate(j) < WITHERED_HZ}
         upstream = [q for j in sorted(slow) for q in self.wiring.onto(j) if self.wiring.may_excite(q)]
-        depleted, rested = self._depleted(onto + upstream)
+        depleted, rested = self._depleted(inputs + upstream)
         rates = "" if depleted else ", or the rate of its inputs"  # higher rates deplete synapses more
-        names = f"`weight` of {self.wiring.names(onto)}{times}{rates}" if onto else "its I_e"
-        sources = {self.program.projections[q].source for q in onto}
+        names = f"`weight` of {self.wiring.names(inputs)}{times}{rates}" if inputs else "its I_e"
+        sources = {self.program.projections[q].source for q in inputs}
         shows = [p.name for j, p in enumerate(self.program.populations) if j in sources and p.records and j != k]
-        negative_current = " or I_e" if onto and float(part.parameters.get("I_e", np.zeros(1)).max()) < 0.0 else ""
+        negative_current = " or I_e" if inputs and float(part.parameters.get("I_e", np.zeros(1)).max()) < 0.0 else ""
         remedy = f"raise {names}{negative_current}, or lower {'V_th' if 'V_th' in part.parameters else 'its threshold'}"
         if depleted:
             evidence, remedy = evidence + depleted, f"{rested}, or {remedy}"

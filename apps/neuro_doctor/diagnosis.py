@@ -39,19 +39,19 @@ def page(network: str, lead: str, findings: Sequence[Finding], run: Observation 
     return html.page("neuro doctor", f"{network}: a diagnosis", parts, raster.script())
 
 
-def _finding(each: Finding, run: Observation | None) -> Iterator[html.Html]:
-    yield html.tag("h2", f"{each.severity.capitalize()}: {each.name}")
-    yield html.tag("p", html.tag("b", each.what), f" {each.where}" if each.where else None)
-    yield html.tag("p", each.evidence)
-    yield html.tag("p", html.tag("b", "Remedy: "), each.remedy)
-    if run is None or each.severity == SEVERITIES[-1]:
+def _finding(finding: Finding, run: Observation | None) -> Iterator[html.Html]:
+    yield html.tag("h2", f"{finding.severity.capitalize()}: {finding.name}")
+    yield html.tag("p", html.tag("b", finding.what), f" {finding.where}" if finding.where else None)
+    yield html.tag("p", finding.evidence)
+    yield html.tag("p", html.tag("b", "Remedy: "), finding.remedy)
+    if run is None or finding.severity == SEVERITIES[-1]:
         return
-    evidence = [k for k, p in enumerate(run.program.populations) if p.name in each.shows]
+    evidence = [k for k, p in enumerate(run.program.populations) if p.name in finding.shows]
     yield from _raster(run, evidence)
     yield from (_potential(run, k) for k in evidence if has_threshold(run.program.populations[k]))
     for q, record in run.learning.items():
         name = run.program.projections[q].name
-        if each.what == f"projection '{name}'":
+        if finding.what == f"projection '{name}'":
             weights = histograms.histogram(name, "", {"first": record.first, "last": record.last})
             yield histograms.drawings([weights], {"first": "at the beginning", "last": "at the end"})
 
@@ -149,14 +149,14 @@ class Diagnosis:
 
     def _lines(self) -> Iterator[str]:
         """Yield the first findings of each name in full, and the parts of the others."""
-        by_name: dict[tuple[str, str], list[Finding]] = {}
+        groups: dict[tuple[str, str], list[Finding]] = {}
         for finding in self.findings:
-            by_name.setdefault((finding.severity, finding.name), []).append(finding)
-        for group in by_name.values():
+            groups.setdefault((finding.severity, finding.name), []).append(finding)
+        for group in groups.values():
             yield from map(str, group[:MOST_ALIKE])
-            if others := group[MOST_ALIKE:]:
-                names = ", ".join(finding.what for finding in others[:MOST_ALIKE])
-                yield f"  the same for {names}{', ...' * (len(others) > MOST_ALIKE)} ({len(others)} more)"
+            if similar := group[MOST_ALIKE:]:
+                names = ", ".join(finding.what for finding in similar[:MOST_ALIKE])
+                yield f"  the same for {names}{', ...' * (len(similar) > MOST_ALIKE)} ({len(similar)} more)"
 
     def _repr_html_(self) -> str:
         rows = tuple((e.severity, e.name, e.what, str(e.where or ""), e.evidence, e.remedy) for e in self)

@@ -91,8 +91,8 @@ def add_world_findings(diagnosis: Diagnosis, net: Network, options: Options, see
         return diagnosis
     from neuro_doctor import world
 
-    remaining = [finding for finding in diagnosis.findings if not world.resolves(net, finding)]
-    return replace(diagnosis, findings=sort_findings([*remaining, *world.findings(net, options.backend, seed)]))
+    findings = [finding for finding in diagnosis.findings if not world.resolves(net, finding)]
+    return replace(diagnosis, findings=sort_findings([*findings, *world.findings(net, options.backend, seed)]))
 
 
 def options_of(**settings: Any) -> Options:
@@ -145,11 +145,11 @@ def examine(program: Program, options: Options) -> Diagnosis:
     findings += drift.findings(wiring)
     backend = find_backend(options.backend)
     problems = backend.problems(program)
-    for each in problems:
-        kind = ("refused", "fault") if each.refused else ("approximated", "warning")
-        remedy = each.way_out or "run it on a backend that takes it: neuro backends"
-        findings.append(Finding(*kind, each.what, each.origin, f"backend '{options.backend}': {each.why}", remedy))
-    if any(each.refused for each in problems):
+    for item in problems:
+        kind = ("refused", "fault") if item.refused else ("approximated", "warning")
+        remedy = item.way_out or "run it on a backend that takes it: neuro backends"
+        findings.append(Finding(*kind, item.what, item.origin, f"backend '{options.backend}': {item.why}", remedy))
+    if any(problem.refused for problem in problems):
         return Diagnosis(program.name, sort_findings(findings), f"Nothing ran: {options.backend} refuses the network.")
     steps = math.ceil(options.ms / program.resolution - 1e-6)
     try:
@@ -161,12 +161,12 @@ def examine(program: Program, options: Options) -> Diagnosis:
         f"population '{p.name}'" for p, s in zip(program.populations, run.populations, strict=True) if s.spikes.any()
     }
     # Initial states or a model's dynamics can make neurons fire against a check of the description: the run decides.
-    findings = [each for each in findings if each.name not in ("cannot-fire", "no-path") or each.what not in fired]
+    findings = [f for f in findings if f.name not in ("cannot-fire", "no-path") or f.what not in fired]
     findings += structure.isolated_outputs(wiring)
     acts = list(activity.findings(wiring, run))
     # "silent" uses the true rates of the inputs, "cannot-fire" assumes a spike in every step: keep only the former.
-    silent = {each.what for each in acts if each.name == "silent" and each.severity == "fault"}
-    findings = [each for each in findings if each.name != "cannot-fire" or each.what not in silent]
+    silent = {f.what for f in acts if f.name == "silent" and f.severity == "fault"}
+    findings = [f for f in findings if f.name != "cannot-fire" or f.what not in silent]
     findings += [*acts, *learning.findings(wiring, run, options.ran, options.steered)]
     if options.chip is not None or options.train:
         from neuro_doctor import on_request
@@ -174,8 +174,8 @@ def examine(program: Program, options: Options) -> Diagnosis:
         findings += on_request.chip_findings(wiring, run, options.chip) if options.chip is not None else ()
         findings += on_request.gradient_findings(wiring, run) if options.train else ()
     if not (_works(wiring, run) or run.idle):
-        causes = [each for each in findings if each.severity == "warning" and each.name in EXPLAIN]
-        findings = [replace(each, severity="fault") if each in causes else each for each in findings]
+        causes = [f for f in findings if f.severity == "warning" and f.name in EXPLAIN]
+        findings = [replace(f, severity="fault") if f in causes else f for f in findings]
     return Diagnosis(program.name, sort_findings(findings), _about(run, options), run)
 
 

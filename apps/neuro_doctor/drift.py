@@ -162,10 +162,10 @@ def shares_of(
     counts = np.zeros((2, 3, *grid.kernels))
     grown = np.zeros(maps)
     sheet = np.empty(program.populations[part.source].size)
-    for k, right in enumerate(np.asarray(labels).tolist()):
-        winner, hit = int(results.winner[k]), int(results.label[k]) == right
+    for k, label in enumerate(np.asarray(labels).tolist()):
+        winner, hit = int(results.winner[k]), int(results.label[k]) == label
         if not hit:
-            grown[right * trials.maps_per_label : (right + 1) * trials.maps_per_label] += 1.0
+            grown[label * trials.maps_per_label : (label + 1) * trials.maps_per_label] += 1.0
         if winner < 0 or trials.reward[0 if hit else 1] == 0.0:
             continue
         sheet.fill(np.inf)
@@ -194,9 +194,9 @@ def required_share(rule: neuro.r_stdp, weight: Floats, before: float, per_label:
         per_label: maps per label.
     """
     drifts = _outcome_drifts(rule, before)
-    right, wrong = (float(np.mean(drift.push * weight * (1.0 - weight))) / per_label for drift in drifts)
-    gain = wrong + rule.epsilon
-    return 0.0 if gain <= 0.0 else gain / (gain - right) if right < 0.0 else 1.0
+    push_correct, push_wrong = (float(np.mean(drift.push * weight * (1.0 - weight))) / per_label for drift in drifts)
+    gain = push_wrong + rule.epsilon
+    return 0.0 if gain <= 0.0 else gain / (gain - push_correct) if push_correct < 0.0 else 1.0
 
 
 def sufficient_epsilon(rule: neuro.r_stdp, weight: Floats, before: float, per_label: int, share: float) -> float:
@@ -206,9 +206,9 @@ def sufficient_epsilon(rule: neuro.r_stdp, weight: Floats, before: float, per_la
     return max(0.0, -right * share / (1.0 - share) - wrong)
 
 
-def _outcome_drifts(rule: neuro.r_stdp, before: float) -> list[Drift]:
+def _outcome_drifts(rule: neuro.r_stdp, epsilon: float) -> list[Drift]:
     """Return the drift in a rewarded trial, and in a punished trial."""
-    shares, zeros = np.array([before, 0.0, 1.0 - before]), np.zeros(3)
+    shares, zeros = np.array([epsilon, 0.0, 1.0 - epsilon]), np.zeros(3)
     return [drift_of(rule, Shares(*arguments)) for arguments in ((shares, zeros, zeros[0]), (zeros, shares, zeros[0]))]
 
 
@@ -250,7 +250,7 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
             f"epsilon = {rule.epsilon:g} outweighs rewards and punishments until {share:.0%} of the trials are right, "
             f"of which chance is {chance:.0%}; {by_chance if share > reach else saturation}"
         )
-        least, upper = (sufficient_epsilon(rule, weight, p_pre, trials.maps_per_label, end) for end in (limit, reach))
-        lower = f"lower epsilon to about {figure(least)}" if least > 0.0 else "set epsilon to 0"
+        low, upper = (sufficient_epsilon(rule, weight, p_pre, trials.maps_per_label, end) for end in (limit, reach))
+        lower = f"lower epsilon to about {figure(low)}" if low > 0.0 else "set epsilon to 0"
         lower += f", or at most {figure(upper)} if decisions are right early" if upper > 0.0 else ""
         yield warning("weights-saturate", part, evidence, f"{lower}, or set rescue: true")

@@ -42,8 +42,8 @@ class Finding:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding as plain data for JSON; an unknown `where` is None."""
-        where = str(self.where) if self.where else None
-        return {word: where if word == "where" else getattr(self, word) for word in _FIELDS}
+        place = str(self.where) if self.where else None
+        return {word: place if word == "where" else getattr(self, word) for word in _FIELDS}
 
 
 Of = Population | Projection | Signal | Trials | Program
@@ -73,5 +73,5 @@ def note(name: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:
 def finding(name: str, severity: str, of: Of, evidence: str, remedy: str, *shows: str) -> Finding:
     """Return a finding about a part of a program; `shows` names the populations whose spikes are evidence."""
     word = type(of).__name__.lower()
-    what = word if isinstance(of, Trials) else f"{'network' if isinstance(of, Program) else word} '{of.name}'"
-    return Finding(name, severity, what, getattr(of, "origin", None), evidence, remedy, shows)
+    subject = word if isinstance(of, Trials) else f"{'network' if isinstance(of, Program) else word} '{of.name}'"
+    return Finding(name, severity, subject, getattr(of, "origin", None), evidence, remedy, shows)

@@ -151,11 +151,11 @@ def balanced(part: Projection, grows: bool) -> str:
 
     E.g. "raise A_minus or lower A_plus" for weights that grow.
     """
-    words = part.synapse.parameters()
+    parameters = part.synapse.parameters()
     verb, opposite = ("raise", "lower") if grows else ("lower", "raise")
     for plus, minus in (("A_plus", "A_minus"), ("Aplus", "Aminus")):
-        if plus in words and minus in words:
+        if plus in parameters and minus in parameters:
             return f"{verb} {minus} or {opposite} {plus}"
-    if "alpha" in words:
+    if "alpha" in parameters:
         return f"{verb} alpha"
     return f"strengthen {'depression' if grows else 'potentiation'}"

@@ -247,23 +247,23 @@ class _Watch:
                 if steps.size:
                     self.engine.inject(k, steps + self.steps + 1, ids)
 
-    def _record_spikes(self, population: int, since: int) -> None:
-        spikes = self.engine.spikes(population, since)
+    def _record_spikes(self, population: int, begin: int) -> None:
+        spikes = self.engine.spikes(population, begin)
         counts = np.bincount((spikes.steps - 1) // self.bin, spikes.multiplicity, self.bins.shape[1])
         self.bins[population] += counts.astype(np.int64)[: self.bins.shape[1]]
         ids = self.ids[population]
         rows = np.searchsorted(ids, spikes.ids).clip(max=ids.size - 1)
-        in_sample = ids[rows] == spikes.ids
+        is_sampled = ids[rows] == spikes.ids
         if population in self.all_spikes:
             self.all_spikes[population].append((spikes.steps, spikes.ids))
-        self.rasters[population].append((spikes.steps[in_sample], rows[in_sample]))
+        self.rasters[population].append((spikes.steps[is_sampled], rows[is_sampled]))
 
     def _read_potentials(self, population: int) -> None:
         part = self.program.populations[population]
         v = self.engine.get(population, "V_m", self.ids[population])
         self.potentials[population].append(v)
-        hidden = unreadable(self.engine)
-        names = [state.name for state in part.model.states if not state.hidden and state.name not in hidden]
+        unreadable_names = unreadable(self.engine)
+        names = [state.name for state in part.model.states if not state.hidden and state.name not in unreadable_names]
         # Only every tenth reading checks all neurons, since that updates neurons which the engine would skip.
         check_all = len(self.potentials[population]) % 10 == 0 or self.steps >= self.max_steps
         if not np.isfinite(v).all() or (check_all and not self._is_finite(population, names)):

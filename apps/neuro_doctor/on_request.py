@@ -62,10 +62,10 @@ def _problems(program: Program, chip: Chip) -> list[Problem]:
     return [*quantised, *(place(program, chip).problems if chip.mesh is not None or chip.limits else ())]
 
 
-def _problem(each: Problem, chip: Chip) -> Finding:
-    name, severity = ("chip-refuses", "fault") if each.refused else ("chip-approximates", "warning")
-    remedy = each.way_out or f"neuro fit --chip {chip.name} says more"
-    return Finding(name, severity, each.what, each.origin, f"{chip.title}: {each.why}", remedy)
+def _problem(problem: Problem, chip: Chip) -> Finding:
+    name, severity = ("chip-refuses", "fault") if problem.refused else ("chip-approximates", "warning")
+    remedy = problem.way_out or f"neuro fit --chip {chip.name} says more"
+    return Finding(name, severity, problem.what, problem.origin, f"{chip.title}: {problem.why}", remedy)
 
 
 def _weights(program: Program, chip: Chip) -> Iterator[Finding]:
@@ -210,8 +210,8 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
             passes = max(sizes[k], 1e-30) ** (1.0 / layers)
             if layers > 1:
                 evidence += f"; each of {layers} layers passes {passes:.2g} of its gradient"
-            onto = f"{names} and of the later layers" if layers > 1 else names
-            remedy = f"draw weights of {onto} up to {figure(1.0 / passes)} times larger, so that V_m comes near V_th"
+            targets = f"{names} and of the later layers" if layers > 1 else names
+            remedy = f"draw weights of {targets} up to {figure(1.0 / passes)} times larger, so that V_m comes near V_th"
             yield fault("gradients-vanish", part, evidence, remedy)
         elif sizes[k] > MUCH:
             yield fault("gradients-explode", part, evidence, f"draw smaller weights for {names}")
@@ -255,14 +255,14 @@ def _spread(wiring: Wiring, q: int) -> float:
     return float(np.sqrt(squares / wiring.program.populations[part.source].size))
 
 
-def _factor(wiring: Wiring, run: Observation, q: int, whole: bool) -> float | None:
+def _factor(wiring: Wiring, run: Observation, q: int, to_end: bool) -> float | None:
     """Return the factor of a projection on a gradient: from the sum of the response if `whole`, else from its peak."""
     part = wiring.program.projections[q]
     cell, s = wiring.cell(part.target), surrogate(wiring, run, part.target)
     if cell is None or s is None:
         return None
     response = cell.response(wiring.receptors(q)[0][0])
-    reach = float(np.abs(response).sum() if whole else np.abs(response).max())
+    reach = float(np.abs(response).sum() if to_end else np.abs(response).max())
     return _spread(wiring, q) * reach * s / (cell.threshold - cell.parameters["V_reset"])
 
 
@@ -285,7 +285,7 @@ def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
             return 1.0
         terms = []
         for q in outgoing:
-            factor, beyond = _factor(wiring, run, q, whole=True), size(program.projections[q].target, before | {k})
+            factor, beyond = _factor(wiring, run, q, to_end=True), size(program.projections[q].target, before | {k})
             if factor is not None and beyond is not None:
                 terms.append(factor * beyond)
         return float(np.sqrt(np.square(terms).sum())) if terms else None
@@ -295,7 +295,7 @@ def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
 
 
 def _growth(wiring: Wiring, run: Observation, q: int) -> float | None:
-    part, factor = wiring.program.projections[q], _factor(wiring, run, q, whole=False)
+    part, factor = wiring.program.projections[q], _factor(wiring, run, q, to_end=False)
     cell = wiring.cell(part.target)
     if factor is None or cell is None:
         return None

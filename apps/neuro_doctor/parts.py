@@ -51,12 +51,12 @@ def _steps(wiring: Wiring, k: int) -> Iterator[Finding]:
         yield fault("coarse-step", part, evidence, f"use a `resolution` of {longest / 2.0:g} ms or less")
     for word, values in part.parameters.items():
         unit = part.model.quantities()[word].unit if word in part.model.quantities() else ""
-        least = float(values.min(initial=np.inf))
+        tau = float(values.min(initial=np.inf))
         unused = word == "tau_syn_in" and not inhibits
-        if word.startswith("tau") and not unused and unit == "ms" and 0.0 < least < h:
-            remaining = np.exp(-h / least)
-            evidence = f"{word} = {least:g} ms is shorter than a step of {h:g} ms, after which {remaining:.2g} is left"
-            remedy = f"use a `resolution` of at most {least / 4.0:.2g} ms, or check the unit of {word}: it is ms"
+        if word.startswith("tau") and not unused and unit == "ms" and 0.0 < tau < h:
+            remaining = np.exp(-h / tau)
+            evidence = f"{word} = {tau:g} ms is shorter than a step of {h:g} ms, after which {remaining:.2g} is left"
+            remedy = f"use a `resolution` of at most {tau / 4.0:.2g} ms, or check the unit of {word}: it is ms"
             yield fault("coarse-step", part, evidence, remedy)
 
 
@@ -192,8 +192,8 @@ def _one_way(part: Projection) -> Iterator[Finding]:
     names = {word.rstrip("_") for word in values}
     if {"alpha", "lambda"} <= names and np.all(np.equal(values["alpha"], 0.0)):
         yield warning("one-way", part, "alpha = 0: no pair of spikes depresses a weight", "set alpha to about 1")
-    for word, other, verb in (("A_plus", "A_minus", "potentiates"), ("A_minus", "A_plus", "depresses")):
-        if word in values and other in values and np.all(np.equal(values[word], 0.0)) and np.any(values[other]):
+    for word, opposite, verb in (("A_plus", "A_minus", "potentiates"), ("A_minus", "A_plus", "depresses")):
+        if word in values and opposite in values and np.all(np.equal(values[word], 0.0)) and np.any(values[opposite]):
             yield warning("one-way", part, f"{word} = 0: no pair of spikes {verb} a weight", f"set {word} other than 0")
 
 
@@ -203,9 +203,9 @@ def _both_potentiate(part: Projection) -> Iterator[Finding]:
     if rule.learns != "pairs" or rule.identity() or not {"A_plus", "A_minus"} <= values.keys():
         return
     if np.all(np.less(values["A_minus"], 0.0)) and np.all(np.greater(values["A_plus"], 0.0)):
-        least = float(np.min(values["A_minus"]))
-        evidence = f"A_minus = {least:g} and A_plus above 0: pairs of spikes in both orders potentiate"
-        remedy = f"set A_minus to {-least:g}: above 0 it depresses here, in Brian's scripts below 0"
+        smallest = float(np.min(values["A_minus"]))
+        evidence = f"A_minus = {smallest:g} and A_plus above 0: pairs of spikes in both orders potentiate"
+        remedy = f"set A_minus to {-smallest:g}: above 0 it depresses here, in Brian's scripts below 0"
         yield warning("one-way", part, evidence, remedy)
 
 

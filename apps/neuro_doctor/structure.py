@@ -111,8 +111,8 @@ def _mixed(wiring: Wiring, q: int, source: Population) -> Iterator[Finding]:
         return
     share = float((part.weight < 0.0).mean()) if w.mean > 0.0 else float((part.weight > 0.0).mean())
     sign, name = np.sign(w.mean), _name(wiring.program, source)
-    others = [wiring.weights[j] for j in wiring.out_of(part.source) if j != q]
-    single = any(x.synapses and min(x.least * sign, x.largest * sign) > 0.0 for x in others)
+    other_weights = [wiring.weights[j] for j in wiring.out_of(part.source) if j != q]
+    single = any(x.synapses and min(x.least * sign, x.largest * sign) > 0.0 for x in other_weights)
     name_match = _EXCITATORY.search(name) if sign > 0.0 else _INHIBITORY.search(name)
     if MIXED[0] < share < MIXED[1] and (name_match or single):
         effect, bound = ("inhibit", "low") if sign > 0.0 else ("excite", "high")
@@ -170,17 +170,17 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
     for k, part in enumerate(program.populations):
         if part.kind != "neuron" or k in reached:
             continue
-        onto = wiring.onto(k)
-        if onto:
-            ways = f"no generator reaches it by synapses that excite, only {wiring.names(onto)}"
+        inputs = wiring.onto(k)
+        if inputs:
+            ways = f"no generator reaches it by synapses that excite, only {wiring.names(inputs)}"
             evidence = f"{ways}; it does not fire by itself either"
         else:
             evidence = "no projection ends at it, and it does not fire by itself"
         output = ", the output of trials," if trials is not None and trials.output == k else ""
         remedy = f"connect an input to '{part.name}'{output} with weights that excite, or reverse a projection"
-        if inhibitory := [q for q in onto if _is_inhibiting_input(wiring, q)]:
+        if inhibitory := [q for q in inputs if _is_inhibiting_input(wiring, q)]:
             remedy = f"make `weight` of {wiring.names(inhibitory)} excite, if it is meant to, or {remedy}"
-        mild = (onto and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
+        mild = (inputs and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
         severity = "warning" if mild else "fault"
         yield finding("no-path", severity, part, evidence, remedy)
     if trials is not None and trials.output in reached and trials.output not in wiring.reached({trials.input}):
@@ -202,18 +202,18 @@ def isolated_outputs(wiring: Wiring) -> Iterator[Finding]:
     noise = {k for k in generators if populations[k].kind == "current" or _BACKGROUND.search(populations[k].name)}
     inputs = [k for k in generators if k not in noise]
     reached, loud = wiring.reached(inputs, excite=False), wiring.reached(noise)
-    by_name = {k for k, part in enumerate(populations) if part.kind == "neuron" and _OUTPUT.search(part.name)}
-    ends = [k for k, part in enumerate(populations) if k in by_name or (part.kind == "neuron" and is_end(wiring, k))]
-    dead = [k for k in ends if k in reached and k not in by_name]
+    outputs = {k for k, part in enumerate(populations) if part.kind == "neuron" and _OUTPUT.search(part.name)}
+    ends = [k for k, part in enumerate(populations) if k in outputs or (part.kind == "neuron" and is_end(wiring, k))]
+    dead = [k for k in ends if k in reached and k not in outputs]
     for k in ends if inputs and program.trials is None else ():
-        if k in reached or not (k in by_name or dead):
+        if k in reached or not (k in outputs or dead):
             continue
         targets = dead or [j for j in reached if populations[j].kind == "neuron"]
         names, final = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, targets))
         evidence = f"no path leads from {names} to it, only its own noise or currents; {names} reaches {final}"
         remedy = f"connect {final} towards '{populations[k].name}'"
         # A population without the name of an output may be an unstimulated control on purpose.
-        severity = "fault" if k in by_name else "note" if loud & set(dead) else "warning"
+        severity = "fault" if k in outputs else "note" if loud & set(dead) else "warning"
         yield finding("no-path", severity, populations[k], evidence, remedy, populations[k].name)
 
 
@@ -245,10 +245,10 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
     program = wiring.program
     n_most = {k: _most(part, program.resolution) for k, part in enumerate(program.populations)}
     for k, part in enumerate(program.populations):
-        cell, onto = wiring.cell(k), wiring.onto(k)
-        if cell is None or not onto or any(program.projections[q].synapse.learns for q in onto):
+        cell, inputs = wiring.cell(k), wiring.onto(k)
+        if cell is None or not inputs or any(program.projections[q].synapse.learns for q in inputs):
             continue
-        if can_fire_alone(wiring, k) or any(math.isinf(n_most[program.projections[q].source]) for q in onto):
+        if can_fire_alone(wiring, k) or any(math.isinf(n_most[program.projections[q].source]) for q in inputs):
             continue
         if any(v.size > 1 for w, v in part.parameters.items() if w != "tau_minus"):
             continue  # neurons differ, so the first is not representative
@@ -261,7 +261,7 @@ def _thresholds(wiring: Wiring) -> Iterator[Finding]:
             factor = f"to about {figure(1.2 / share)} times" if share > 1e-6 else "far"
             distance = f"{cell.threshold - v.max():.3g} mV below V_th = {cell.threshold:g} mV"
             evidence = f"with all its inputs firing in every step V_m reaches {v.max():.4g} mV, {distance}"
-            remedy = f"raise `weight` of {wiring.names(onto)} {factor}, or lower V_th"
+            remedy = f"raise `weight` of {wiring.names(inputs)} {factor}, or lower V_th"
             yield fault("cannot-fire", part, evidence, remedy, part.name)
 
 

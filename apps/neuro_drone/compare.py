@@ -63,16 +63,16 @@ class ComparisonRow:
         Raises:
             ModelError: a name is unknown or a value is invalid.
         """
-        name, *more = text.split() or [""]
-        changed = [word for word in more if not word.startswith("steps=")]
-        for count in (word.removeprefix("steps=") for word in more if word.startswith("steps=")):
+        name, *words = text.split() or [""]
+        changed = [word for word in words if not word.startswith("steps=")]
+        for count in (word.removeprefix("steps=") for word in words if word.startswith("steps=")):
             if not count.isdecimal() or int(count) < 1:
                 raise ModelError(f"row '{text}': steps = '{count}': expected a whole number >= 1")
             steps = int(count)
         world, settings = apply_changes(scenario, name, [*changes, *changed])
         learns = kind_of(name).learns
         return cls(
-            " ".join([name, *more]),
+            " ".join([name, *words]),
             name,
             world,
             settings,
@@ -175,7 +175,7 @@ def run(
     make_folder(folder)
     jobs = [ComparisonJob(row, seed, starts, course, folder) for row in rows for seed in row.seeds]
     results = side_by_side(ComparisonJob.run, jobs, report=report)
-    return [Summary(row, tuple(one for job, one in zip(jobs, results, strict=True) if job.row is row)) for row in rows]
+    return [Summary(row, tuple(run for job, run in zip(jobs, results, strict=True) if job.row is row)) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,7 +132,7 @@ def _counts_per_step(bills: Bills) -> dict[str, float]:
     sums = {
         "network_steps": counts.steps,
         "input_spikes": counts.populations["cells"].spikes,
-        "spikes": sum(each.spikes for name, each in counts.populations.items() if name != "cells"),
+        "spikes": sum(population.spikes for name, population in counts.populations.items() if name != "cells"),
         "synaptic_ops": counts.synaptic_ops,
         "neuron_updates": counts.neuron_updates,
     }

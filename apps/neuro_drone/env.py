@@ -340,9 +340,9 @@ class Weather:
     def step(self, seconds: float) -> None:
         """Set `wind` and `load` to their values at the beginning of a step, and advance the time by the step."""
         wind, load = self._wind, self._load
-        now = self._time + ROUNDING
-        self.load = load.mass if now >= load.since else 0.0
-        if (wind.speed or wind.gust) and now >= wind.since:
+        deadline = self._time + ROUNDING
+        self.load = load.mass if deadline >= load.since else 0.0
+        if (wind.speed or wind.gust) and deadline >= wind.since:
             self._blow(seconds)
         self._time += seconds
 

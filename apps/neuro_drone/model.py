@@ -116,19 +116,19 @@ class Model:
             ModelError: the network does not fit the scenario, or the backend refuses it.
         """
         scenario: Scenario = env.unwrapped.scenario  # type: ignore[attr-defined]  # a DroneEnv, see env
-        learns, made = learns and kind_of(self.controller).learns, self.make_controller(scenario)
-        if isinstance(made, Spiking):
-            return self._network_loop(made, env, learns, backend, record, block)
+        learns, controller = learns and kind_of(self.controller).learns, self.make_controller(scenario)
+        if isinstance(controller, Spiking):
+            return self._network_loop(controller, env, learns, backend, record, block)
         if self.learnt:
-            made.restore(self.learnt)
-            made = made if learns else made.frozen()
-        return loop_of(made, env, seed=self.seed, learns=learns, block=block or BLOCK)
+            controller.restore(self.learnt)
+            controller = controller if learns else controller.frozen()
+        return loop_of(controller, env, seed=self.seed, learns=learns, block=block or BLOCK)
 
     def _network_loop(
-        self, made: Spiking, env: Any, learns: bool, backend: str, record: bool, block: int | None
+        self, controller: Spiking, env: Any, learns: bool, backend: str, record: bool, block: int | None
     ) -> neuro.ClosedLoop:
         options: dict[str, Any] = {"seed": self.seed, "record": record, "block": block}
-        trained = made.loop(env, **options)
+        trained = controller.loop(env, **options)
         if self.learnt:
             trained.pilot.put({"learnt": self.learnt, **self.world})
         if learns:

@@ -103,10 +103,10 @@ def describe_training(model: Model) -> str:
     if not model.steps:
         return f"{model.controller} does not learn; stored without training"
     returns, lengths = model.history["returns"], model.history["lengths"]
-    last = max(1, len(lengths) // 10)
+    window = max(1, len(lengths) // 10)
     errors = model.curve.get("error_px", np.zeros(0))
     frozen = f"{errors[-1]:.1f} px with frozen weights in short flights from far starts; " if len(errors) else ""
-    reward = returns[-last:].sum() / lengths[-last:].sum() if len(lengths) else np.nan
+    reward = returns[-window:].sum() / lengths[-window:].sum() if len(lengths) else np.nan
     return (
         f"{describe_model(model)}: {frozen}mean reward {reward:.3f} in the last tenth of {len(lengths):,} episodes, "
         "with learning on, where exploration or the teacher also steers"
@@ -152,17 +152,17 @@ def show(model: Model, test: FlightTest, course: FlightCourse) -> None:
     line = model.scenario.kind == "line"
     columns = ("start", *(("way",) if line else ()), ">steps", ">error, px", *(f">|{name}|" for name in names), "lap")
     rows: list[tuple[object, ...]] = []
-    for one in test.each:
-        way = (("left" if one.start.direction > 0 else "right"),) if line else ()
-        result = "yes" if one.lap else "lost" if one.lost else "no"
-        errors = (f"{error:.2f}" for error in (one.error_px, *one.absolute))
-        rows.append((", ".join(f"{error:g}" for error in one.start.error), *way, one.steps, *errors, result))
+    for lap in test.each:
+        direction = (("left" if lap.start.direction > 0 else "right"),) if line else ()
+        result = "yes" if lap.lap else "lost" if lap.lost else "no"
+        errors = (f"{error:.2f}" for error in (lap.error_px, *lap.absolute))
+        rows.append((", ".join(f"{error:g}" for error in lap.start.error), *direction, lap.steps, *errors, result))
     mean = (f"{e:.2f}" for e in (test.error_px, *test.absolute))
-    steps = round(sum(one.steps for one in test.each) / test.starts)
+    steps = round(sum(lap.steps for lap in test.each) / test.starts)
     rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{test.laps} of {test.starts}"))
     out = console()
-    how = "learning on, the teacher also steers" if test.learning else "weights frozen, no dopamine"
-    out.print(table(columns, rows, title=f"{describe_model(model)}; {how}; {course}"))
+    condition = "learning on, the teacher also steers" if test.learning else "weights frozen, no dopamine"
+    out.print(table(columns, rows, title=f"{describe_model(model)}; {condition}; {course}"))
     signed = ", ".join(f"{name} {value:.2f}" for name, value in zip(names, test.signed, strict=True))
     out.print(
         f"{test.laps} of {test.starts} laps, {test.error_px:.2f} px; signed means, in which opposite signs cancel: "

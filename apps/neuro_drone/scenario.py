@@ -119,8 +119,8 @@ class Scenario:
                     path=("load", "mass"),
                 )
             return
-        why = {"drone.spin": "where actions turn", "motors.angle": "where actions turn", "camera.roll": "which leans"}
-        for name, reason in why.items():
+        notes = {"drone.spin": "where actions turn", "motors.angle": "where actions turn", "camera.roll": "which leans"}
+        for name, reason in notes.items():
             part, word = name.split(".")
             if value := getattr(getattr(self, part), word):
                 raise ModelError(f"{name} = {value:g}: expected 0 along a line, {reason}", path=(part, word))
@@ -221,9 +221,9 @@ def _plain(word: str, node: Node) -> Any:
     return {kind: _words(TASKS[kind], inner, kind) for kind, inner in tasks.items()}
 
 
-def _words(part: type[WorldPart], node: Node, what: str) -> dict[str, Any]:
+def _words(part: type[WorldPart], node: Node, part_name: str) -> dict[str, Any]:
     names = [f.name for f in fields(part)]  # type: ignore[arg-type]
-    return {word: plain(inner) for word, inner in words(node, names, what).items()}
+    return {word: plain(inner) for word, inner in words(node, names, part_name).items()}
 
 
 def _node(value: Any) -> Node:

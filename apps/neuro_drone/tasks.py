@@ -258,11 +258,11 @@ class BallTask:
             self._distance_sum += hypot(aim[0] - x, aim[1] - y)
             self._deviation_sum += abs(scaled[-1])
             self._count += 1
-        done = progress >= 1.0 - 1e-9
-        lap = done and not lost and self._follows()
+        is_complete = progress >= 1.0 - 1e-9
+        lap = is_complete and not lost and self._follows()
         if lost:
             reward = 0.0
-        return Judged((u, v), errors, scaled, error, reward, min(progress, 1.0), lost, done, lap)
+        return Judged((u, v), errors, scaled, error, reward, min(progress, 1.0), lost, is_complete, lap)
 
     def _follows(self) -> bool:
         is_near = self._distance_sum <= NEARER * self._hover_distance * self._count
@@ -276,8 +276,8 @@ class BallTask:
         aims = np.array(self._aims)
         piece = np.rint(aims[:, 0] * (PIECES / self.path.length)).astype(int)
         window = (piece[:, None] + np.arange(-WINDOW, WINDOW + 1)) % PIECES
-        away = np.hypot(*(self._pieces[window] - aims[:, None, 1:]).transpose(2, 0, 1))
-        return len(np.unique(window[away <= NEAR * self.path.length])) / PIECES
+        distances = np.hypot(*(self._pieces[window] - aims[:, None, 1:]).transpose(2, 0, 1))
+        return len(np.unique(window[distances <= NEAR * self.path.length])) / PIECES
 
 
 @lru_cache(maxsize=8)  # a training flies the same few paths all the time
@@ -408,9 +408,9 @@ class LineTask:
         yaw = self._headings[0] - atan2(there[1] - point[1], there[0] - point[0])
         x0, y0, x1, y1 = self._sides[0]
         c, s = cos(yaw), sin(yaw)
-        share, rest = self._first, 1.0 - self._first
-        x = rest * x0 + share * x1 - (point[0] * c - point[1] * s)
-        y = rest * y0 + share * y1 - (point[0] * s + point[1] * c)
+        share, remaining_share = self._first, 1.0 - self._first
+        x = remaining_share * x0 + share * x1 - (point[0] * c - point[1] * s)
+        y = remaining_share * y0 + share * y1 - (point[0] * s + point[1] * c)
         return x, y, yaw
 
     def scene(self) -> WorldScene:
@@ -449,7 +449,7 @@ class LineTask:
         The column is infinite if no side crosses the row.
         """
         # n is normal to all rays of the row, so the row contains the ground points whose dot product with n is 0.
-        best, lean = inf, 0.0
+        smallest, lean = inf, 0.0
         n, (px, py, pz) = view.row(AIM), view.place()
         base = n[0] * px + n[1] * py + n[2] * pz
         for x0, y0, x1, y1 in self._sides:
@@ -459,11 +459,11 @@ class LineTask:
             s = a / (a - b)
             x, y = x0 + s * (x1 - x0), y0 + s * (y1 - y0)
             u, v, depth = view.project(x, y, 0.0)
-            if depth > 0.0 and abs(u - AIM) < abs(best - AIM):
+            if depth > 0.0 and abs(u - AIM) < abs(smallest - AIM):
                 u1, v1, _ = view.project(x + 1e-3 * (x1 - x0), y + 1e-3 * (y1 - y0), 0.0)
                 up = 1.0 if v1 < v else -1.0
-                best, lean = u, degrees(atan2(up * (u1 - u), up * (v - v1)))
-        return best, lean
+                smallest, lean = u, degrees(atan2(up * (u1 - u), up * (v - v1)))
+        return smallest, lean
 
     def _follows(self) -> bool:
         return self._error_sum <= LARGEST_ERROR * self._count and self._deviation_sum <= NEARER * EVENLY * self._count
@@ -477,10 +477,10 @@ class LineTask:
         deviation = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
         if self._place is None:
             self._place = place
-        way = (place - self._place + 0.5 * SIDES) % SIDES - 0.5 * SIDES
-        leap = way > 0.5
-        if way <= 0.0 or abs(deviation) <= ALONG or leap:  # else the way counts once the heading is right again
-            self.way += 0.0 if leap else way
+        change = (place - self._place + 0.5 * SIDES) % SIDES - 0.5 * SIDES
+        leap = change > 0.5
+        if change <= 0.0 or abs(deviation) <= ALONG or leap:  # else the way counts once the heading is right again
+            self.way += 0.0 if leap else change
             self._place = place
         return deviation
 
@@ -489,12 +489,12 @@ class LineTask:
 
         E.g. 2.5 and 2 for the middle of the third side.
         """
-        best, place, side = inf, 0.0, 0
+        smallest, place, side = inf, 0.0, 0
         for k, (x0, y0, x1, y1) in enumerate(self._sides):
             dx, dy = x1 - x0, y1 - y0
             s = ((x - x0) * dx + (y - y0) * dy) / (dx * dx + dy * dy)
             s = 0.0 if s < 0.0 else 1.0 if s > 1.0 else s
-            away = hypot(x - x0 - s * dx, y - y0 - s * dy)
-            if away < best:
-                best, place, side = away, k + s, k
+            distance = hypot(x - x0 - s * dx, y - y0 - s * dy)
+            if distance < smallest:
+                smallest, place, side = distance, k + s, k
         return place, side

@@ -179,15 +179,15 @@ def due_time(state, levels, i, all_):
     r = bandwidth(state, all_)
     wait = max(state.listen - state.since, 0.0)
     q = state.lag + lag_change(state.lag, r, wait)
-    on, off, change = levels[i, ON], levels[i, OFF], levels[i, CHANGE]
+    on_level, off_level, change = levels[i, ON], levels[i, OFF], levels[i, CHANGE]
     high = change + abs(q)
-    if high < on and change - abs(q) > -off:
-        u = (on - high) / state.leak if state.leak > 0.0 else inf
+    if high < on_level and change - abs(q) > -off_level:
+        u = (on_level - high) / state.leak if state.leak > 0.0 else inf
     else:
         span = inf
         if q != 0.0:
-            span = SETTLED / r + ((on + off + abs(q)) / state.leak if state.leak > 0.0 else 0.0)
-        u, _ = crossing(change, state.leak, q, r, on, off, span)
+            span = SETTLED / r + ((on_level + off_level + abs(q)) / state.leak if state.leak > 0.0 else 0.0)
+        u, _ = crossing(change, state.leak, q, r, on_level, off_level, span)
     return min(state.since + wait + u, state.noise)
 
 
@@ -215,17 +215,17 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
                 break
         q = state.lag + tail
         delay, p = crossing(levels[i, CHANGE], a, q, r, levels[i, ON], levels[i, OFF], span - u)
-        at = min(u + delay, span) if delay < inf else inf
+        due_time = min(u + delay, span) if delay < inf else inf
         while state.noise - start <= u:
             next_noise(state, i, all_)
-        while state.noise - start < at and state.noise <= end:
+        while state.noise - start < due_time and state.noise <= end:
             word = draw(all_.seed, i, state.drawn)
             if unit(draws.mix(word)) >= all_.dimmed * min(state.bright, 1.0):
-                at = state.noise - start
+                due_time = state.noise - start
                 p = int(word & np.uint64(1))
                 break
             next_noise(state, i, all_)
-        if at == inf:
+        if due_time == inf:
             change = lag_change(q, r, span - u)
             levels[i, CHANGE] += a * (span - u) + change
             state.lag += change
@@ -233,14 +233,14 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
         if n == out_t.shape[0]:
             state.since = start + u
             return n, False
-        out_t[n] = origin + max(int(start + at), earliest)
+        out_t[n] = origin + max(int(start + due_time), earliest)
         out_pixel[n] = i
         out_p[n] = p
         n += 1
-        state.lag += lag_change(q, r, at - u)
+        state.lag += lag_change(q, r, due_time - u)
         levels[i, CHANGE] = 0.0
-        u = at
-        blind = at + all_.blind
+        u = due_time
+        blind = due_time + all_.blind
         state.listen = start + blind
     state.since = end
     return n, True
@@ -275,8 +275,8 @@ def advance(k, count, t0, t1, origin, pixels, out):
                 levels[i, CHANGE] = end
                 state.since = t1
                 levels[i, LOG] = logs[j]
-                later = t1 + (levels[i, ON] - end) / state.leak if state.leak > 0.0 else inf
-                due[i] = min(later, state.noise)
+                crossing = t1 + (levels[i, ON] - end) / state.leak if state.leak > 0.0 else inf
+                due[i] = min(crossing, state.noise)
                 continue
         n, is_finished = run(state, levels, i, s, t1, all_, origin, earliest, n, out)
         if not is_finished:
@@ -396,8 +396,8 @@ def look(new, old, first, box, width, scale, t1, pixels):
     for block in range(block_due.size):
         low = block * BLOCK
         high = min(low + BLOCK, new.size)
-        within = high > above and low < below and not outside(low, high, width, box)
-        if block_due[block] > t1 and not within and not first:
+        is_inside = high > above and low < below and not outside(low, high, width, box)
+        if block_due[block] > t1 and not is_inside and not first:
             continue
         count = high - low if first else differing(new, old, low, high)
         if count == 0 and block_due[block] > t1:

@@ -64,9 +64,9 @@ def rested(t, x, y, period_us, extend, last, keep):
         keep: (n,) bool, output.
     """
     for k in range(t.shape[0]):
-        before = last[y[k], x[k]]
-        keep[k] = t[k] >= before + period_us
-        last[y[k], x[k]] = t[k] if extend or keep[k] else before
+        previous = last[y[k], x[k]]
+        keep[k] = t[k] >= previous + period_us
+        last[y[k], x[k]] = t[k] if extend or keep[k] else previous
 
 
 @kernel
@@ -104,17 +104,17 @@ def tar(t, x, y, tau_us, theta, radius, mask, last_update, keep):
     side = 2 * radius + 1
     rate = -1.0 / tau_us
     for k in range(t.shape[0]):
-        now = t[k]
-        factor_for = now
+        time = t[k]
+        factor_for = time
         factor = 1.0
         for row in range(y[k], y[k] + side):
             for column in range(x[k], x[k] + side):
                 updated_at = last_update[row, column]
                 if updated_at != factor_for:
                     factor_for = updated_at
-                    factor = exp(rate * (np.uint64(now) - np.uint64(updated_at)))
+                    factor = exp(rate * (np.uint64(time) - np.uint64(updated_at)))
                 mask[row, column] = mask[row, column] * factor + 1.0
-                last_update[row, column] = now
+                last_update[row, column] = time
         keep[k] = mask[y[k] + radius, x[k] + radius] > theta
 
 
@@ -311,9 +311,9 @@ def merge(noise_t, noise_pixel, noise_p, width, events, out):
     j = 0
     for k in range(t.shape[0]):
         while j < noise_t.shape[0] and noise_t[j] <= t[k]:
-            at = j + k
-            out_t[at], out_p[at] = noise_t[j], noise_p[j]
-            out_x[at], out_y[at] = noise_pixel[j] % width, noise_pixel[j] // width
+            index = j + k
+            out_t[index], out_p[index] = noise_t[j], noise_p[j]
+            out_x[index], out_y[index] = noise_pixel[j] % width, noise_pixel[j] // width
             j += 1
         out_t[j + k], out_x[j + k], out_y[j + k], out_p[j + k] = t[k], x[k], y[k], p[k]
 
@@ -409,7 +409,7 @@ def ages(last, now, tau, linear, out):
 
 
 @kernel
-def leak(t, x, y, p, before, options, values, value, since):
+def leak(t, x, y, p, previous, options, values, value, since):
     """Add events to leaky pixels.
 
     Args:
@@ -417,7 +417,7 @@ def leak(t, x, y, p, before, options, values, value, since):
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
-        before: time of the event before the first.
+        previous: time of the event before the first.
         options: make polarity an axis, decay linearly, and increment before the decay.
         values: tau and increment.
         value: (1 or 2, height, width) float64 of the pixels.
@@ -426,15 +426,15 @@ def leak(t, x, y, p, before, options, values, value, since):
     separate, linear, increments_first = options
     tau, increment = values
     for k in range(t.shape[0]):
-        when = before if increments_first else t[k]
-        before = t[k]
+        read_time = previous if increments_first else t[k]
+        previous = t[k]
         c = p[k] if separate else 0
         u = value[c, y[k], x[k]]
         if u > 0.0:
-            decay = elapsed_us(since[c, y[k], x[k]], when) / tau
+            decay = elapsed_us(since[c, y[k], x[k]], read_time) / tau
             u = max(0.0, u - decay) if linear else u * exp(-decay)
         value[c, y[k], x[k]] = u + increment
-        since[c, y[k], x[k]] = when
+        since[c, y[k], x[k]] = read_time
 
 
 @kernel
@@ -536,30 +536,30 @@ def histograms(columns, begin, constants, memory, inside, queues, following, sum
     stored values exceed e^30. A pixel whose last event leaves the window is set to exactly 0, without rounding error.
     """
     t, x, y, p = columns
-    cell, radius, _, tau, own = constants
+    cell, radius, _, tau, includes_event = constants
     size = 2 * radius + 1
     for k in range(begin, t.shape[0]):
-        now = t[k]
+        time = t[k]
         r, c, q = y[k] // cell, x[k] // cell, p[k]
         here, filled = memory[r, c, q], inside[r, c, q]
         oldest, newest, reference = queues[0, r, c, q], queues[1, r, c, q], queues[2, r, c, q]
         if counts[r, c, q] == 0:
-            reference = now
-        oldest = leave(now, t, x, y, constants, oldest, reference, here, filled, following)
-        if elapsed_us(reference, now) / tau > FURTHEST:
-            scale = exp(-elapsed_us(reference, now) / tau)
+            reference = time
+        oldest = leave(time, t, x, y, constants, oldest, reference, here, filled, following)
+        if elapsed_us(reference, time) / tau > FURTHEST:
+            scale = exp(-elapsed_us(reference, time) / tau)
             for i in range(here.shape[0]):
                 for j in range(here.shape[1]):
                     here[i, j] *= scale
-            reference = now
+            reference = time
         row, column = y[k] % cell, x[k] % cell
-        scale = exp((reference - now) / tau)
+        scale = exp((reference - time) / tau)
         for i in range(size):
             for j in range(size):
                 sums[r, c, q, i, j] += here[row + i, column + j] * scale
-        sums[r, c, q, radius, radius] += own
+        sums[r, c, q, radius, radius] += includes_event
         counts[r, c, q] += 1
-        here[row + radius, column + radius] += exp((now - reference) / tau)
+        here[row + radius, column + radius] += exp((time - reference) / tau)
         filled[row + radius, column + radius] += 1
         following[k] = -1
         if oldest < 0:
@@ -618,7 +618,7 @@ def peaks(t, last, n_before, constants, state, candidate, queue_t, queue_v, n_qu
     """
     tau, rise, v0, search, threshold = constants
     slow, fast = state
-    number, when = candidate
+    number, time = candidate
     n, head, tail = 0, 0, n_queued
     for k in range(t.shape[0]):
         now = t[k]
@@ -628,19 +628,19 @@ def peaks(t, last, n_before, constants, state, candidate, queue_t, queue_v, n_qu
             fast = fast * exp(minus_dt / rise) + v0
         v = slow - fast
         last = now
-        if number >= 0 and now - when > search:
+        if number >= 0 and now - time > search:
             cuts[n] = number + 1
             n += 1
             number = -1
         while head < tail and now - queue_t[head] > search:
             head += 1
         if (head == tail or queue_v[head] < v) and v > threshold:
-            number, when = n_before + k, now
+            number, time = n_before + k, now
         while head < tail and queue_v[tail - 1] <= v:
             tail -= 1
         queue_t[tail] = now
         queue_v[tail] = v
         tail += 1
     state[0], state[1] = slow, fast
-    candidate[0], candidate[1] = number, when
+    candidate[0], candidate[1] = number, time
     return n, head, tail

@@ -126,8 +126,8 @@ def write(
         EventFileError: see `neuro.events.save`; also for standard output without a format.
     """
     n_written = 0
-    to_output = os.fspath(target) == STANDARD
-    if not to_output:
+    is_standard = os.fspath(target) == STANDARD
+    if not is_standard:
         chosen = writer(Path(target), format)
     elif format is None or (match := called(format, written())) is None:
         message = "the format is missing" if format is None else f"cannot write format {format!r}"
@@ -143,7 +143,7 @@ def write(
             if report is not None:
                 report(n_written)
 
-    if to_output:
+    if is_standard:
         _write_out(counted(), chosen)
     else:
         save(counted(), target, format=format, replace=replace, keep=keep)

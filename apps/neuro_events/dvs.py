@@ -127,8 +127,8 @@ class DVS:
                 if n_done < count:
                     self._out = _buffers(4 * len(self._out[0]))
         kernels.settle(blocks, flat, self._old, pixels)
-        before, self._t = self._t, t
-        return self._sorted(batches, before, t)
+        previous, self._t = self._t, t
+        return self._sorted(batches, previous, t)
 
     def watch(self, images: Iterable[tuple[int, Image]]) -> Iterator[Events]:
         """Process images as they arrive.
@@ -158,25 +158,25 @@ class DVS:
         """Check an image and its time, and return the flat image and the time."""
         array, t = np.asarray(image), int(t_us)
         width, height = self.sensor_size
-        where = f"image at {t_us} us"
+        place = f"image at {t_us} us"
         if t != t_us:
-            raise ModelError(f"{where}: expected a time in whole us")
+            raise ModelError(f"{place}: expected a time in whole us")
         if array.shape != (height, width):
             hint = "one grey value for each pixel; mix colours first" if array.ndim == 3 else ""
-            raise ModelError(f"{where} has shape {array.shape}, expected ({height}, {width})", hint=hint)
+            raise ModelError(f"{place} has shape {array.shape}, expected ({height}, {width})", hint=hint)
         has_type_of_last = self._old is not None and array.dtype == self._old.dtype
         if not has_type_of_last and str(array.dtype) not in _KINDS:
             raise ModelError(
-                f"{where} has type {array.dtype}, expected one of {', '.join(_KINDS)}",
+                f"{place} has type {array.dtype}, expected one of {', '.join(_KINDS)}",
                 hint="integers have their type's largest value as full scale, floats have 1",
             )
         if not has_type_of_last and array.dtype == np.float16:
             array = array.astype(np.float32)
         if self._old is not None:
             if array.dtype != self._old.dtype:
-                raise ModelError(f"{where} has type {array.dtype}, expected {self._old.dtype} like the one before")
+                raise ModelError(f"{place} has type {array.dtype}, expected {self._old.dtype} like the one before")
             if t <= self._t:
-                raise ModelError(f"{where}: expected a time later than that of the image before, {self._t} us")
+                raise ModelError(f"{place}: expected a time later than that of the image before, {self._t} us")
         return np.ascontiguousarray(array).reshape(-1), t
 
     def _inside(self, changed: Box, t: int) -> Box:
@@ -201,7 +201,7 @@ class DVS:
         text = f"image at {t} us: intensity at x {x}, y {y} is {image[bad]}, expected a finite number of at least 0"
         return ModelError(text)
 
-    def _sorted(self, batches: list[RawEvents], before: int, now: int) -> Events:
+    def _sorted(self, batches: list[RawEvents], begin: int, end: int) -> Events:
         """Sort the events of the kernel by time and then by pixel."""
         t, pixel, p = batches[0] if len(batches) == 1 else _joined(batches or [_buffers(0)])
         n, width = len(t), self.sensor_size[0]
@@ -209,7 +209,7 @@ class DVS:
         if n <= _FEW:
             kernels.few_in_order(t, pixel, p, width, *out)
         else:
-            key = (t - before).astype(np.uint16) if now - before < 65536 else t
+            key = (t - begin).astype(np.uint16) if end - begin < 65536 else t
             kernels.in_order(t, pixel, p, width, np.argsort(key, kind="stable"), *out)
         return Events._trusted(*out, self.sensor_size, {})
 
@@ -406,17 +406,17 @@ def _frames(
 ) -> Iterator[tuple[int, Image]]:
     image = np.array(scene(start))
     yield start, image
-    at, log = start, _log(image, change, parameters)
+    time, log = start, _log(image, change, parameters)
     pending: list[tuple[int, Image, npt.NDArray[np.float64]]] = []
-    while at < stop:
+    while time < stop:
         if not pending:
-            pending.append(_sample(scene, min(at + step, stop), change, parameters))
+            pending.append(_sample(scene, min(time + step, stop), change, parameters))
         while (
-            change is not None and pending[-1][0] - at >= 2 * shortest and np.abs(pending[-1][2] - log).max() > change
+            change is not None and pending[-1][0] - time >= 2 * shortest and np.abs(pending[-1][2] - log).max() > change
         ):
-            pending.append(_sample(scene, (at + pending[-1][0]) // 2, change, parameters))
-        at, image, log = pending.pop()
-        yield at, image
+            pending.append(_sample(scene, (time + pending[-1][0]) // 2, change, parameters))
+        time, image, log = pending.pop()
+        yield time, image
 
 
 def _sample(

@@ -184,8 +184,8 @@ class _Pixels:
         """Count events."""
         self._grow(int(x.max()) + 1, int(y.max()) + 1)
         if self._counted:
-            more = np.bincount(y.astype(np.int64) * self.width + x)
-            self._counts.reshape(-1)[: more.size] += more
+            pixel_counts = np.bincount(y.astype(np.int64) * self.width + x)
+            self._counts.reshape(-1)[: pixel_counts.size] += pixel_counts
 
     def active(self) -> int | None:
         """Return the number of pixels with events, None for a sensor of more than `PIXELS`."""

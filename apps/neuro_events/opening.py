@@ -56,8 +56,8 @@ class Checker:
         for name, array, expected in zip("txyp", columns, empty, strict=True):
             if array.shape != (len(piece.t),) or array.dtype != expected.dtype:
                 column = f"{name} of shape {list(array.shape)} and type {array.dtype}"
-                what = f"its format gives {column}: expected {len(piece.t)} of type {expected.dtype}"
-                raise EventFileError(self.path, what)
+                message = f"its format gives {column}: expected {len(piece.t)} of type {expected.dtype}"
+                raise EventFileError(self.path, message)
         if not piece.t.size:
             return arrays
         ordered, highest = piece.ordered, piece.highest
@@ -85,15 +85,15 @@ class Checker:
         if self._strict:
             k = int(impossible.argmax())
             line = piece.line(k)
-            where = f"event {self._n_events + k}" if line is None else f"line {line}"
+            place = f"event {self._n_events + k}" if line is None else f"line {line}"
             hint = self._way_out if off_sensor[k] else ""
-            raise EventFileError(self.path, f"{where}: {self._fault(piece, k, off_sensor[k])}", piece.place(k), hint)
+            raise EventFileError(self.path, f"{place}: {self._fault(piece, k, off_sensor[k])}", piece.place(k), hint)
         self._n_dropped += int(impossible.sum())
         keep = ~impossible
         return piece.t[keep], piece.x[keep], piece.y[keep], piece.p[keep]
 
-    def _fault(self, piece: Piece, k: int, off: bool) -> str:
-        if not off:
+    def _fault(self, piece: Piece, k: int, is_outside: bool) -> str:
+        if not is_outside:
             previous = int(piece.t[k - 1]) if k else self._last
             return f"time runs back from {previous} to {piece.t[k]} us; load(..., sort=True) sorts the events"
         assert self.size is not None

@@ -100,13 +100,13 @@ def windowed(
         ModelError: more than `MAX_OUTSIDE` of the events in the time span lie outside the window.
     """
     elapsed = events.t - (events.t[0] if len(events.t) else 0) - round(1000.0 * start)
-    in_span = (elapsed >= 0) & (elapsed < round(1000.0 * duration))
+    is_in_time = (elapsed >= 0) & (elapsed < round(1000.0 * duration))
     first_column, first_row = at or (
-        _first_line(each[in_span], side) for each, side in zip((events.x, events.y), size, strict=True)
+        _first_line(coordinate[is_in_time], side) for coordinate, side in zip((events.x, events.y), size, strict=True)
     )
     x, y = events.x.astype(np.int64) - first_column, events.y.astype(np.int64) - first_row
     is_inside = (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1])
-    n_outside, total = int((in_span & ~is_inside).sum()), int(in_span.sum())
+    n_outside, total = int((is_in_time & ~is_inside).sum()), int(is_in_time.sum())
     if n_outside > MAX_OUTSIDE * total:
         window = f"the window of {size[0]}x{size[1]} px at {first_column},{first_row}"
         message = f"{name}: {n_outside} of {total} events lie outside of {window}"

@@ -98,8 +98,8 @@ def gif(
     window_us = argument("window_us", window_us, kind="microseconds", at_least=1, optional=True)
     scale = argument("scale", scale, kind="integer", at_least=1, optional=True)
     palette = [value for colour in (colours[2], colours[1], colours[0]) for value in _rgb(colour)]
-    remaining = iter([parts] if isinstance(parts, Events) else parts)
-    first, duration = _beginning(remaining, WINDOW_US * FRAMES if window_us is None else 0)
+    batches = iter([parts] if isinstance(parts, Events) else parts)
+    first, duration = _beginning(batches, WINDOW_US * FRAMES if window_us is None else 0)
     if not first:
         raise ModelError(f"{name} has no events: nothing to draw")
     window_us = window_us or min(WINDOW_US, duration // FRAMES + 1)
@@ -110,7 +110,7 @@ def gif(
         raise ModelError(
             f"scale = {scale}: the picture has {width * scale}x{height * scale} px, expected at most {limit}"
         )
-    frames = _Frames(windows(chain(first, remaining), window_us, path=name), (width, height))
+    frames = _Frames(windows(chain(first, batches), window_us, path=name), (width, height))
 
     def pictures() -> Iterator[Any]:
         for pixels in frames:

@@ -196,16 +196,16 @@ def of_records(records: Any, least: Size) -> Events:
     return Events(t, x, y, p, size)
 
 
-def _in_order(parts: Iterator[Any], least: Size) -> Iterator[Events]:
+def _in_order(parts: Iterator[Any], smallest: Size) -> Iterator[Events]:
     try:
-        yield from (part for _, part in in_order(_events(part, least) for part in parts))
+        yield from (part for _, part in in_order(_events(part, smallest) for part in parts))
     except Unsavable as fault:
         raise ModelError(f"event {fault.event}: {fault.what}") from None
 
 
-def _events(events: Any, least: Size) -> Events:
+def _events(events: Any, smallest: Size) -> Events:
     part = _part(events)
-    return part if isinstance(part, Events) else of_records(part, least)
+    return part if isinstance(part, Events) else of_records(part, smallest)
 
 
 def _part(events: Any) -> Events | NDArray[Any]:

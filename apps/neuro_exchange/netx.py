@@ -143,9 +143,9 @@ def examine_netx(file: str | PathLike[str], *, reset: int = 0) -> tuple[Network 
     for layer in layers:
         problems = _problems(layer)
         kind = ", ".join(filter(None, (layer.kind, layer.neuron.get("type", ""))))
-        how = "; ".join(problem.message.partition(": ")[2] for problem in problems) or _counterpart(layer, reset)
+        note = "; ".join(problem.message.partition(": ")[2] for problem in problems) or _counterpart(layer, reset)
         way_out = "; ".join(dict.fromkeys(filter(None, (problem.hint for problem in problems))))
-        verdicts.append(Verdict(_name(layer), kind, REFUSED if problems else EXACT, how, way_out))
+        verdicts.append(Verdict(_name(layer), kind, REFUSED if problems else EXACT, note, way_out))
     table = Verdicts(f"'{path.stem}' of lava-dl, by the rules of lava's netx", tuple(verdicts))
     return None if table.refused else _network(path.stem, layers, reset, 0), table
 
@@ -213,7 +213,7 @@ def _neurons(layer: Layer, reset: int) -> Neuron:
     return loihi2_lif(**parameters, bias_mant=bias, bias_exp=EXPONENT, reset_interval=reset, reset_offset=offset)
 
 
-def _synapses(layer: Layer, before: Layer) -> tuple[Rule, Synapse, Floats]:
+def _synapses(layer: Layer, source: Layer) -> tuple[Rule, Synapse, Floats]:
     weight = layer.words["weight"]
     if layer.kind == "dense":
         synapse, mantissas = _dense(weight.reshape(layer.size, -1))
@@ -223,7 +223,7 @@ def _synapses(layer: Layer, before: Layer) -> tuple[Rule, Synapse, Floats]:
     if _is_grid(layer):
         rule = grid(kernel=kernel.shape[2:], stride=stride[0], padding=padding[0], column_padding=padding[1])
         return rule, loihi2_convolution(), kernel.ravel()
-    channels, rows, columns = before.shape
+    channels, rows, columns = source.shape
     pre, post, weights = synapses_of((channels, rows, columns), kernel, stride, padding, dilation, layer.groups)
     return pairs(pre=pre, post=post), loihi2_convolution(), weights
 
@@ -285,12 +285,12 @@ def _refusals(layer: Layer) -> Iterator[ModelError]:
         yield from _weight_errors(layer, layer.before)
 
 
-def _weight_errors(layer: Layer, before: Layer) -> Iterator[ModelError]:
+def _weight_errors(layer: Layer, source: Layer) -> Iterator[ModelError]:
     weight = layer.words.get("weight", np.zeros(0))
     if not weight.size:
         yield layer.wrong("its weights are missing")
         return
-    if error := _convolution_error(layer, before) if layer.kind == "conv" else _dense_error(layer, before):
+    if error := _convolution_error(layer, source) if layer.kind == "conv" else _dense_error(layer, source):
         yield layer.wrong(error)
     if (biases := layer.words.get("bias", np.zeros(1)).size) not in (1, layer.shape[0]):
         yield layer.wrong(f"{biases:,} biases: expected 1 or {layer.shape[0]:,}")
@@ -303,19 +303,19 @@ def _weight_errors(layer: Layer, before: Layer) -> Iterator[ModelError]:
         yield layer.wrong(f"weights from {low:g} to {high:g}: a weight has 8 bits")
 
 
-def _dense_error(layer: Layer, before: Layer) -> str:
+def _dense_error(layer: Layer, source: Layer) -> str:
     """Return the error in the number of weights, or ""."""
-    expected, size = layer.size * before.size, layer.words["weight"].size
+    expected, size = layer.size * source.size, layer.words["weight"].size
     if size == expected:
         return ""
-    return f"{size:,} weights from {before.size:,} neurons to {layer.size:,}: expected {expected:,}"
+    return f"{size:,} weights from {source.size:,} neurons to {layer.size:,}: expected {expected:,}"
 
 
-def _convolution_error(layer: Layer, before: Layer) -> str:
+def _convolution_error(layer: Layer, source_layer: Layer) -> str:
     """Return the error in the shapes of a convolution and its kernel, or ""."""
     kernel = layer.words["weight"]
-    shapes = f"shape {list(layer.shape)} from {list(before.shape)}"
-    if len(layer.shape) != 3 or len(before.shape) != 3:
+    shapes = f"shape {list(layer.shape)} from {list(source_layer.shape)}"
+    if len(layer.shape) != 3 or len(source_layer.shape) != 3:
         return f"{shapes}: expected 3 numbers each"
     if kernel.ndim < 4 or prod(kernel.shape[4:]) != 1:
         return f"weights of shape {list(kernel.shape)}: expected maps, channels, height, width"
@@ -323,9 +323,9 @@ def _convolution_error(layer: Layer, before: Layer) -> str:
     if maps % layer.groups:
         return f"groups = {layer.groups}: expected a divisor of {maps} maps"
     sizes = (layer.two("stride"), layer.two("padding"), layer.two("dilation"))
-    expected = [maps, *out_size(before.shape[1:], tuple(size), *sizes)]
-    source = [depth * layer.groups, *before.shape[1:]]
-    if list(layer.shape) == expected and list(before.shape) == source:
+    expected = [maps, *out_size(source_layer.shape[1:], tuple(size), *sizes)]
+    source = [depth * layer.groups, *source_layer.shape[1:]]
+    if list(layer.shape) == expected and list(source_layer.shape) == source:
         return ""
     return f"{shapes}: expected {expected} from {source}"
 
@@ -339,11 +339,11 @@ def _read(path: Path) -> list[Layer]:
             if not isinstance(groups, h5py.Group):
                 raise ModelError("found no group 'layer': expected a network of lava-dl")
             layers: list[Layer] = []
-            before = None
+            source = None
             for number in sorted(groups, key=int):
-                layers.append(_layer(int(number), groups[number], before))
-                before = before if layers[-1].kind == "flatten" else layers[-1]
-            if before is None:
+                layers.append(_layer(int(number), groups[number], source))
+                source = source if layers[-1].kind == "flatten" else layers[-1]
+            if source is None:
                 raise ModelError("found no layers: expected at least one")
             return layers
     except ModelError as error:
@@ -352,15 +352,15 @@ def _read(path: Path) -> list[Layer]:
         raise ModelError(f"{path}: cannot be read as a network of lava-dl: {error}") from None
 
 
-def _layer(number: int, group: h5py.Group, before: Layer | None) -> Layer:
+def _layer(number: int, group: h5py.Group, source: Layer | None) -> Layer:
     place = f"layer {number}"
-    words = _fields(group, place)
+    fields = _fields(group, place)
     neuron = _fields(group["neuron"], f"{place}: its neuron") if "neuron" in group else {}
     for word in ("type", "shape"):
-        if word not in words:
+        if word not in fields:
             raise ModelError(f"{place} has no '{word}'")
-    kind, shape = words["type"], words["shape"]
-    return Layer(number, kind, (prod(shape),) if kind == "dense" else shape, neuron, words, before)
+    kind, shape = fields["type"], fields["shape"]
+    return Layer(number, kind, (prod(shape),) if kind == "dense" else shape, neuron, fields, source)
 
 
 def _fields(group: h5py.Group, place: str) -> dict[str, Any]:
@@ -373,9 +373,9 @@ def _fields(group: h5py.Group, place: str) -> dict[str, Any]:
 
 def _value(item: h5py.Dataset, word: str, place: str) -> Any:
     """Return the value of a field: a text, an array, a whole number, a tuple of whole numbers, or True if present."""
-    largest, least = WHOLE.get(word, (1, 0))
+    largest, low = WHOLE.get(word, (1, 0))
     kind = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[largest - 1]
-    kind += "" if least == -MOST else f" >= {least}"
+    kind += "" if low == -MOST else f" >= {low}"
     expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else kind
     if not isinstance(item, h5py.Dataset):
         raise ModelError(f"{place}: {word} has no value: expected {expected}")
@@ -389,7 +389,7 @@ def _value(item: h5py.Dataset, word: str, place: str) -> Any:
         return elements[0]
     if word in ARRAYS and value.dtype.kind in "iuf":
         return value.astype(np.float64)
-    are_whole = all(is_number(element) and least <= element <= MOST and element == int(element) for element in elements)
+    are_whole = all(is_number(element) and low <= element <= MOST and element == int(element) for element in elements)
     if word in WHOLE and 1 <= len(elements) <= largest and are_whole:
         return int(elements[0]) if largest == 1 else tuple(map(int, elements))
     raise ModelError(f"{place}: {word} = {elements if value.shape else elements[0]!r:.60}: expected {expected}")

@@ -104,9 +104,9 @@ def verdicts(sim: Simulation) -> Verdicts:
             reason = "its neurons share a kernel, and SONATA has a weight for each edge"
             parts.append(Verdict(part.name, "grid", REFUSED, reason, "neuro.pairs lists the synapses"))
         elif part.synapse.learns:
-            how = f"the present weights; SONATA has no {part.synapse.name}"
+            note = f"the present weights; SONATA has no {part.synapse.name}"
             measured = "not measured: SONATA has no learning"
-            parts.append(Verdict(part.name, part.synapse.name, APPROXIMATE, how, measured=measured))
+            parts.append(Verdict(part.name, part.synapse.name, APPROXIMATE, note, measured=measured))
         else:
             parts.append(Verdict(part.name, part.synapse.name, EXACT, "weights and delays are attributes"))
     return Verdicts(f"{sim.program.name} to SONATA", tuple(parts))
@@ -115,13 +115,13 @@ def verdicts(sim: Simulation) -> Verdicts:
 def _node_verdict(sim: Simulation, part: Population) -> Verdict:
     has_spikes_left = part.spike_steps.size and int(part.spike_steps[-1]) * sim.program.resolution > sim.time
     if has_spikes_left or part.stream is not None:
-        how = "parameters are attributes; the listed spikes up to the present time are written"
+        note = "parameters are attributes; the listed spikes up to the present time are written"
         return Verdict(
-            part.name, part.model_name, APPROXIMATE, how, measured="not measured: a longer run has more spikes"
+            part.name, part.model_name, APPROXIMATE, note, measured="not measured: a longer run has more spikes"
         )
     if part.model.graded:
-        how = "parameters and initial states are attributes; spikes are written without payloads"
-        return Verdict(part.name, part.model_name, APPROXIMATE, how, measured="not measured: SONATA has no payloads")
+        note = "parameters and initial states are attributes; spikes are written without payloads"
+        return Verdict(part.name, part.model_name, APPROXIMATE, note, measured="not measured: SONATA has no payloads")
     return Verdict(part.name, part.model_name, EXACT, "parameters and initial states are attributes")
 
 

@@ -85,10 +85,10 @@ class Verdicts:
             ModelError: a node is refused. The error lists every refused node with the reason and the way out.
         """
         if self.refused:
-            first, *others = (
+            first, *later_parts = (
                 ModelError(f"node '{v.node}' ({v.kind}): {v.how}", hint=v.way_out, path=(v.node,)) for v in self.refused
             )
-            raise first.but(others=tuple(others))
+            raise first.but(others=tuple(later_parts))
 
     def _tables(self) -> list[tables.Table]:
         rows = tuple(

@@ -217,9 +217,9 @@ class Commands:
         value = request.get("value")
         if not isinstance(value, bool):
             value = check(_NUMBER, value, f"{part}.{word}")
-        words = settable_words(sim, part)
-        if word not in words:
-            raise unknown("parameter", word, words).at(None, f"'{part}'")
+        names = settable_words(sim, part)
+        if word not in names:
+            raise unknown("parameter", word, names).at(None, f"'{part}'")
         if is_signal(sim, part):
             sim.signal(part, value)
             self._page.tell_value(part, word, np.array([value]))

@@ -183,31 +183,31 @@ def furthest(value: float, end: float, step: float, accepted: Callable[[float], 
     Validity is assumed to end at one point on the way, which is found by bisection.
     """
     sign = 1 if end > value else -1
-    near, far = math.ceil(sign * value / step - 1e-6), math.floor(sign * end / step + 1e-6)
+    near, edge = math.ceil(sign * value / step - 1e-6), math.floor(sign * end / step + 1e-6)
 
     def at(k: int) -> float:
         return float(f"{sign * k * step:.12g}")
 
-    if far < near or not accepted(at(near)):
+    if edge < near or not accepted(at(near)):
         return value
-    for last in (far, far - 1):  # usually the bound itself is valid, or, if it is exclusive, the value next to it
-        if accepted(at(last)):
-            return at(last)
-    while far - near > 1:
-        middle = (near + far) // 2
-        near, far = (middle, far) if accepted(at(middle)) else (near, middle)
+    for step_k in (edge, edge - 1):  # usually the bound itself is valid, or, if it is exclusive, the value next to it
+        if accepted(at(step_k)):
+            return at(step_k)
+    while edge - near > 1:
+        middle = (near + edge) // 2
+        near, edge = (middle, edge) if accepted(at(middle)) else (near, middle)
     return at(near)
 
 
 def span(q: Quantity, value: float) -> tuple[float, float]:
     """Return the desired ends of a slider: the bounds, or the value plus and minus its distance from 0."""
-    least = q.at_least if q.at_least is not None else q.above
-    most = q.at_most if q.at_most is not None else q.below
+    lower = q.at_least if q.at_least is not None else q.above
+    upper = q.at_most if q.at_most is not None else q.below
     reach = abs(value) if abs(value) > 1.0 / LARGEST else WIDE.get(q.unit, 1.0)
-    low = _finite(least, value - reach if least is None or math.isinf(least) else least)
-    high = _finite(most, value + reach if value < 0.0 or least is None else low + 3.0 * max(value - low, reach / 3.0))
+    low = _finite(lower, value - reach if lower is None or math.isinf(lower) else lower)
+    high = _finite(upper, value + reach if value < 0.0 or lower is None else low + 3.0 * max(value - low, reach / 3.0))
     return (low, high) if low < high else (low, low + 1.0)
 
 
-def _finite(bound: float | None, other: float) -> float:
-    return other if bound is None or math.isinf(bound) else float(bound)
+def _finite(bound: float | None, default: float) -> float:
+    return default if bound is None or math.isinf(bound) else float(bound)

@@ -147,7 +147,7 @@ class Frames:
     def _total(self, index: int) -> int:
         return int(self._fired(index).sum())
 
-    def _of_spikes(self, index: int, since: int, body: list[bytes]) -> list[int]:
+    def _of_spikes(self, index: int, begin: int, body: list[bytes]) -> list[int]:
         """Append a population's spikes to the body; return the population and the number of spikes, or []."""
         recordings, self._spikes[index] = self._spikes[index], []
         if not recordings:
@@ -155,10 +155,10 @@ class Frames:
         steps, ids = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
         interval = -(-ids.size // MOST_SPIKES)
         steps, ids = steps[::interval], ids[::interval]
-        body += [(steps - since).astype("<u4").tobytes(), ids.astype("<u4").tobytes()]
+        body += [(steps - begin).astype("<u4").tobytes(), ids.astype("<u4").tobytes()]
         return [index, ids.size]
 
-    def _of_samples(self, index: int, since: int, body: list[bytes]) -> list[int]:
+    def _of_samples(self, index: int, begin: int, body: list[bytes]) -> list[int]:
         """Append a probe's samples to the body; return the trace and the numbers of samples and columns, or []."""
         recordings, self._samples[index] = self._samples[index], []
         if not recordings:
@@ -166,7 +166,7 @@ class Frames:
         steps, values = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
         interval = -(-steps.size // MOST_SAMPLES)
         steps, values = steps[::interval], values[::interval]
-        body += [((steps - since) * self._clock.resolution).astype("<f4").tobytes(), values.T.astype("<f4").tobytes()]
+        body += [((steps - begin) * self._clock.resolution).astype("<f4").tobytes(), values.T.astype("<f4").tobytes()]
         return [index, steps.size, values.shape[1]]
 
     def _picture(self, index: int, part: Population, body: list[bytes]) -> list[int]:

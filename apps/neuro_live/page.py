@@ -210,14 +210,14 @@ class Page:
         self._stopped = True
 
     def _advance(self, ms: float, pace: Pace) -> None:
-        before = self.sim.time
+        previous = self.sim.time
         try:
             for number, part in enumerate(self._parts(ms)):
                 if number:
                     self.frames.sample()  # `tick` samples at the end of the stretch
                 self.sim.run(part)
         except ModelError as error:
-            if self.sim.time == before:
+            if self.sim.time == previous:
                 raise
             pace.pause(True)
             self.keep("trouble", {"error": error.message})
@@ -362,9 +362,9 @@ class Page:
     def _send_frame(self, now: float) -> None:
         start, used = time.thread_time(), self._used()
         head, body = self.frames.take()
-        since, ms = self._measured
-        if now - since > 0.5:
-            self._speed = (head["time"] - ms) * 1e-3 / (now - since)
+        measured_step, ms = self._measured
+        if now - measured_step > 0.5:
+            self._speed = (head["time"] - ms) * 1e-3 / (now - measured_step)
             self._measured = now, head["time"]
         self._channel.send(head | {"speed": round(self._speed, 4)}, body)
         self._wanted, self._unseen, self._seen_until = False, False, now + SEEN_S
@@ -384,9 +384,9 @@ class Page:
             weights, name = weights_of(self.sim, index), self.sim.program.projections[index].name
             self.keep(f"weights/{name}", weights)
             if "mean" in weights:
-                same = weights["low"] == weights["high"]
+                equal = weights["low"] == weights["high"]
                 self.keep(
-                    f"value/{name}/weight", {"part": name, "word": "weight", "value": weights["mean"], "same": same}
+                    f"value/{name}/weight", {"part": name, "word": "weight", "value": weights["mean"], "same": equal}
                 )
         if now >= self._price_due:
             self._price_due = now + PRICE_S

@@ -83,11 +83,11 @@ def predict(
         bar.say("reading recordings")
         check_recordings(samples.samples, readout, net)
         for name in backends:
-            keep = 0 if picture is None or predictions else tables.MOST
+            n_pictures = 0 if picture is None or predictions else tables.MOST
             options_of_run: dict[str, Any] = {
                 "labels": samples.labels,
                 "seed": seed,
-                "keep": keep,
+                "keep": n_pictures,
                 "report": _bar_report(bar, name),
             }
             predictions.append(ask(net, samples.samples, readout, name, **options_of_run))

@@ -167,7 +167,7 @@ def ask(
     pixels, path_steps, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
     total, neurons = len(recordings), len(readout.classes)
     decided, spikes, scores = np.zeros(total, np.int64), np.zeros(total, np.int64), np.zeros((total, neurons))
-    showing, in_full = Showing(sim, readout.input, readout.output), list[ShownRecording]()
+    showing, shown_recordings = Showing(sim, readout.input, readout.output), list[ShownRecording]()
     for k, item in enumerate(recordings):
         step, neuron = pixels.spikes(load(item), name_of(item, k))
         steps = pixels.steps or int(step.max(initial=-1)) + 1 + path_steps
@@ -176,12 +176,12 @@ def ask(
         decided[k], scores[k] = _decision(readout.decide, times, ids, payloads, V_m, neurons)
         spikes[k] = len(ids)
         if k < keep:
-            in_full.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
+            shown_recordings.append(ShownRecording(name_of(item, k), steps * h, times, ids, V_m))
         report(k + 1, total)
     names = tuple(name_of(item, k) for k, item in enumerate(recordings))
     bill = _bill(showing, backend, total, readout.decide or "")
     return Predictions(
-        backend, readout, names, decided, scores, spikes, true_classes, bill, showing.overflows, tuple(in_full)
+        backend, readout, names, decided, scores, spikes, true_classes, bill, showing.overflows, tuple(shown_recordings)
     )
 
 
@@ -236,11 +236,11 @@ def _way(program: Program, readout: Readout) -> int:
 
 
 def _decision(
-    by: str, times: Floats, ids: Ints, payloads: Ints | None, V_m: Floats | None, neurons: int
+    rule: str, times: Floats, ids: Ints, payloads: Ints | None, V_m: Floats | None, neurons: int
 ) -> tuple[int, Floats]:
     if V_m is not None:
         return by_potential(V_m)
-    return by_counts(times, ids, neurons, payloads) if by == "counts" else by_first(times, ids, neurons)
+    return by_counts(times, ids, neurons, payloads) if rule == "counts" else by_first(times, ids, neurons)
 
 
 def _bill(showing: Showing, backend: str, recordings: int, decide: str) -> Energy | None:

@@ -58,8 +58,8 @@ def _best(p: Predictions, k: int) -> str:
     """Return the best scores of a recording as text."""
     sign = 1.0 if p.readout.decide == "first" else -1.0
     order = np.argsort(sign * p.scores[k], kind="stable")[:BEST]
-    best = [(p.readout.classes[c], p.scores[k, c]) for c in order if np.isfinite(p.scores[k, c])]
-    return ", ".join(f"{name} {number(score)}" for name, score in best) or "-"
+    ranking = [(p.readout.classes[c], p.scores[k, c]) for c in order if np.isfinite(p.scores[k, c])]
+    return ", ".join(f"{name} {number(score)}" for name, score in ranking) or "-"
 
 
 def _head(predictions: Sequence[Predictions]) -> tuple[str, ...]:

@@ -65,13 +65,13 @@ def _training_bar() -> Iterator[Callable[[Progress], None]]:
 
 
 @contextmanager
-def _counting_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+def _counting_bar(task: str) -> Iterator[Callable[[int, int], None]]:
     """Open a progress bar for one task, and yield a function of the finished and the total count."""
     from neuro_recognise.method import Progress
     from neuro_recognise.telling.report import LearningBar
 
     with LearningBar() as bar:
-        yield lambda done, total: bar.show(Progress(what, done, total))
+        yield lambda done, total: bar.show(Progress(task, done, total))
 
 
 def _load(model: Path, values: Sequence[str] = ()) -> Recogniser:
@@ -81,12 +81,12 @@ def _load(model: Path, values: Sequence[str] = ()) -> Recogniser:
     return Recogniser.load(model).changed(assignments([*values]))
 
 
-def _refuse_network(model: Path, words: Sequence[str]) -> None:
+def _refuse_network(model: Path, arguments: Sequence[str]) -> None:
     """Raise an error for a network file, with the command that predicts with networks as hint."""
     from neuro import ModelError
 
     if model.suffix in (".yaml", ".yml"):
-        command = shlex.join(["neuro", "predict", str(model), *words])
+        command = shlex.join(["neuro", "predict", str(model), *arguments])
         raise ModelError(f"{model}: is a network: expected a recogniser, as 'train' writes it", hint=command)
 
 

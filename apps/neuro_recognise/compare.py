@@ -95,12 +95,12 @@ class Compared:
     @property
     def accuracy(self) -> float:
         """Mean over the seeds; NaN if the method could not run."""
-        return float(np.mean([one.accuracy for one in self.evaluations])) if self.evaluations else float("nan")
+        return float(np.mean([run.accuracy for run in self.evaluations])) if self.evaluations else float("nan")
 
     @property
     def spread(self) -> float:
         """Standard deviation over the seeds; NaN with a single one."""
-        accuracies = [one.accuracy for one in self.evaluations]
+        accuracies = [run.accuracy for run in self.evaluations]
         return float(np.std(accuracies, ddof=1)) if len(accuracies) > 1 else float("nan")
 
 
@@ -146,15 +146,15 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
     jobs: list[Fold] = []
     entries: list[Contestant] = []
     refused: dict[int, str] = {}
-    for number, one in enumerate(plan.contestants):
+    for number, contestant in enumerate(plan.contestants):
         try:
-            fitting = Contestant(one.name, one.method.fitting(field))
+            fitting = Contestant(contestant.name, contestant.method.fitting(field))
             entries.append(fitting)
-            features = observe(fitting.method, data, fingerprint=fingerprint, report=partial(look, one.name))
+            features = observe(fitting.method, data, fingerprint=fingerprint, report=partial(look, contestant.name))
         except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
-            entries[number:] = [one]
+            entries[number:] = [contestant]
             refused[number] = _reason(error)
             continue
         jobs += [
@@ -164,13 +164,13 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         ]
     results = apps.grid(RESULTS, jobs, plan.jobs, telling(report, len(jobs)))
     rows = []
-    for number, one in enumerate(entries):
-        own = [result for job, result in zip(jobs, results, strict=True) if job.contestant == number]
-        reason = refused.get(number, "") or next((result["refused"] for result in own if "refused" in result), "")
+    for number, contestant in enumerate(entries):
+        runs = [result for job, result in zip(jobs, results, strict=True) if job.contestant == number]
+        reason = refused.get(number, "") or next((result["refused"] for result in runs if "refused" in result), "")
         if reason:  # e.g. a missing optional dependency, or recordings that the method does not support
-            rows.append(Compared(one, refused=reason))
+            rows.append(Compared(contestant, refused=reason))
         else:
-            rows.append(_summary(one, own, data, plan))
+            rows.append(_summary(contestant, runs, data, plan))
     return rows
 
 
@@ -179,23 +179,23 @@ def telling(report: Callable[[Progress], None], jobs: int) -> Callable[[tuple[st
 
     A message is the job's name and its progress; None as progress means that the job is finished.
     """
-    done = 0
+    n_done = 0
 
     def tell(message: tuple[str, Progress | None] | None) -> None:
-        nonlocal done
+        nonlocal n_done
         name, progress = message or ("", None)
-        done += progress is None
+        n_done += progress is None
         if message is not None:
-            current = progress or Progress("", done, jobs)
-            among = (done, jobs) if jobs > 1 else None
-            report(replace(current, what=f"{name}: {current.what}" if current.what else name, among=among))
+            current = progress or Progress("", n_done, jobs)
+            counter = (n_done, jobs) if jobs > 1 else None
+            report(replace(current, what=f"{name}: {current.what}" if current.what else name, among=counter))
 
     return tell
 
 
 def _reason(error: ModelError) -> str:
     """Return the message of an error in one line, without the hint."""
-    return ": ".join(one.alone() for one in (error, *error.others))
+    return ": ".join(problem.alone() for problem in (error, *error.others))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,11 +224,11 @@ class Fold:
     def work(self, report: Callable[[tuple[str, Progress | None]], None]) -> dict[str, Any]:
         """Train and test. Return the result as plain data, or the reason why the method cannot run."""
         backend, seed, began = self.of["backend"], self.of["seed"], time.process_time()
-        words: Any = {"seed": seed, "backend": backend, "report": lambda progress: report((self.name, progress))}
+        options: Any = {"seed": seed, "backend": backend, "report": lambda progress: report((self.name, progress))}
         try:
-            made = learn(self.method, self.features.take(self.train_rows), self.of["data"], **words)
+            recogniser = learn(self.method, self.features.take(self.train_rows), self.of["data"], **options)
             trained = time.process_time()
-            answer = made.answer_shown(self.features.take(self.test_rows), backend)
+            answer = recogniser.answer_shown(self.features.take(self.test_rows), backend)
         except (EventFileError, apps.Unwritable):
             raise
         except ModelError as error:
@@ -243,7 +243,7 @@ class Fold:
                     sizes = answer.neurons_per_core, answer.duration_s, answer.host
                     priced = price(run, len(self.test_rows), [target], *sizes)
                     bills |= {name: bill.as_dict() for name, bill in priced.bills.items()}
-                    bills |= {name: {"refused": why} for name, why in priced.refused.items()}
+                    bills |= {name: {"refused": reason} for name, reason in priced.refused.items()}
                 except ModelError as error:
                     bills[target] = {"refused": _reason(error)}
         report((self.name, None))
@@ -268,18 +268,18 @@ def _fold_of(
     plan: MethodComparison,
 ) -> Fold:
     (seed, fold), method = run, contestant.method
-    of: dict[str, Any] = {
+    key: dict[str, Any] = {
         "method": method.called(),
         "settings": method.as_words(),
         "code": code_of(method),
         "data": digest,
     }
-    of |= {"backend": plan.backend if method.spikes else "event", "seed": seed, "fold": fold, "folds": plan.folds}
+    key |= {"backend": plan.backend if method.spikes else "event", "seed": seed, "fold": fold, "folds": plan.folds}
     if method.spikes and run == (plan.seeds[0], 0):  # bills are computed for one fold only
-        of["targets"] = list(plan.targets)
+        key["targets"] = list(plan.targets)
     name = f"{contestant.name}, seed {seed}, fold {fold + 1} of {plan.folds}"
     file = plan.folder / f"{contestant.name.replace(':', '-').replace('/', '_')}-{seed}-{fold}.json"
-    return Fold(number, name, method, features, *parts, of, file)
+    return Fold(number, name, method, features, *parts, key, file)
 
 
 def _observing_ms(method: Method, data: Recordings) -> float:
@@ -287,8 +287,8 @@ def _observing_ms(method: Method, data: Recordings) -> float:
     events = [item.load() for item in data[:TIMED]]
     method.observe(events[0])
     began = time.process_time()
-    for one in events:
-        method.observe(one)
+    for event in events:
+        method.observe(event)
     return 1000.0 * (time.process_time() - began) / len(events)
 
 
@@ -296,7 +296,7 @@ def _summary(
     contestant: Contestant, results: Sequence[Mapping[str, Any]], data: Recordings, plan: MethodComparison
 ) -> Compared:
     """Combine the results of all folds."""
-    seeds = [[one for one in results if one["of"]["seed"] == seed] for seed in plan.seeds]
+    seeds = [[result for result in results if result["of"]["seed"] == seed] for seed in plan.seeds]
 
     def evaluated(decisions: Sequence[tuple[list[int], list[int]]]) -> apps.Evaluation:
         decided = np.full(len(data), -1, np.int64)
@@ -305,16 +305,16 @@ def _summary(
         return apps.evaluate(decided, data.labels, data.classes)
 
     votes = {
-        vote: tuple(evaluated([(one["tested"], one["votes"][vote]) for one in parts]) for parts in seeds)
+        vote: tuple(evaluated([(result["tested"], result["votes"][vote]) for result in parts]) for parts in seeds)
         for vote in results[0]["votes"]
     }
     return Compared(
         contestant,
-        tuple(evaluated([(one["tested"], one["decided"]) for one in parts]) for parts in seeds),
+        tuple(evaluated([(result["tested"], result["decided"]) for result in parts]) for parts in seeds),
         votes,
         _observing_ms(contestant.method, data),
-        float(np.mean([one["train_s"] for one in results])),
-        float(np.mean([one["answer_ms"] for one in results])),
+        float(np.mean([result["train_s"] for result in results])),
+        float(np.mean([result["answer_ms"] for result in results])),
         results[0]["bills"],
     )
 
@@ -345,12 +345,12 @@ BILL = (
 def show(results: Sequence[Compared], plan: MethodComparison) -> None:
     """Print the tables and the reasons of methods and targets that could not run."""
     out = apps.console()
-    out.print(apps.table(HEAD, [_row(one, plan) for one in results]))
+    out.print(apps.table(HEAD, [_row(compared, plan) for compared in results]))
     if bills := list(_bills(results)):
         out.print(apps.table(BILLS, bills, title="joules per recording"))
-    for one in results:
-        if one.refused:
-            print(f"- {one.contestant.name}: {one.refused}")
+    for compared in results:
+        if compared.refused:
+            print(f"- {compared.contestant.name}: {compared.refused}")
     for line in _unpriced(results):
         print(f"- {line}")
 
@@ -367,7 +367,7 @@ def write(results: Sequence[Compared], plan: MethodComparison, data: str) -> tup
         The files.
     """
     markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
-    text = _markdown(HEAD, [_row(one, plan) for one in results])
+    text = _markdown(HEAD, [_row(compared, plan) for compared in results])
     if bills := list(_bills(results)):
         text += "\nJoules per recording:\n\n" + _markdown(BILLS, bills)
     if unpriced := list(_unpriced(results)):
@@ -388,16 +388,16 @@ def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def _parts(results: Sequence[Compared], plan: MethodComparison, data: str) -> Iterator[Any]:
     from neuro_recognise.telling.pictures import accuracies, confusion
 
-    html, tag, ran = apps.html, apps.html.tag, [one for one in results if one.evaluations]
+    html, tag, ran = apps.html, apps.html.tag, [row for row in results if row.evaluations]
     n = ran[0].evaluations[0].n if ran else 0
     yield tag("h1", "Recognisers side by side")
     seeds = f"{len(plan.seeds)} seed" + ("s" if len(plan.seeds) > 1 else "")
     yield tag("p", f"{n} recordings of {data}, {plan.folds} folds, {seeds}.", class_="lead")
     if ran:
         yield html.picture(
-            accuracies([(one.contestant.name, one.evaluations) for one in ran]), "accuracy of each method"
+            accuracies([(row.contestant.name, row.evaluations) for row in ran]), "accuracy of each method"
         )
-    yield html.table(HEAD, [_row(one, plan) for one in results])
+    yield html.table(HEAD, [_row(row, plan) for row in results])
     yield tag("p", ABOUT)
     if bills := list(_bills(results)):
         yield tag("h2", "Joules per recording")
@@ -405,42 +405,43 @@ def _parts(results: Sequence[Compared], plan: MethodComparison, data: str) -> It
         yield tag("p", BILL)
     if unpriced := list(_unpriced(results)):
         yield tag("ul", *(tag("li", line) for line in unpriced))
-    if refused := [one for one in results if one.refused]:
+    if refused := [row for row in results if row.refused]:
         yield tag("h2", "Methods that could not run")
-        yield tag("ul", *(tag("li", f"{one.contestant.name}: {one.refused}") for one in refused))
+        yield tag("ul", *(tag("li", f"{row.contestant.name}: {row.refused}") for row in refused))
     yield tag("h2", "Which classes are confused")
     cards = []
-    for one in ran:
-        name = one.contestant.name
-        picture = html.picture(confusion(one.evaluations[0]), f"confusion of {name}, seed {plan.seeds[0]}")
-        cards.append(tag("div", tag("h3", name), tag("p", one.contestant.method.title), picture))
+    for row in ran:
+        name = row.contestant.name
+        picture = html.picture(confusion(row.evaluations[0]), f"confusion of {name}, seed {plan.seeds[0]}")
+        cards.append(tag("div", tag("h3", name), tag("p", row.contestant.method.title), picture))
     yield tag("div", *cards, class_="cards")
 
 
-def _row(one: Compared, plan: MethodComparison) -> tuple[str, ...]:
-    runs = plan.backend if one.contestant.method.spikes else "-"
-    if not one.evaluations:
-        return (one.contestant.name, runs, "not run", *[""] * (len(HEAD) - 3))
-    spread = "" if np.isnan(one.spread) else f" ± {100 * one.spread:.1f}"
-    n = one.evaluations[0].n
-    low, high = apps.wilson(round(one.accuracy * n), n)
-    votes = {vote: np.mean([evaluation.accuracy for evaluation in each]) for vote, each in (one.votes or {}).items()}
+def _row(row: Compared, plan: MethodComparison) -> tuple[str, ...]:
+    runs = plan.backend if row.contestant.method.spikes else "-"
+    if not row.evaluations:
+        return (row.contestant.name, runs, "not run", *[""] * (len(HEAD) - 3))
+    spread = "" if np.isnan(row.spread) else f" ± {100 * row.spread:.1f}"
+    n = row.evaluations[0].n
+    low, high = apps.wilson(round(row.accuracy * n), n)
+    votes = {vote: np.mean([run.accuracy for run in results]) for vote, results in (row.votes or {}).items()}
     text = ", ".join(f"{vote} {100 * share:.1f}" for vote, share in votes.items())
-    shares = (f"{100 * one.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", text or "-")
-    return one.contestant.name, runs, *shares, *(f"{took:.2g}" for took in (one.observe_ms, one.train_s, one.answer_ms))
+    shares = (f"{100 * row.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", text or "-")
+    times = (f"{time:.2g}" for time in (row.observe_ms, row.train_s, row.answer_ms))
+    return (row.contestant.name, runs, *shares, *times)
 
 
 def _bills(results: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
     """Yield the bill of each network on each target, or a row "refused"."""
-    for one in results:
-        for target, bill in (one.bills or {}).items():
+    for compared in results:
+        for target, bill in (compared.bills or {}).items():
             refused = ("refused", *["-"] * (len(COLUMNS) - 1))
-            yield one.contestant.name, target, *(refused if bill.get("refused") else cells(bill))
+            yield compared.contestant.name, target, *(refused if bill.get("refused") else cells(bill))
 
 
 def _unpriced(results: Sequence[Compared]) -> Iterator[str]:
     """Yield each refusal of a network by a target, with its reason."""
-    for one in results:
-        for target, bill in (one.bills or {}).items():
+    for compared in results:
+        for target, bill in (compared.bills or {}).items():
             if bill.get("refused"):
-                yield f"{target} refuses {one.contestant.name}: {bill['refused']}"
+                yield f"{target} refuses {compared.contestant.name}: {bill['refused']}"

@@ -100,8 +100,8 @@ class Held:
         moment = int(np.searchsorted(self.times_us, after_us, "right")) - 1
         if moment < 0 or np.isnan(margin):
             return float("nan")
-        from_margin, error = self._curves[moment]
-        place = max(0, int(np.searchsorted(from_margin, margin, "right")) - 1)
+        margin_bounds, error = self._curves[moment]
+        place = max(0, int(np.searchsorted(margin_bounds, margin, "right")) - 1)
         return float(error[place]) if error.size else float("nan")
 
     def errors(self, margins: Floats) -> Floats:
@@ -114,9 +114,9 @@ class Held:
             (recordings, moments), NaN without a decision.
         """
         errors = np.full(margins.shape, np.nan)
-        for moment, (from_margin, error) in enumerate(self._curves):
+        for moment, (margin_bounds, error) in enumerate(self._curves):
             rows = np.flatnonzero(~np.isnan(margins[:, moment]))
-            place = np.searchsorted(from_margin, margins[rows, moment], "right") - 1
+            place = np.searchsorted(margin_bounds, margins[rows, moment], "right") - 1
             if error.size:
                 errors[rows, moment] = error[np.maximum(0, place)]
         return errors
@@ -131,20 +131,20 @@ class Held:
     def crossed(self) -> Floats:
         """(recordings, moments) `error` of each decision, estimated from the other parts only."""
         errors = np.full(self.margins.shape, np.nan)
-        for own, others in self.parts:
-            errors[own] = others.errors(self.margins[own])
+        for rows, curve in self.parts:
+            errors[rows] = curve.errors(self.margins[rows])
         return errors
 
     @cached_property
     def _curves(self) -> list[tuple[Floats, Floats]]:
         """For each moment, the margins that occurred, ascending, and the error of decisions at or above each."""
         curves = []
-        for margins, right in zip(self.margins.T, self.right.T, strict=True):
+        for margins, is_right in zip(self.margins.T, self.right.T, strict=True):
             decided = ~np.isnan(margins)
-            from_margin, which = np.unique(margins[decided], return_inverse=True)
-            wrong = np.bincount(which, ~right[decided], len(from_margin))
-            number = np.bincount(which, minlength=len(from_margin))
-            error = (np.cumsum(wrong[::-1])[::-1] + 1) / (np.cumsum(number[::-1])[::-1] + 2)
+            from_margin, margin_index = np.unique(margins[decided], return_inverse=True)
+            n_wrong = np.bincount(margin_index, ~is_right[decided], len(from_margin))
+            number = np.bincount(margin_index, minlength=len(from_margin))
+            error = (np.cumsum(n_wrong[::-1])[::-1] + 1) / (np.cumsum(number[::-1])[::-1] + 2)
             curves.append((from_margin, np.minimum.accumulate(error)))
         return curves
 
@@ -263,12 +263,12 @@ def stopping_rule(held_out: Held, allowed: float, assurance: float = ASSURANCE) 
         raise ModelError(f"allow = {allowed:g}: expected a share of recordings between 0 and 1")
     if not 0 < assurance < 1:
         raise ModelError(f"assurance = {assurance:g}: expected a probability between 0 and 1")
-    if (least := least_allowed(held_out, assurance)) > allowed:
-        wrong, n = int(np.count_nonzero(~held_out.right[:, -1])), len(held_out)
+    if (smallest := least_allowed(held_out, assurance)) > allowed:
+        n_wrong, n = int(np.count_nonzero(~held_out.right[:, -1])), len(held_out)
         raise ModelError(
-            f"allow = {allowed:g}: {wrong} of {n} held-out recordings are decided wrongly even at their end, "
-            f"which supports {least:g} with an assurance of {assurance:g}",
-            hint=f"allow at least {least:g}, let 'early' learn from more recordings, or ask for less assurance",
+            f"allow = {allowed:g}: {n_wrong} of {n} held-out recordings are decided wrongly even at their end, "
+            f"which supports {smallest:g} with an assurance of {assurance:g}",
+            hint=f"allow at least {smallest:g}, let 'early' learn from more recordings, or ask for less assurance",
         )
     return Rule(allowed, assurance, _level(held_out, allowed, assurance))
 
@@ -284,17 +284,17 @@ def outcome(held_out: Held, allowed: float, assurance: float = ASSURANCE) -> Out
 
     Where the other nine tenths cannot support the allowed error, their rule decides at the end.
     """
-    at = np.empty(len(held_out), np.int64)
-    for own, others in held_out.parts:
-        at[own] = stopped(others.errors(held_out.margins[own]), _level(others, allowed, assurance))
-    wrong = ~held_out.right[np.arange(len(at)), at]
-    result = Outcome(*_share(wrong), float(held_out.times_us[at].mean()) / 1000.0)
+    moments = np.empty(len(held_out), np.int64)
+    for rows, curve in held_out.parts:
+        moments[rows] = stopped(curve.errors(held_out.margins[rows]), _level(curve, allowed, assurance))
+    is_wrong = ~held_out.right[np.arange(len(moments)), moments]
+    result = Outcome(*_share(is_wrong), float(held_out.times_us[moments].mean()) / 1000.0)
     if held_out.labels is None:
         return result
     error, worst = max(
-        (float(wrong[held_out.labels == label].mean()), int(label)) for label in np.unique(held_out.labels)
+        (float(is_wrong[held_out.labels == label].mean()), int(label)) for label in np.unique(held_out.labels)
     )
-    return replace(result, worst=worst, worst_error=error, worst_interval=_share(wrong[held_out.labels == worst])[1])
+    return replace(result, worst=worst, worst_error=error, worst_interval=_share(is_wrong[held_out.labels == worst])[1])
 
 
 def stopped(errors: Floats, level: float) -> Ints:
@@ -327,17 +327,17 @@ def _level(held_out: Held, allowed: float, assurance: float) -> float:
     """Return the largest assured level, by fixed sequence testing."""
     assured = NEVER
     for level in (NEVER, *np.linspace(0.0, 3.0 * allowed, LEVELS + 1).tolist()):
-        at = stopped(held_out.crossed, level)
-        wrong = int(np.count_nonzero(~held_out.right[np.arange(len(at)), at]))
-        if upper_bound(wrong, len(held_out), assurance) > allowed:
+        moments = stopped(held_out.crossed, level)
+        n_wrong = int(np.count_nonzero(~held_out.right[np.arange(len(moments)), moments]))
+        if upper_bound(n_wrong, len(held_out), assurance) > allowed:
             break
         assured = level
     return assured
 
 
-def _share(wrong: npt.NDArray[np.bool_]) -> tuple[float, tuple[float, float]]:
+def _share(is_wrong: npt.NDArray[np.bool_]) -> tuple[float, tuple[float, float]]:
     """Return the share of wrong decisions and its 95 % interval."""
-    k, n = int(np.count_nonzero(wrong)), len(wrong)
+    k, n = int(np.count_nonzero(is_wrong)), len(is_wrong)
     return k / n, (1.0 - upper_bound(n - k, n, 0.975), upper_bound(k, n, 0.975))
 
 
@@ -428,13 +428,13 @@ class Session:
         if not isinstance(part, Events):
             hint = "Events(t, x, y, p, (width, height)) of neuro.events takes arrays; p is 1 or 0"
             raise ModelError(f"feed: found {type(part).__name__}, expected Events", hint=hint)
-        before, first = self._clock, int(events.t[0]) if len(events) else until_us
-        if before is not None and first is not None and first < before:
+        previous, first = self._clock, int(events.t[0]) if len(events) else until_us
+        if previous is not None and first is not None and first < previous:
             raise ModelError(
-                f"time runs back from {before} to {first} us: expected the next part of the same stream",
+                f"time runs back from {previous} to {first} us: expected the next part of the same stream",
                 hint="reset() before another recording",
             )
-        last = int(events.t[-1]) if len(events) else before
+        last = int(events.t[-1]) if len(events) else previous
         if until_us is not None and last is not None and until_us < last:
             raise ModelError(f"until_us is {until_us} us, expected at least {last}, the time of the last event")
         self._clock = until_us if until_us is not None else last
@@ -473,8 +473,8 @@ class Session:
     def _end(self) -> int:
         """Return the time from which no event can belong to the current stretch, us."""
         assert self._begin is not None
-        whole = self._begin + self._window + 1
-        return whole if self._gap is None else min(whole, self._last + self._gap + 1)
+        window_end = self._begin + self._window + 1
+        return window_end if self._gap is None else min(window_end, self._last + self._gap + 1)
 
     def _take(self, events: Events) -> list[Decision]:
         """Observe events of the current stretch, and decide at the moments between them."""
@@ -504,7 +504,7 @@ class Session:
         assert self._begin is not None
         scores = self._ask(after_us, self._observer.evidence())
         label, margin = int(choose(scores[None])[0]), float(margins(scores))
-        wrong = float("nan") if label == SILENT or self._held is None else self._held.error(after_us, margin)
-        self._settled = self._settled or (self._rule is not None and self._rule.met(wrong))
-        when = self._begin + after_us
-        return Decision(when, after_us / 1000.0, label, scores, margin, 1.0 - wrong, self._settled)
+        error = float("nan") if label == SILENT or self._held is None else self._held.error(after_us, margin)
+        self._settled = self._settled or (self._rule is not None and self._rule.met(error))
+        time_us = self._begin + after_us
+        return Decision(time_us, after_us / 1000.0, label, scores, margin, 1.0 - error, self._settled)

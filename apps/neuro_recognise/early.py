@@ -168,8 +168,8 @@ class HeldOut:
         for moment, _ in self.steps[start:]:
             features = beginnings.at(moment)
             scores = np.full((len(features), len(features.classes)), np.nan)
-            for others, held_out in self.folds:
-                learnt = method.fit(features.take(others), course)
+            for learnt_rows, held_out in self.folds:
+                learnt = method.fit(features.take(learnt_rows), course)
                 scores[held_out] = method.answer(learnt, features.take(held_out), self.backend).scores
             yield (slice(None), moment), scores, method.fit(features, course)
 
@@ -179,7 +179,7 @@ class HeldOut:
         The training of a fold is saved as a recogniser of its own, so that an interruption loses little work.
         """
         method, classes, course = self.recogniser.method, self.recogniser.classes, self.course
-        words: Any = {"seed": course.seed, "backend": course.backend, "report": course.report}
+        options: Any = {"seed": course.seed, "backend": course.backend, "report": course.report}
 
         def look(finished: int, total: int) -> None:
             self.report(Progress("looking at recordings", finished, total))
@@ -189,10 +189,10 @@ class HeldOut:
         for fold, rows in self.steps[start:]:
             if fold != current_fold:
                 message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
-                others = features.take(self.folds[fold][0])
-                fold_recogniser = learn(method, others, message, out=self.file(f"fold{fold}"), **words)
+                other_features = features.take(self.folds[fold][0])
+                fold_recogniser = learn(method, other_features, message, out=self.file(f"fold{fold}"), **options)
                 current_fold, ask = fold, method.asker(fold_recogniser.learnt, self.backend)
-            evidence = [one for row in rows.tolist() for one in seen_until(method, self.data[row], self.times)]
+            evidence = [item for row in rows.tolist() for item in seen_until(method, self.data[row], self.times)]
             scores = ask(unlabelled(evidence, classes)).scores
             yield (rows, slice(None)), scores.reshape(len(rows), len(self.times), len(classes)), {}
 
@@ -206,25 +206,25 @@ class HeldOut:
         """Run the remaining steps from the last checkpoint, and return the decisions."""
         shape, state = (len(self.data), len(self.times)), checkpoint.resume()
         all_margins = np.array(state.get("margins", np.full(shape, np.nan)))
-        right = np.array(state.get("right", np.zeros(shape, bool)))
+        is_right = np.array(state.get("right", np.zeros(shape, bool)))
         learnt: dict[str, Array] = dict(state.get("learnt", {}))
         if not state:  # first of all files, so that an error about changed options names the options of this call
-            checkpoint.keep(done=np.array(0), margins=all_margins, right=right, learnt=learnt)
+            checkpoint.keep(done=np.array(0), margins=all_margins, right=is_right, learnt=learnt)
         start, labels, total = int(state.get("done", 0)), self.data.labels, len(self.steps)
         step_results = self.separate_trainings if self.recogniser.method.by_moment else self.wholes
         self.report(Progress("deciding on held-out recordings", start, total))
-        for k, (where, scores, of_moment) in enumerate(step_results(start) if start < total else (), start):
+        for k, (rows_of_step, scores, moment_state) in enumerate(step_results(start) if start < total else (), start):
             labels_decided = choose(scores.reshape(-1, scores.shape[-1])).reshape(scores.shape[:-1])
-            all_margins[where] = margins(scores)
-            right[where] = labels_decided == np.broadcast_to(labels[:, None], shape)[where]
-            learnt |= {f"{k}.{name}": np.asarray(part) for name, part in of_moment.items()}
-            checkpoint.keep(done=np.array(k + 1), margins=all_margins, right=right, learnt=learnt)
+            all_margins[rows_of_step] = margins(scores)
+            is_right[rows_of_step] = labels_decided == np.broadcast_to(labels[:, None], shape)[rows_of_step]
+            learnt |= {f"{k}.{name}": np.asarray(part) for name, part in moment_state.items()}
+            checkpoint.keep(done=np.array(k + 1), margins=all_margins, right=is_right, learnt=learnt)
             self.report(Progress("deciding on held-out recordings", k + 1, total))
-        by_moment: list[dict[str, Array]] = [{} for _ in range(len(self.times) if learnt else 0)]
+        arrays_by_moment: list[dict[str, Array]] = [{} for _ in range(len(self.times) if learnt else 0)]
         for place, part in learnt.items():
             moment, _, name = place.partition(".")
-            by_moment[int(moment)][name] = part
-        return Early(Held(self.times, all_margins, right, labels), tuple(by_moment))
+            arrays_by_moment[int(moment)][name] = part
+        return Early(Held(self.times, all_margins, is_right, labels), tuple(arrays_by_moment))
 
 
 MOST = 200
@@ -294,12 +294,12 @@ def moments(data: Recordings, every_ms: float) -> Ints:
     Raises:
         ModelError: there are more than 200, or the interval is not above 0.
     """
-    longest = max(int(events.t[-1] - events.t[0]) if len(events) else 0 for events in (one.load() for one in data))
+    longest = max(int(events.t[-1] - events.t[0]) if len(events) else 0 for events in (item.load() for item in data))
     if not (np.isfinite(every_ms) and 1000.0 * every_ms * MOST >= max(longest, MOST)):
-        least = np.ceil(max(longest, MOST) / MOST) / 1000.0
+        shortest = np.ceil(max(longest, MOST) / MOST) / 1000.0
         raise ModelError(
-            f"every_ms = {every_ms:g}: expected at least {least:g} ms, for at most {MOST} moments in the "
+            f"every_ms = {every_ms:g}: expected at least {shortest:g} ms, for at most {MOST} moments in the "
             f"{longest / 1000:g} ms of the longest recording"
         )
-    every = round(1000.0 * every_ms)
-    return every * np.arange(1, max(1, -(-longest // every)) + 1, dtype=np.int64)
+    interval = round(1000.0 * every_ms)
+    return interval * np.arange(1, max(1, -(-longest // interval)) + 1, dtype=np.int64)

@@ -66,8 +66,8 @@ def price(
     refused: dict[str, str] = {}
     for name in targets:
         target = chip(name)
-        if why := refusal(sim, name):
-            refused[name] = why
+        if reason := refusal(sim, name):
+            refused[name] = reason
         elif neurons_per_core is None or target.mesh is None or not target.costs:
             bills[name] = sim.energy(name, of=trials, duration_s=duration_s, host=host).per(recordings, "recording")
         else:
@@ -83,7 +83,7 @@ def refusal(sim: neuro.Simulation, target: str) -> str:
 
     limits = chip(target)
     problems = quantise(sim.program, limits).problems if limits.arithmetic else ()
-    return next((f"{one.what}: {one.why}" for one in problems if one.refused), "")
+    return next((f"{problem.what}: {problem.why}" for problem in problems if problem.refused), "")
 
 
 FORMAT = "neuro recognise energy 1"
@@ -144,38 +144,38 @@ def notes(priced: Priced) -> list[str]:
     """Return the parts that bills do not include, and the energy of dense layers if they ran once per frame."""
     _, trials = priced.run
     costs = {name: bill.by_cost() for name, bill in priced.bills.items()}
-    dense = {name: by_cost["mac"] for name, by_cost in costs.items() if "mac" in by_cost}
+    dense = {name: chip_costs["mac"] for name, chip_costs in costs.items() if "mac" in chip_costs}
     if not dense or not len(trials):
         return [CAMERA]
     steps, frames = trials.counts.steps, len(trials)
-    once = ", ".join(f"{name} {quantity(joules * frames / steps, 'J')}" for name, joules in dense.items())
+    dense_text = ", ".join(f"{name} {quantity(joules * frames / steps, 'J')}" for name, joules in dense.items())
     return [
         CAMERA,
-        f"dense layers run once per frame instead of in each of its {number(steps / frames)} steps: {once}",
+        f"dense layers run once per frame instead of in each of its {number(steps / frames)} steps: {dense_text}",
     ]
 
 
 def words(recogniser: Recogniser, result: Tried, priced: Priced) -> str:
     """Return the bills, the counts and the accuracy as JSON."""
-    own = result.own
-    about: dict[str, object] = {"format": FORMAT, "method": recogniser.method.called()}
-    about |= {"backend": priced.run[0].backend, "accuracy": own.accuracy, "interval": list(own.interval)}
-    about |= {"recordings": own.n, "per_recording": counted(priced)}
-    about |= {"bills": [bill.as_dict() for bill in priced.bills.values()], "refused": dict(priced.refused)}
-    return json.dumps(about | {"notes": notes(priced)}, indent=1)
+    evaluation = result.own
+    facts: dict[str, object] = {"format": FORMAT, "method": recogniser.method.called()}
+    facts |= {"backend": priced.run[0].backend, "accuracy": evaluation.accuracy, "interval": list(evaluation.interval)}
+    facts |= {"recordings": evaluation.n, "per_recording": counted(priced)}
+    facts |= {"bills": [bill.as_dict() for bill in priced.bills.values()], "refused": dict(priced.refused)}
+    return json.dumps(facts | {"notes": notes(priced)}, indent=1)
 
 
 def show(recogniser: Recogniser, result: Tried, priced: Priced, sources: bool = False) -> None:
     """Print the counts, a row for each chip and the assumptions; with `sources`, also the sources of the figures."""
-    own = result.own
-    low, high = own.interval
-    right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
-    title = f"energy per recording; {right} by {recogniser.method.called()} on {priced.run[0].backend}"
+    evaluation = result.own
+    low, high = evaluation.interval
+    accuracy = f"{evaluation.accuracy:.1%} of {evaluation.n} right (95 % interval {low:.1%} - {high:.1%})"
+    title = f"energy per recording; {accuracy} by {recogniser.method.called()} on {priced.run[0].backend}"
     rows = [(bill.target, *bill.cells()) for bill in priced.bills.values()]
     rows += [(name, "refused", *["-"] * (len(COLUMNS) - 1)) for name in priced.refused]
     text = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
     typer.echo(f"per recording: {text}\n")
     console().print(table(("chip", *COLUMNS), rows, title=title))
-    refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
+    refused = (f"{name} refuses the network: {reason}" for name, reason in priced.refused.items())
     for line in (*refused, *footnotes(priced.bills.values(), sources), *notes(priced)):
         typer.echo(f"- {line}")

@@ -476,10 +476,10 @@ class Growing(Observer):
 
     def add(self, events: Events) -> None:
         """Add the next events to the description."""
-        within = self._field.within(events)
+        is_inside = self._field.within(events)
         self._total += len(events)
-        self._outside += len(events) - len(within)
-        self._description.add(within)
+        self._outside += len(events) - len(is_inside)
+        self._description.add(is_inside)
 
     def evidence(self) -> Evidence:
         """Return the description as a vector."""

@@ -66,8 +66,8 @@ def code_of(method: Settings) -> str:
 def _classes(settings: Settings) -> Iterator[type]:
     """Yield the classes of settings and of their parts, with all base classes."""
     yield from type(settings).__mro__
-    for one in fields(settings):
-        value = getattr(settings, one.name)
+    for field in fields(settings):
+        value = getattr(settings, field.name)
         if isinstance(value, Settings):
             yield from _classes(value)
 
@@ -99,10 +99,8 @@ def _with_neighbours(names: Iterable[str]) -> dict[str, ModuleType | None]:
         if name not in modules and first not in OURS and (first == "__main__" or first not in sys.stdlib_module_names):
             modules[name] = module = sys.modules.get(name)
             members = vars(module).values() if module else ()
-            others = {
-                one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", "") for one in members
-            }
-            waiting += [other for other in others if isinstance(other, str) and _same_package(name, other)]
+            module_names = {m.__name__ if isinstance(m, ModuleType) else getattr(m, "__module__", "") for m in members}
+            waiting += [item for item in module_names if isinstance(item, str) and _same_package(name, item)]
     return modules
 
 
@@ -110,8 +108,8 @@ def _same_package(name: str, other: str) -> bool:
     """Return whether two modules belong to one package, or are files of one folder."""
     if "." in name or "." in other:
         return name.partition(".")[0] == other.partition(".")[0]
-    here, there = (getattr(sys.modules.get(each), "__file__", None) for each in (name, other))
-    return bool(here and there and Path(here).parent == Path(there).parent)
+    own_file, other_file = (getattr(sys.modules.get(module_name), "__file__", None) for module_name in (name, other))
+    return bool(own_file and other_file and Path(own_file).parent == Path(other_file).parent)
 
 
 @cache
@@ -120,10 +118,10 @@ def _text(file: Path) -> bytes:
     return file.read_bytes() if file.is_file() else b""
 
 
-def _bytecode(things: Iterable[object], module: str) -> Iterator[object]:
+def _bytecode(members: Iterable[object], module: str) -> Iterator[object]:
     """Yield the bytecode of the functions and methods defined in a module, with the plain globals that they read."""
-    for thing in things:
-        inner = getattr(thing, "fget", None) or getattr(thing, "__func__", thing)  # unwrap properties and class methods
+    for entry in members:
+        inner = getattr(entry, "fget", None) or getattr(entry, "__func__", entry)  # unwrap properties and class methods
         if getattr(inner, "__module__", None) == module:
             if isinstance(inner, type):
                 yield from _bytecode([*vars(inner).values()], module)
@@ -137,8 +135,8 @@ def _bytecode(things: Iterable[object], module: str) -> Iterator[object]:
 
 def _instructions(code: CodeType) -> tuple[object, ...]:
     """Return the instructions of a function without its source position."""
-    inner = (_instructions(one) if isinstance(one, CodeType) else one for one in code.co_consts)
-    return code.co_code, code.co_names, [sorted(one, key=repr) if isinstance(one, frozenset) else one for one in inner]
+    inner = (_instructions(c) if isinstance(c, CodeType) else c for c in code.co_consts)
+    return (code.co_code, code.co_names, [sorted(c, key=repr) if isinstance(c, frozenset) else c for c in inner])
 
 
 FORMAT = "neuro recognise evidence 1"
@@ -159,7 +157,7 @@ def keep(file: Path, evidence: Sequence[Evidence]) -> None:
 def write_evidence(group: Any, evidence: Sequence[Evidence]) -> None:
     """Write the evidence of at least one recording into an HDF5 group, with one subgroup for each name."""
     for name in evidence[0]:
-        arrays = [one[name] for one in evidence]
+        arrays = [item[name] for item in evidence]
         group[f"{name}/shape"] = np.array([array.shape for array in arrays], np.int64)
         group[f"{name}/values"] = np.concatenate([array.ravel() for array in arrays])
 

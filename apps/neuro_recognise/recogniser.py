@@ -77,7 +77,7 @@ def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Tra
     Raises:
         ModelError: a value differs; the message names the first.
     """
-    before, after = ({"method": one.called(), **one.as_words(), **training} for one, training in (there, now))
+    before, after = ({"method": m.called(), **m.as_words(), **training} for m, training in (there, now))
     for name in before | after:
         values = before.get(name), after.get(name)
         if values[0] != values[1]:
@@ -187,7 +187,7 @@ class Recogniser:
         evidence = self.method.observe_until(recording, times_us)
         if self.early is None or not self.early.learnt:
             return self.answer_shown(unlabelled(evidence, self.classes), backend).scores
-        rows = [self._scores_after(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
+        rows = [self._scores_after(backend)(time, item) for time, item in zip(times_us, evidence, strict=True)]
         return np.array(rows).reshape(-1, len(self.classes))
 
     def changed(self, values: Mapping[str, Any]) -> Recogniser:
@@ -240,7 +240,7 @@ class Recogniser:
             ModelError: a time is not above 0, or the held-out recordings do not support the allowed error.
         """
         longest_ms = self.early.held.times_us[-1] / 1000.0 if self.early else WINDOW_MS
-        every = _microseconds("every_ms", every_ms)
+        interval = _microseconds("every_ms", every_ms)
         window = _microseconds("window_ms", longest_ms if window_ms is None else window_ms)
         gap = None if gap_ms is None else _microseconds("gap_ms", gap_ms)
         held_out, rule = self.early.held if self.early else None, None
@@ -251,7 +251,7 @@ class Recogniser:
             )
         if allow is not None and held_out is not None:
             rule = stopping_rule(held_out, allow, assurance)
-        return Session(self.method.observer, self._scores_after(backend), every, window, gap, held_out, rule)
+        return Session(self.method.observer, self._scores_after(backend), interval, window, gap, held_out, rule)
 
     def _scores_after(self, backend: str) -> Callable[[int, Evidence], Floats]:
         """Return a function from the time after the first event, us, and the evidence to the scores, (classes,)."""

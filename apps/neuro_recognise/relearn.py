@@ -54,17 +54,17 @@ class Linear(Framewise):
         weights = state.get("weights", np.zeros((int(np.prod(self.inputs.shape)), len(features.classes))))
         history = [*state.get("history", ())]
         for epoch in range(len(history), self.epochs):
-            right = 0
+            n_right = 0
             for frame in np.random.default_rng([course.seed, epoch]).permutation(len(frames)):
                 spikes, label = slice(*frames.offsets[frame : frame + 2]), labels[frame]
                 ids, x = frames.ids[spikes], values[spikes]
                 scores = x @ weights[ids]
-                right += int(scores.argmax() == label)
+                n_right += int(scores.argmax() == label)
                 error = np.exp(scores - scores.max())
                 error /= error.sum()
                 error[label] -= 1.0
                 weights[ids] -= self.rate * np.outer(x, error)
-            history.append(right / len(frames))
+            history.append(n_right / len(frames))
             course.keep(weights=weights, history=np.array(history))
             course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", len(frames), len(frames), history[-1]))
         return {"weights": weights, "history": np.array(history)}
@@ -74,8 +74,8 @@ class Linear(Framewise):
 
         def ask(features: Features) -> Answer:
             frames, sums = Frames.of(features), np.zeros((len(features), len(features.classes)))
-            each = self._values(frames)[:, None] * np.asarray(learnt["weights"])[frames.ids]
-            np.add.at(sums, np.repeat(frames.recording, np.diff(frames.offsets)), each)
+            products = self._values(frames)[:, None] * np.asarray(learnt["weights"])[frames.ids]
+            np.add.at(sums, np.repeat(frames.recording, np.diff(frames.offsets)), products)
             return Answer(np.where(sums.any(axis=1, keepdims=True), sums, np.nan))
 
         return ask
@@ -121,11 +121,11 @@ class Relearner:
 
     def work(self, report: Callable[[tuple[str, Progress | None]], None]) -> dict[str, Any]:
         """Train epoch by epoch, and test after each epoch."""
-        seed, backend, before = self.of["seed"], self.of["backend"], self.of["before"]
+        seed, backend, epochs_before = self.of["seed"], self.of["backend"], self.of["before"]
         course = Remembered(seed, backend, None, lambda progress: report((self.name, progress)))
         train_features, test_features, accuracies, silent = self.learning, self.testing, [], []
-        for epoch in range(before + self.of["after"]):
-            if epoch == before:
+        for epoch in range(epochs_before + self.of["after"]):
+            if epoch == epochs_before:
                 train_features, test_features = self._permuted(train_features), self._permuted(test_features)
             learnt = self.method.changed({"epochs": epoch + 1}).fit(train_features, course)
             decisions = choose(self.method.answer(learnt, test_features, backend).scores)
@@ -180,10 +180,10 @@ def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) ->
     """
     chosen = []
     for name in names or RULES:
-        one = Contestant(name, Linear()) if name == "linear" else contestants([name])[0]
-        if not isinstance(one.method, Framewise) or not one.method.layer.supervised:
-            raise ModelError(f"{one.method.place()} does not learn from labels epoch by epoch", hint=", ".join(RULES))
-        chosen.append(replace(one, method=one.method.changed(values or {})))
+        entry = Contestant(name, Linear()) if name == "linear" else contestants([name])[0]
+        if not isinstance(entry.method, Framewise) or not entry.method.layer.supervised:
+            raise ModelError(f"{entry.method.place()} does not learn from labels epoch by epoch", hint=", ".join(RULES))
+        chosen.append(replace(entry, method=entry.method.changed(values or {})))
     return tuple(chosen)
 
 
@@ -193,9 +193,9 @@ def permuted(labels: Ints, classes: int, seed: int) -> Ints:
     E.g. the cycle 2, 0, 1 gives class 2 the label 1, class 0 the label 2 and class 1 the label 0.
     """
     circle = np.random.default_rng([seed, 57]).permutation(classes)
-    other = np.empty(classes, np.int64)
-    other[circle] = np.roll(circle, 1)
-    return other[labels]
+    permutation = np.empty(classes, np.int64)
+    permutation[circle] = np.roll(circle, 1)
+    return permutation[labels]
 
 
 def relearn(
@@ -219,26 +219,26 @@ def relearn(
     apps.find_backend(plan.backend)
     apps.make_folder(plan.folder)
     fingerprint, jobs = data.fingerprint(), []
-    for one in plan.contestants:
-        method = one.method if any(one.method.size) else one.method.fitting(field_of(data))
+    for entry in plan.contestants:
+        method = entry.method if any(entry.method.size) else entry.method.fitting(field_of(data))
         assert isinstance(method, Framewise)
-        look = lambda done, n, name=one.name: report(Progress(f"{name}: looking", done, n))  # noqa: E731
+        look = lambda done, n, name=entry.name: report(Progress(f"{name}: looking", done, n))  # noqa: E731
         features = observe(method, data, fingerprint=fingerprint, report=look)
         for seed in plan.seeds:
             train_rows, test_rows = data.folds(plan.folds, seed=seed)[0]
-            of: dict[str, Any] = {"method": method.called(), "settings": dict(method.fixed()), "code": code_of(method)}
-            of |= {"data": fingerprint[:32], "backend": plan.backend, "seed": seed, "folds": plan.folds}
-            of |= {"before": plan.before, "after": plan.after}
-            file = plan.folder / f"{one.name.replace(':', '-')}-{seed}.json"
+            key: dict[str, Any] = {"method": method.called(), "settings": dict(method.fixed()), "code": code_of(method)}
+            key |= {"data": fingerprint[:32], "backend": plan.backend, "seed": seed, "folds": plan.folds}
+            key |= {"before": plan.before, "after": plan.after}
+            file = plan.folder / f"{entry.name.replace(':', '-')}-{seed}.json"
             jobs.append(
                 Relearner(
-                    f"{one.name}, seed {seed}", method, features.take(train_rows), features.take(test_rows), of, file
+                    f"{entry.name}, seed {seed}", method, features.take(train_rows), features.take(test_rows), key, file
                 )
             )
-    in_turn = sorted(
+    queue = sorted(
         jobs, key=lambda job: job.of["seed"]
     )  # an interrupted run has about equally many seeds of each method
-    results = apps.grid(RESULTS, in_turn, plan.jobs, telling(report, len(jobs)))
-    by_file = {job.file: result["accuracies"] for job, result in zip(in_turn, results, strict=True)}
-    each = np.array([by_file[job.file] for job in jobs]).reshape(len(plan.contestants), len(plan.seeds), -1)
-    return {one.name: rows for one, rows in zip(plan.contestants, each, strict=True)}
+    results = apps.grid(RESULTS, queue, plan.jobs, telling(report, len(jobs)))
+    lookup = {job.file: result["accuracies"] for job, result in zip(queue, results, strict=True)}
+    rates = np.array([lookup[job.file] for job in jobs]).reshape(len(plan.contestants), len(plan.seeds), -1)
+    return {entry.name: rows for entry, rows in zip(plan.contestants, rates, strict=True)}

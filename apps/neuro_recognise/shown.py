@@ -91,7 +91,7 @@ class Features:
 
     def column(self, name: str) -> Ragged:
         """Load one array of every recording into memory and concatenate these arrays."""
-        parts = [one[name] for one in self.evidence]
+        parts = [item[name] for item in self.evidence]
         lengths = [len(part) for part in parts]
         values = np.concatenate(parts) if parts else np.empty(0)
         return Ragged(values, np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64))
@@ -103,11 +103,11 @@ class Features:
 
     def total(self, name: str) -> float | None:
         """Return the sum of an array over all recordings; None if a recording lacks the array."""
-        return float(self.column(name).values.sum()) if all(name in one for one in self.evidence) else None
+        return float(self.column(name).values.sum()) if all(name in item for item in self.evidence) else None
 
     def stacked(self, name: str) -> Array:
         """Load an array that has the same shape in every recording, and stack it to (recordings, ...)."""
-        return np.stack([one[name] for one in self.evidence])
+        return np.stack([item[name] for item in self.evidence])
 
 
 def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Features:

@@ -47,9 +47,9 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     if data is None:
         folder = out / "recordings"
         total = N_TRAIN + N_TEST
-        missing = total - sum(1 for _ in folder.glob("*/*/*.bin"))
-        if missing > 0:
-            print(f"making {missing} of {total} recordings of moving digits in {folder}")
+        n_missing = total - sum(1 for _ in folder.glob("*/*/*.bin"))
+        if n_missing > 0:
+            print(f"making {n_missing} of {total} recordings of moving digits in {folder}")
         else:
             print(f"using the {total} recordings of moving digits in {folder}")
         data = make_dataset(folder, N_TRAIN, N_TEST, seed)
@@ -195,7 +195,7 @@ def _parts(path: Path, recogniser: Recogniser, results: Mapping[str, tuple[Tried
         "neuro new my-classifier --template classifier": "a folder to start from",
     }
     wide = max(map(len, commands))
-    yield tag("pre", "\n".join(f"{command:{wide}}   # {why}" for command, why in commands.items()))
+    yield tag("pre", "\n".join(f"{command:{wide}}   # {purpose}" for command, purpose in commands.items()))
 
 
 def _cards(results: Mapping[str, tuple[Tried, Priced]]) -> Iterator[Any]:

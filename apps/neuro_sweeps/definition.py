@@ -102,7 +102,7 @@ class Runs:
     def as_dict(self) -> dict[str, Any]:
         """Return the content of the folder's file, without provenance."""
         names, run, points = self.points.names, self.run, self.points
-        words = {
+        content = {
             "name": self.name,
             "same": self.identity,
             "limits": asdict(self.limits),
@@ -111,11 +111,11 @@ class Runs:
             "units": run.units((*names, *run.metrics)) if isinstance(run, NetworkRun) else {},
         }
         if isinstance(points, SearchPlan):
-            same = self.identity | points.identity()
-            return words | {"same": same, "plan": points.as_dict(), "before": self.key_prefix}
+            shared = self.identity | points.identity()
+            return content | {"same": shared, "plan": points.as_dict(), "before": self.key_prefix}
         runs = [[item.key, item.point, item.seed] for item in self.items]
         digest = hashlib.sha256(json.dumps(runs).encode()).hexdigest()[:32]
-        return words | {"parameters": list(names), "digest_of_runs": digest, "runs": runs}
+        return content | {"parameters": list(names), "digest_of_runs": digest, "runs": runs}
 
     def check(self) -> None:
         """Check the names, and the first point of a sweep, before the first run.
@@ -179,8 +179,8 @@ def load_runs(path: Path, kind: FolderKind) -> Runs:
     """
     root = read(path, f"a {kind.what}", "network: net.yaml")
     record_input(path)
-    own, needs = (_PLAN, ("parameters", "objectives", "trials")) if kind == TUNING else (_SPACE, ())
-    nodes = words(root, (*_OF_ALL, *own), f"a {kind.what}", needs=needs)
+    allowed, required = (_PLAN, ("parameters", "objectives", "trials")) if kind == TUNING else (_SPACE, ())
+    nodes = words(root, (*_OF_ALL, *allowed), f"a {kind.what}", needs=required)
     values = {word: plain(node) for word, node in nodes.items()}
     with _located(root, nodes):
         if ("network" in nodes) == ("study" in nodes):
@@ -188,7 +188,7 @@ def load_runs(path: Path, kind: FolderKind) -> Runs:
         name = values.get("name", path.stem)
         if not isinstance(name, str):
             raise ModelError(f"name = {shown(name)}: expected a name", path=("name",))
-        points = {word: values[word] for word in own if word in values}
+        points = {word: values[word] for word in allowed if word in values}
         space = plan_of(**points) if kind == TUNING else _space(points)
         limits = limits_of(values.get("time_limit"), values.get("memory_limit"))
         runs = Runs(name, _run(path.parent, nodes, values, space), limits, space)

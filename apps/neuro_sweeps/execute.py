@@ -50,8 +50,8 @@ class KnownRuns:
 
     def next_runs(self, number: int) -> Sequence[RunItem]:
         """Return all missing runs, the first time."""
-        missing, self._missing = self._missing, []
-        return missing
+        items, self._missing = self._missing, []
+        return items
 
     def on_run(self, key: str, failed: bool) -> None:
         """Count a finished run."""
@@ -173,46 +173,46 @@ def _do_all(
 
     This process alone does not wait for others if all runs are known.
     """
-    of_others: list[RunItem] = []
+    foreign_items: list[RunItem] = []
     while True:
-        if (free := pool.free - len(of_others)) > 0 and (items := source.next_runs(free)):
-            size = max(1, min(MOST_AT_ONCE, len(items) // (4 * free))) if isinstance(pool, Cluster) else 1
+        if (n_free := pool.free - len(foreign_items)) > 0 and (items := source.next_runs(n_free)):
+            size = max(1, min(MOST_AT_ONCE, len(items) // (4 * n_free))) if isinstance(pool, Cluster) else 1
             for k in range(0, len(items), size):
                 pool.put(items[k : k + size])
         if not pool.busy:
-            if (not of_others or (isinstance(pool, Here) and isinstance(source, KnownRuns))) and source.finished():
+            if (not foreign_items or (isinstance(pool, Here) and isinstance(source, KnownRuns))) and source.finished():
                 return
-            if bar is not None and (claims := [item.key for item in of_others] or source.claims_of_others()):
+            if bar is not None and (claims := [item.key for item in foreign_items] or source.claims_of_others()):
                 bar.say(waiting(folder.claims, claims))
-        for task in pool.hear(None if pool.busy and not of_others else POLL_S):
+        for task in pool.hear(None if pool.busy and not foreign_items else POLL_S):
             for item, failed in zip(task.job, ends_of(folder, task), strict=True):
                 if failed is None:
-                    of_others.append(item)
+                    foreign_items.append(item)
                 else:
                     on_run(item.key, failed)
         if pool.free > 0:
             still_claimed = []
-            for item in of_others:
+            for item in foreign_items:
                 if (outcome := folder.outcome(item.key)) is not None:
                     on_run(item.key, outcome.failed)
                 elif alive(folder.claims / item.key):
                     still_claimed.append(item)
                 else:
                     pool.put([item])
-            of_others = still_claimed
+            foreign_items = still_claimed
 
 
 def _begin(runs: Runs, folder: Folder) -> None:
     """Create the folder, or continue in it. The number of trials of a search may differ."""
     content = runs.as_dict() | {"inputs": list(runs.inputs), "provenance": provenance(runs.inputs)}
     folder.begin(content, "same" if "plan" in content else "digest_of_runs", "same")
-    present = folder.read()
-    if "plan" in content and present["plan"]["trials"] != content["plan"]["trials"]:
-        unchanged = {word: value for word, value in present.items() if word not in ("format", "digest")}
+    existing = folder.read()
+    if "plan" in content and existing["plan"]["trials"] != content["plan"]["trials"]:
+        unchanged = {word: value for word, value in existing.items() if word not in ("format", "digest")}
         folder.write(unchanged | {"plan": content["plan"]})
 
 
-def _retry_failed(plan: SearchPlan, before: str, folder: Folder) -> None:
+def _retry_failed(plan: SearchPlan, key_prefix: str, folder: Folder) -> None:
     """Reopen trials with a failed run, so that the next asker takes them over as unfinished.
 
     Raises:
@@ -224,10 +224,10 @@ def _retry_failed(plan: SearchPlan, before: str, folder: Folder) -> None:
             raise ModelError(message, hint="retry when no other process works in the folder")
         state = optuna().trial.TrialState.FAIL
         trials = [trial for trial in trials_of(folder) if trial.state == state]
-        items = {trial._trial_id: plan.items(before, point_of(plan, trial.params)) for trial in trials}
-        outcomes = folder.outcomes({item.key: None for each in items.values() for item in each})
+        items = {trial._trial_id: plan.items(key_prefix, point_of(plan, trial.params)) for trial in trials}
+        outcomes = folder.outcomes({item.key: None for trial_items in items.values() for item in trial_items})
         failed = {key for key, outcome in outcomes.items() if outcome.failed}
-        reopened = {number for number, each in items.items() if any(item.key in failed for item in each)}
+        reopened = {number for number, trial_items in items.items() if any(item.key in failed for item in trial_items)}
         journal_of(folder).remove_ends(reopened, state.value)
         for key in failed:
             folder.remove(key)

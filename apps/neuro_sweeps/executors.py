@@ -118,13 +118,13 @@ class Cluster:
             this version of this package, or does not see the folder.
     """
 
-    def __init__(self, where: str, folder: Folder) -> None:
-        self._where, self._path = where, str(folder.path.absolute())
-        self._client = _client(where)
+    def __init__(self, address: str, folder: Folder) -> None:
+        self._where, self._path = address, str(folder.path.absolute())
+        self._client = _client(address)
         self._jobs: dict[Any, Sequence[RunItem]] = {}
         self._ended: SimpleQueue[Any] = SimpleQueue()
         try:
-            self._workers = max(1, _check_workers(self._client, where, folder))
+            self._workers = max(1, _check_workers(self._client, address, folder))
         except BaseException:
             self.close()
             raise
@@ -173,17 +173,17 @@ class Cluster:
             self._client.close(timeout=2)
 
 
-def _client(where: str) -> Any:
-    dask = needed("distributed", "dask", f"on = '{where}': the package distributed is not installed")
-    if "://" not in where and not Path(where).is_file():
+def _client(address: str) -> Any:
+    dask = needed("distributed", "dask", f"on = '{address}': the package distributed is not installed")
+    if "://" not in address and not Path(address).is_file():
         expected = "cores, here, tcp://HOST:PORT, or the file of a scheduler"
-        raise ModelError(f"on = '{where}': there is no such file: expected {expected}")
-    words = {"address": where} if "://" in where else {"scheduler_file": where}
+        raise ModelError(f"on = '{address}': there is no such file: expected {expected}")
+    arguments = {"address": address} if "://" in address else {"scheduler_file": address}
     try:
-        return dask.Client(**words, timeout=CONNECT_S, set_as_default=False)
+        return dask.Client(**arguments, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         text = str(error) or type(error).__name__
-        raise ModelError(f"on = '{where}': no scheduler answers: {text.splitlines()[0]}") from None
+        raise ModelError(f"on = '{address}': no scheduler answers: {text.splitlines()[0]}") from None
 
 
 def _check_workers(client: Any, where: str, folder: Folder) -> int:

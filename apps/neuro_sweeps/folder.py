@@ -201,9 +201,9 @@ def waiting(folder: Path, keys: Sequence[str]) -> str:
         folder: folder of the claims.
         keys: names of the claims that other processes hold.
     """
-    what = "trial" if keys[0].startswith("trial-") else "run"
+    unit = "trial" if keys[0].startswith("trial-") else "run"
     holder = holder_of(folder / keys[0]) or "an unknown process"
-    names = f"{len(keys):,} {what}{'s' * (len(keys) != 1)}"
+    names = f"{len(keys):,} {unit}{'s' * (len(keys) != 1)}"
     return f"waiting for {names} of other processes, first {holder} ({folder / keys[0]})"
 
 
@@ -236,10 +236,10 @@ def began(process: int) -> str:
     Source: proc(5), /proc/pid/stat, fields 3 and 22
     """
     try:
-        words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return ""
-    return "" if words[0] in "ZX" else words[19]
+    return "" if fields[0] in "ZX" else fields[19]
 
 
 DONE, FAILED, PRUNED = "done", "failed", "pruned"
@@ -356,8 +356,8 @@ class Folder:
         elif has_other_files:
             raise ModelError(f"{self.path}: is not the folder of a {self.kind.what}: expected a new or empty folder")
         with writing(self.path):
-            for each in (self.path, self.runs, self.claims):
-                make_folder(each)
+            for path in (self.path, self.runs, self.claims):
+                make_folder(path)
             self.tidy()
             (self.claims / f".try-{os.getpid()}").touch()
             (self.claims / f".try-{os.getpid()}").unlink()
@@ -365,9 +365,9 @@ class Folder:
             self.write(content)
             self._check_same(content, same, what)
         # Workers run the code that the file names. A file of someone else must not choose the code.
-        present = self.read()
-        if _code_of(present) != _code_of(content):
-            unchanged = {word: value for word, value in present.items() if word not in ("format", "digest")}
+        existing = self.read()
+        if _code_of(existing) != _code_of(content):
+            unchanged = {word: value for word, value in existing.items() if word not in ("format", "digest")}
             self.write(unchanged | {word: content[word] for word in ("what", "with")})
 
     def tidy(self) -> None:
@@ -386,7 +386,7 @@ class Folder:
         """Return whether the folder contains files of something other than this sweep."""
         if not self.path.is_dir():
             return False
-        names = {each.name for each in self.path.iterdir() if not each.name.startswith(f".{self.kind.file}.")}
+        names = {path.name for path in self.path.iterdir() if not path.name.startswith(f".{self.kind.file}.")}
         return not names <= {"runs", "claims"} or (self.runs.is_dir() and any(self.runs.iterdir()))
 
     def read(self) -> dict[str, Any]:
@@ -396,16 +396,16 @@ class Folder:
             ModelError: the file is missing or damaged.
         """
         path = self.path / self.kind.file
-        what = self.kind.what
+        name = self.kind.what
         try:
             content = parsed(path.read_bytes())
         except FileNotFoundError:
-            message = f"{self.path}: found no {what}: expected a folder with {path.name}"
+            message = f"{self.path}: found no {name}: expected a folder with {path.name}"
             raise ModelError(message, hint=self._hint()) from None
         except (OSError, ValueError) as error:
             raise ModelError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'damaged'}") from None
         if not isinstance(content, dict) or content.get("format") != self.kind.format:
-            raise ModelError(f"{path}: not a {what}, as 'neuro {self.kind.command} run' writes it")
+            raise ModelError(f"{path}: not a {name}, as 'neuro {self.kind.command} run' writes it")
         if not self.kind.file_kind.ours(path):
             damage = "damaged, or edited by hand" if "digest" in content else "damaged"
             expected = f"expected the file that 'neuro {self.kind.command} run' wrote"
@@ -418,25 +418,25 @@ class Folder:
         return content
 
     def _hint(self) -> str:
-        for other in KINDS.values():
-            if other != self.kind and (self.path / other.file).exists():
-                return f"the folder has a {other.what}: neuro {other.command} status {shlex.quote(str(self.path))}"
+        for kind in KINDS.values():
+            if kind != self.kind and (self.path / kind.file).exists():
+                return f"the folder has a {kind.what}: neuro {kind.command} status {shlex.quote(str(self.path))}"
         command = self.kind.command
         return f"neuro {command} run {command}.yaml --out FOLDER creates one"
 
-    def _check_same(self, content: Mapping[str, Any], same: str, what: str) -> None:
+    def _check_same(self, content: Mapping[str, Any], same_key: str, inputs_key: str) -> None:
         """Refuse the folder of another sweep or tuning."""
-        present, name = self.read(), self.kind.what
-        if present.get(same) == content[same]:
+        existing, name = self.read(), self.kind.what
+        if existing.get(same_key) == content[same_key]:
             return
         hint = f"expected the same {name}, or the name of a new folder"
         message = f"{self.path}: the folder of another {name}"
-        before, now = present.get(what, {}), content[what]
-        for word in now:
-            if before.get(word) != now[word]:
-                old, new = _difference(before.get(word), now[word]), _difference(now[word], before.get(word))
+        stored, inputs = existing.get(inputs_key, {}), content[inputs_key]
+        for word in inputs:
+            if stored.get(word) != inputs[word]:
+                old, new = (_difference(stored.get(word), inputs[word]), _difference(inputs[word], stored.get(word)))
                 raise ModelError(f"{message}: {word} is {old} there, {new} now", hint=hint)
-        runs = f"{len(present.get('runs', ())):,} runs there, {len(content.get('runs', ())):,} now"
+        runs = f"{len(existing.get('runs', ())):,} runs there, {len(content.get('runs', ())):,} now"
         raise ModelError(f"{message}: its space differs, {runs}", hint=hint)
 
     def outcome(self, key: str) -> RunOutcome | None:
@@ -500,8 +500,8 @@ class Folder:
 
 def _code_of(content: Mapping[str, Any]) -> object:
     """Return the parts of the file of a folder that name code."""
-    what = content.get("what", {})
-    return content.get("with"), what if not isinstance(what, Mapping) or what.get("kind") != "network" else None
+    run = content.get("what", {})
+    return content.get("with"), run if not isinstance(run, Mapping) or run.get("kind") != "network" else None
 
 
 def sum_of(content: Mapping[str, Any], before: str = "") -> str:
@@ -520,9 +520,9 @@ def _tag() -> str:
     return hashlib.sha256(machine().encode()).hexdigest()[:8]
 
 
-def _difference(value: Any, other: Any) -> str:
+def _difference(value: Any, reference: Any) -> str:
     """Return a value as text, cut at 80 characters; of a mapping only the entries that differ from the other."""
-    if isinstance(value, Mapping) and isinstance(other, Mapping):
-        value = {name: each for name, each in value.items() if other.get(name) != each}
+    if isinstance(value, Mapping) and isinstance(reference, Mapping):
+        value = {name: entry for name, entry in value.items() if reference.get(name) != entry}
     text = json.dumps(value)
     return text if len(text) <= 80 else text[:77] + "..."

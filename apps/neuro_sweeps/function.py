@@ -49,7 +49,7 @@ def check_metrics(
         ModelError: a metric, or the part that its name contains, is unknown.
     """
     parts = {**dict.fromkeys(_OF_POPULATIONS, populations), **dict.fromkeys(_OF_PROJECTIONS, projections)}
-    whole = (*TOTALS, *(_OF_WORLDS if world else ()))
+    totals = (*TOTALS, *(_OF_WORLDS if world else ()))
     for name in names:
         word, dot, part = name.partition(".")
         if dot and word in parts and part not in parts[word]:
@@ -59,10 +59,10 @@ def check_metrics(
             from neuro.chips import chip
 
             chip(part)
-        elif name not in (*whole, *METRICS) and not (dot and word in parts):
-            of_parts = [f"{word}.{part}" for word, names in parts.items() for part in names]
-            of_chips = [f"{word}.CHIP" for word in _OF_CHIPS]
-            raise unknown("metric", name, (*whole, *of_parts, *of_chips, *METRICS), path=("metrics",))
+        elif name not in (*totals, *METRICS) and not (dot and word in parts):
+            part_names = [f"{word}.{part}" for word, names in parts.items() for part in names]
+            chip_names = [f"{word}.CHIP" for word in _OF_CHIPS]
+            raise unknown("metric", name, (*totals, *part_names, *chip_names, *METRICS), path=("metrics",))
 
 
 def measure(
@@ -97,7 +97,7 @@ def numbers(value: Any, name: str) -> dict[str, Any]:
         ModelError: the result is neither a number or text, nor a mapping to numbers and texts.
     """
     values = value if isinstance(value, Mapping) else {name: value}
-    return {str(word): _plain(each, str(word)) for word, each in values.items()}
+    return {str(word): _plain(item, str(word)) for word, item in values.items()}
 
 
 def _plain(value: Any, name: str) -> Any:
@@ -218,14 +218,14 @@ class FunctionRun:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the call as plain data, for `from_dict`."""
-        words = {"name": self.name, "module": self.module, "file": self.file, "source": self.source}
-        return {"kind": "function", **words, "set": dict(self.set or {}), "paths": list(self.paths)}
+        content = {"name": self.name, "module": self.module, "file": self.file, "source": self.source}
+        return {"kind": "function", **content, "set": dict(self.set or {}), "paths": list(self.paths)}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> FunctionRun:
         """Return the call for the data of `as_dict`."""
-        words = {name: value for name, value in content.items() if name != "kind"}
-        return cls(**{**words, "paths": tuple(words["paths"])})
+        fields = {name: value for name, value in content.items() if name != "kind"}
+        return cls(**{**fields, "paths": tuple(fields["paths"])})
 
     def named_by_user(self) -> FunctionRun:
         """Return the call of the same function in a file that the user named by `--with`. Studies are returned as is.
@@ -298,10 +298,10 @@ class FunctionRun:
             signature = inspect.signature(self.function).parameters
         except ValueError:
             return
-        if any(each.kind is each.VAR_KEYWORD for each in signature.values()):
+        if any(parameter.kind is parameter.VAR_KEYWORD for parameter in signature.values()):
             return
         kinds = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-        names = [name for name, each in signature.items() if each.kind in kinds]
+        names = [name for name, parameter in signature.items() if parameter.kind in kinds]
         arguments = [*(self.set or {}), *point, *(["seed"] if seeded else [])]
         for name in arguments:
             if name not in names:
@@ -337,9 +337,9 @@ def function_run(function: Any, set: Mapping[str, Any] | None = None, here: bool
         raise ModelError(f"function = {shown(function)}: expected a function")
     name, module = function.__qualname__, function.__module__
     script = getattr(sys.modules.get("__main__"), "__file__", None) if module == "__main__" else None
-    where = os.path.abspath(script) if script else ""
+    script_path = os.path.abspath(script) if script else ""
     paths = tuple(os.path.abspath(path) for path in sys.path)
-    run = FunctionRun(name, module, where, _source(function), set, paths, function)
+    run = FunctionRun(name, module, script_path, _source(function), set, paths, function)
     if not here:
         _check_found_elsewhere(run)
     return run
@@ -347,11 +347,11 @@ def function_run(function: Any, set: Mapping[str, Any] | None = None, here: bool
 
 def _check_found_elsewhere(run: FunctionRun) -> None:
     if "<" in run.name or (run.module == "__main__" and not run.file):
-        where = "inside another function" if "<locals>" in run.name else "interactively"
+        place = "inside another function" if "<locals>" in run.name else "interactively"
         if "<lambda>" in run.name:
-            where = "without a name"
+            place = "without a name"
         hint = 'define it in a file, with a name; or on="here" calls it in this process, one run after the other'
-        raise ModelError(f"{run.name}: is defined {where}, so other processes cannot find it", hint=hint)
+        raise ModelError(f"{run.name}: is defined {place}, so other processes cannot find it", hint=hint)
 
 
 def _source(function: Callable[..., Any]) -> str:

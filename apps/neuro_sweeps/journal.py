@@ -67,11 +67,11 @@ class Journal:
             for line in file:
                 if not line.endswith(b"\n"):
                     return
-                end, before = self._line_ends[number]
+                end, checksum_before = self._line_ends[number]
                 number += 1
-                log, after = self._parse(line, number, before)
+                log, line_checksum = self._parse(line, number, checksum_before)
                 if number == len(self._line_ends):
-                    self._line_ends.append((end + len(line), after))
+                    self._line_ends.append((end + len(line), line_checksum))
                 if number > log_number_from:
                     yield log
 
@@ -103,24 +103,24 @@ class Journal:
         """
         if not trials:
             return
-        rest = [log for log in self.read_logs(0) if log.get("trial_id") not in trials or log.get("state") != state]
+        kept_logs = [log for log in self.read_logs(0) if log.get("trial_id") not in trials or log.get("state") != state]
         temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}")
         with writing(self._path), locked(self._lock):
             try:
                 with temporary.open("wb") as file:
-                    file.write(_lines(rest, NAME))
+                    file.write(_lines(kept_logs, NAME))
                     file.flush()
                     os.fsync(file.fileno())
                 temporary.replace(self._path)
             finally:
                 temporary.unlink(missing_ok=True)
 
-    def _parse(self, line: bytes, number: int, before: str) -> tuple[dict[str, Any], str]:
+    def _parse(self, line: bytes, number: int, checksum_before: str) -> tuple[dict[str, Any], str]:
         """Parse a line, and return its content and checksum."""
         try:
             log = parsed(line)
             checksum = log.pop(SUM)
-            if checksum == sum_of(log, before):
+            if checksum == sum_of(log, checksum_before):
                 return dict(log), checksum
         except (ValueError, KeyError, AttributeError, TypeError):
             pass
@@ -128,18 +128,18 @@ class Journal:
             f"'head -n {number - 1} {self._path.name}' has the undamaged lines; "
             "with them, later trials are asked for again, and kept runs are not repeated"
         )
-        after = f" after line {number - 1}" if number > 1 else ""
-        message = f"line {number}: damaged: expected the line that 'neuro tune run' wrote{after}"
+        place = f" after line {number - 1}" if number > 1 else ""
+        message = f"line {number}: damaged: expected the line that 'neuro tune run' wrote{place}"
         raise ModelError(f"{self._path}: {message}", hint=hint)
 
 
-def _lines(logs: Iterable[dict[str, Any]], before: str) -> bytes:
+def _lines(logs: Iterable[dict[str, Any]], checksum_before: str) -> bytes:
     """Return lines of the file for logs. `before` is the checksum of the line before."""
     lines = []
     for log in logs:
         plain = parsed(json.dumps(log))
-        before = sum_of(plain, before)
-        lines.append(json.dumps({**plain, SUM: before}, separators=(",", ":")) + "\n")
+        checksum_before = sum_of(plain, checksum_before)
+        lines.append(json.dumps({**plain, SUM: checksum_before}, separators=(",", ":")) + "\n")
     return "".join(lines).encode()
 
 
@@ -185,8 +185,8 @@ class DraftStorage:
         stored = self._storage.get_all_trials(study_id, deepcopy, states)
         draft = [copy(self._trial)] if states is None or self._trial.state in states else []
         number = self._trial.number
-        before = [trial for trial in stored if trial.number < number]
-        return [*before, *draft, *(trial for trial in stored[len(before) :] if trial.number > number)]
+        earlier = [trial for trial in stored if trial.number < number]
+        return [*earlier, *draft, *(trial for trial in stored[len(earlier) :] if trial.number > number)]
 
     def set_trial_param(self, trial_id: int, name: str, value: float, distribution: BaseDistribution) -> None:
         """Set a parameter of the trial in memory."""
@@ -266,7 +266,7 @@ def study_of(folder: Folder, directions: Sequence[str]) -> Study:
         study: Study = package.create_study(
             storage=storage,
             study_name=NAME,
-            directions=[OPTUNAS[each] for each in directions],
+            directions=[OPTUNAS[direction] for direction in directions],
             load_if_exists=True,
             sampler=package.samplers.RandomSampler(0),
             pruner=package.pruners.NopPruner(),

@@ -75,22 +75,22 @@ class NetworkRun:
     def identity(self) -> dict[str, Any]:
         """Return all inputs of a run but point and seed: contents of files instead of paths."""
         hashes = {str(_relative(Path(name), self.file.parent)): digest for name, digest in self.files.items()}
-        words = {"duration": self.duration, "backend": _content(self.backend), "set": dict(self.set)}
-        return {"network": hashes, **words, "metrics": list(self.metrics), "keep": self.keep}
+        content = {"duration": self.duration, "backend": _content(self.backend), "set": dict(self.set)}
+        return {"network": hashes, **content, "metrics": list(self.metrics), "keep": self.keep}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the run as plain data, for `from_dict`."""
         files = {"file": str(self.file), "files": dict(self.files)}
-        words = {"duration": self.duration, "backend": self.backend, "threads": self.threads, "set": dict(self.set)}
-        words |= {"at": list(self.at), "reports": self.reports} if self.at else {}
-        return {"kind": "network", **files, **words, "metrics": list(self.metrics), "keep": self.keep}
+        content = {"duration": self.duration, "backend": self.backend, "threads": self.threads, "set": dict(self.set)}
+        content |= {"at": list(self.at), "reports": self.reports} if self.at else {}
+        return {"kind": "network", **files, **content, "metrics": list(self.metrics), "keep": self.keep}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> NetworkRun:
         """Return the run for the data of `as_dict`."""
-        words = {name: value for name, value in content.items() if name != "kind"}
-        lists = {name: tuple(words.get(name, ())) for name in ("metrics", "at")}
-        return cls(**{**words, **lists, "file": Path(words["file"])})
+        fields = {name: value for name, value in content.items() if name != "kind"}
+        lists = {name: tuple(fields.get(name, ())) for name in ("metrics", "at")}
+        return cls(**{**fields, **lists, "file": Path(fields["file"])})
 
     def check_inputs(self) -> None:
         """Check that the files are unchanged since the sweep began.
@@ -99,9 +99,9 @@ class NetworkRun:
             ModelError: a file is missing, or was edited.
         """
         for name, digest in self.files.items():
-            if (now := digest_of(name)) != digest:
-                what = "was edited since the sweep began" if now else "cannot be read"
-                raise ModelError(f"{name}: {what}: expected the unchanged file", hint="use a new folder")
+            if (new_digest := digest_of(name)) != digest:
+                problem = "was edited since the sweep began" if new_digest else "cannot be read"
+                raise ModelError(f"{name}: {problem}: expected the unchanged file", hint="use a new folder")
 
     def check(self, point: Mapping[str, Any], seeded: bool) -> None:
         """Check a point before the first run. `seeded` is ignored, since a network runs with and without a seed.
@@ -143,13 +143,13 @@ class NetworkRun:
         ms, keeps_results = self._ms(run), self.keep == "results"
         figures = {name.partition(".")[2]: run[name] for name in run if name.startswith("chip.")}
         options = {name.partition(".")[2]: run[name] for name in run if name.startswith("backend.")}
-        words: dict[str, Any] = {"seed": seed or 0, "threads": self.threads, **options}
+        arguments: dict[str, Any] = {"seed": seed or 0, "threads": self.threads, **options}
         with _table(backend, figures) as target:
             if net.world_section is not None:
-                loop: Any = closed_loop(net, backend=target, record=keeps_results, **words)
+                loop: Any = closed_loop(net, backend=target, record=keeps_results, **arguments)
                 sim, log = loop.sim, loop.log
             else:
-                sim, log, loop = compile(net, backend=target, **words), None, None
+                sim, log, loop = compile(net, backend=target, **arguments), None, None
             for step, time in enumerate((*self.at, ms), 1):
                 if loop:
                     loop.run(ms=time)
@@ -158,13 +158,13 @@ class NetworkRun:
                 if step <= len(self.at):
                     report_step(measure(sim, [self.reports], {backend: target}, log)[self.reports], step)
             metrics = measure(sim, self.metrics, {backend: target}, log)
-        about = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
+        record = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
 
         def fill(folder: Path) -> None:
             recorded = loop.results(threads=self.threads) if loop else collect(sim, net, threads=self.threads)
             files.write(recorded, folder / "results.h5")
 
-        return metrics, fill if keeps_results else None, about
+        return metrics, fill if keeps_results else None, record
 
 
 def network_run(file: Path, **words: Any) -> NetworkRun:
@@ -228,10 +228,10 @@ def split_point(
     Raises:
         ModelError: a name without a dot is neither a parameter of the file nor a setting of the run.
     """
-    own, run, parts = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+    file_parameters, run, parts = dict[str, Any](), dict[str, Any](), dict[str, Any]()
     for name, value in point.items():
         if name in parameters:
-            own[name] = value
+            file_parameters[name] = value
         elif name in RUN or name.partition(".")[0] in PREFIXES:
             run[name] = value
         elif "." in name:
@@ -240,7 +240,7 @@ def split_point(
             names = (*parameters, *RUN)
             hint = f"{nearest(name, names)}; parameters of parts are POPULATION.PARAMETER, PROJECTION.weight"
             raise ModelError(f"unknown parameter '{name}'", hint=hint)
-    return own, run, parts
+    return file_parameters, run, parts
 
 
 def with_values(net: Network, values: Mapping[str, Any]) -> Network:
@@ -284,8 +284,8 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
         without_projections.place = part.origin
         views = ((part.source, part.source_view), (part.target, part.target_view))
         ends = [net.populations[name] if view is None else view for name, view in views]
-        words = {"weight": part.weight, "delay": part.delay, word: value}
-        return without_projections.connect(ends[0], ends[1], part.rule, part.synapse, name=part.name, **words)
+        arguments = {"weight": part.weight, "delay": part.delay, word: value}
+        return without_projections.connect(ends[0], ends[1], part.rule, part.synapse, name=part.name, **arguments)
     synapse, rule = _names(part.synapse), _names(part.rule)
     if word in synapse:
         return replace(part, synapse=replace(part.synapse, **{synapse[word]: value}))
@@ -296,19 +296,19 @@ def _projection(net: Network, part: Projection, word: str, value: Any) -> Projec
 
 def _unit(net: Network, name: str) -> str:
     """Return the unit of a metric, a setting of the run or a parameter of a part; "" if there is none."""
-    first, _, rest = name.partition(".")
+    first, _, word_after = name.partition(".")
     part, _, word = name.rpartition(".")
-    if rest and first in UNITS:
+    if word_after and first in UNITS:
         return UNITS[first]
     if name == "for" or (part in net.projections and word == "delay"):
         return "ms"
-    weighted = rest if first in ("weight", "weight_sd") else part if word == "weight" else ""
+    weighted = word_after if first in ("weight", "weight_sd") else part if word == "weight" else ""
     if weighted in net.projections:
         target = net.populations[net.projections[weighted].target]
         return str(getattr(target.model, "weight_unit", ""))
     choices: list[Choice] = [net.populations[part].model] if part in net.populations else []
     choices += [net.projections[part].synapse, net.projections[part].rule] if part in net.projections else []
-    return next((each.quantities()[word].unit for each in choices if word in each.quantities()), "")
+    return next((choice.quantities()[word].unit for choice in choices if word in choice.quantities()), "")
 
 
 def _names(choice: Choice) -> dict[str, str]:

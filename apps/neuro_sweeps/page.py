@@ -63,27 +63,27 @@ def page(table: SweepTable | TuneTable) -> str:
     """Return the page as HTML."""
     folder = Folder(table.path)
     content, kind, counts, path = folder.read(), folder.kind, table.counts(), shlex.quote(str(table.path))
-    what, units, commands = content["what"], content.get("units", {}), ["table", "plot", "status"]
+    run, units, commands = content["what"], content.get("units", {}), ["table", "plot", "status"]
     pruned, without_value = "", list[TrialRow]()
     if isinstance(table, SweepTable):
         outcomes, under_way, size = table.outcomes(), counts["under way"], some(len(table), "run")
-        on = f" on {what['backend']}" if what["kind"] == "network" else ""
-        lead = f"{on} over {', '.join(table.parameters) or 'seeds'}: {size}."
-        times = [each.seconds for each in outcomes.values()]
+        place = f" on {run['backend']}" if run["kind"] == "network" else ""
+        lead = f"{place} over {', '.join(table.parameters) or 'seeds'}: {size}."
+        times = [outcome.seconds for outcome in outcomes.values()]
         results, keys, repeated = _metrics(table, units), list(table.keys[:1]), "any run"
     else:
         plan, trials, times = table.plan, table.trials(), []
-        outcomes = folder.outcomes({item.key: None for each in trials for item in each.items})
+        outcomes = folder.outcomes({item.key: None for trial in trials for item in trial.items})
         without_value = [trial for trial in trials if trial.has_no_value and trial.error]
-        under_way, size = sum(each.outcome == "under way" for each in trials), some(plan.most, "trial")
+        under_way, size = sum(trial.outcome == "under way" for trial in trials), some(plan.most, "trial")
         objectives = ", ".join(f"{name} {direction}d" for name, direction in plan.objectives.items())
         runs = "" if plan.runs == 1 else f", each the mean of {plan.runs} runs"
         lead = f": {objectives}, over {', '.join(plan.names)}; {size} by {plan.sampler}{runs}."
         pruned = f"by {plan.prune['by']}" if plan.prune else ""
         commands += ["test"] if plan.folds else []
         results = chain(_best(table, units), _objectives(table, trials))
-        keys, repeated = [each.items[0].key for each in table.best()[:1]], "a run of the best trial"
-    name = Path(what["file"]).name if what["kind"] == "network" else what["name"]
+        keys, repeated = [trial.items[0].key for trial in table.best()[:1]], "a run of the best trial"
+    name = Path(run["file"]).name if run["kind"] == "network" else run["name"]
     cards = [
         html.card("done", f"{counts['done']:,}", f"of {size}"),
         html.card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none"),
@@ -93,7 +93,7 @@ def page(table: SweepTable | TuneTable) -> str:
     if times:
         median = quantity(float(np.median(times)), "s", 3)
         cards.append(html.card("time per run", median, f"median; total {sum(times):,.3g} s"))
-    words = {"table": " --out table.csv"}
+    arguments = {"table": " --out table.csv"}
     parts = [
         html.tag("header", html.tag("h1", table.name), html.tag("p", f"{name}{lead}", class_="lead")),
         html.tag("div", *cards, class_="cards"),
@@ -102,7 +102,7 @@ def page(table: SweepTable | TuneTable) -> str:
         *_rows(table, units),
         *_origin(content, outcomes),
         html.tag("h2", "Next steps"),
-        html.tag("pre", "\n".join(f"neuro {kind.command} {each} {path}{words.get(each, '')}" for each in commands)),
+        html.tag("pre", "\n".join(f"neuro {kind.command} {word} {path}{arguments.get(word, '')}" for word in commands)),
     ]
     for key in keys:
         parts += [
@@ -115,22 +115,22 @@ def page(table: SweepTable | TuneTable) -> str:
 
 def _metrics(table: SweepTable, units: Units) -> Iterator[html.Html]:
     try:
-        data = [with_units(each, units) for each in plot_data(table, (), (), "auto")]
+        data = [with_units(metric_data, units) for metric_data in plot_data(table, (), (), "auto")]
     except ModelError as error:
         yield html.tag("p", error.message)
         return
     yield html.tag("h2", "Metrics")
-    yield from _side_by_side(*((each.kind, _metric(each)) for each in data))
+    yield from _side_by_side(*((metric_data.kind, _metric(metric_data)) for metric_data in data))
 
 
 def _metric(data: PlotData) -> html.Html:
     """Return the figure of a metric, with the first lines if there are many."""
-    over = data.names[0] if data.kind == "lines" else " and ".join(data.names)
-    first_lines, more = data.first_lines(_MOST_LINES)
-    caption = _CAPTIONS.get(data.kind, f"over {over}" + f": {data.caption}" * bool(data.caption))
-    rest = f", without {more} more lines" if more else ""
+    axes = data.names[0] if data.kind == "lines" else " and ".join(data.names)
+    first_lines, n_more = data.first_lines(_MOST_LINES)
+    caption = _CAPTIONS.get(data.kind, f"over {axes}" + f": {data.caption}" * bool(data.caption))
+    note = f", without {n_more} more lines" if n_more else ""
     return html.figure(
-        html.figure_svg(draw(first_lines, wide=_WIDE), f"{data.metric} over {over}"), caption + rest, data.metric
+        html.figure_svg(draw(first_lines, wide=_WIDE), f"{data.metric} over {axes}"), caption + note, data.metric
     )
 
 
@@ -175,8 +175,8 @@ def _rows(table: RunRows, units: Units) -> Iterator[html.Html]:
     if not finished_rows:
         return
     yield html.tag("h2", table.many.capitalize())
-    hidden = {"attempts"} if any(row["error"] for row in finished_rows) else {"attempts", "error"}
-    names = [name for name in finished_rows[0] if name not in hidden]
+    hidden_columns = {"attempts"} if any(row["error"] for row in finished_rows) else {"attempts", "error"}
+    names = [name for name in finished_rows[0] if name not in hidden_columns]
     body = [[_cell(row[name], name, units) for name in names] for row in finished_rows]
     yield html.table(
         _headings(columns(names), units),
@@ -195,18 +195,18 @@ def _origin(content: Mapping[str, Any], outcomes: Mapping[str, RunOutcome]) -> I
     rows += [("machine", record["machine"])]
     rows += [(f"input {Path(name).name}", f"{name}, sha256 {digest[:16]}") for name, digest in record["inputs"].items()]
     yield html.table(("source", "value"), rows)
-    others = {line for each in outcomes.values() for line in differences(record, each.provenance | {"seed": None})}
-    others = {line for line in others if not line.startswith(("seed", "backend", "threads", "network"))}
-    if others:
+    lines = {line for outcome in outcomes.values() for line in differences(record, outcome.provenance | {"seed": None})}
+    lines = {line for line in lines if not line.startswith(("seed", "backend", "threads", "network"))}
+    if lines:
         yield html.tag("p", "Some runs have other versions or another machine:")
-        yield html.tag("ul", *(html.tag("li", line) for line in sorted(others)[:MOST_REASONS]), class_="remarks")
+        yield html.tag("ul", *(html.tag("li", line) for line in sorted(lines)[:MOST_REASONS]), class_="remarks")
 
 
 def _headings(names: Iterable[str], units: Units) -> list[str]:
     """Return the headings of columns with units; joules have the unit in the cells. The first is left-aligned."""
     heading_units = {name: unit for name, unit in units.items() if unit != "J"}
-    first, *rest = [name_with_unit(name, heading_units.get(name.lstrip(">"), "")) for name in names]
-    return [first.lstrip(">"), *rest]
+    first, *other_heads = [name_with_unit(name, heading_units.get(name.lstrip(">"), "")) for name in names]
+    return [first.lstrip(">"), *other_heads]
 
 
 def _cell(value: Any, name: str, units: Units) -> str:
@@ -215,8 +215,8 @@ def _cell(value: Any, name: str, units: Units) -> str:
 
 
 def _best(table: TuneTable, units: Units) -> Iterator[html.Html]:
-    best = {each.number for each in table.best()}
-    rows = [row for row in table.rows() if row["trial"] in best]
+    best_numbers = {trial.number for trial in table.best()}
+    rows = [row for row in table.rows() if row["trial"] in best_numbers]
     if not rows:
         return
     names = [name for name in rows[0] if name not in ("outcome", "best", "error")]
@@ -225,8 +225,8 @@ def _best(table: TuneTable, units: Units) -> Iterator[html.Html]:
         [_cell(row[name], name, units) for name in names] for row in sorted(rows, key=lambda row: float(row[first]))
     ]
     yield html.tag("h2", "Best trial" if len(table.plan.objectives) == 1 else "Front: trials that no other trial beats")
-    more = f"the first {MOST_BEST} of {len(body)}" if len(body) > MOST_BEST else ""
-    yield html.table(_headings([f">{name}" for name in names], units), body[:MOST_BEST], more)
+    note = f"the first {MOST_BEST} of {len(body)}" if len(body) > MOST_BEST else ""
+    yield html.table(_headings([f">{name}" for name in names], units), body[:MOST_BEST], note)
 
 
 def _objectives(table: TuneTable, trials: Sequence[TrialRow]) -> Iterator[html.Html]:

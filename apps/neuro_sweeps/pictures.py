@@ -65,15 +65,15 @@ class PlotData:
     def lines(self) -> list[tuple[str, Column, Column, Column, Column]]:
         """Return a line per combination of the other parameters: name, x, and mean, lowest and highest run at x."""
         lines = []
-        for others in product(*(self.axis(k) for k in range(1, len(self.names)))):
+        for other_values in product(*(self.axis(k) for k in range(1, len(self.names)))):
             runs: dict[Any, list[float]] = {}
             for values, metrics in self.points:
-                if values[1:] == others:
+                if values[1:] == other_values:
                     runs.setdefault(values[0], []).extend(metrics)
             x = ordered(runs)
             mean, low, high = (np.array([f(runs[value]) for value in x]) for f in (np.mean, np.min, np.max))
             name = ", ".join(
-                f"{name} = {short_text(value)}" for name, value in zip(self.names[1:], others, strict=True)
+                f"{name} = {short_text(value)}" for name, value in zip(self.names[1:], other_values, strict=True)
             )
             if x:
                 lines.append((name, axis_values(x), mean, low, high))
@@ -81,8 +81,8 @@ class PlotData:
 
     def first_lines(self, most: int) -> tuple[PlotData, int]:
         """Return the data of the first lines, and the number of further lines; other kinds unchanged."""
-        others = [values[1:] for values, _ in self.points] if self.kind == "lines" else []
-        names = list(dict.fromkeys(others))
+        line_keys = [values[1:] for values, _ in self.points] if self.kind == "lines" else []
+        names = list(dict.fromkeys(line_keys))
         points = tuple(point for point in self.points if not names or point[0][1:] in names[:most])
         return replace(self, points=points), max(0, len(names) - most)
 
@@ -104,9 +104,9 @@ Units = Mapping[str, str]
 
 def with_units(data: PlotData, units: Units) -> PlotData:
     """Add units to the names, and scale the metric to a unit with a readable prefix, e.g. mJ."""
-    largest = max((abs(value) for _, each in data.points for value in each), default=0.0)
+    largest = max((abs(value) for _, runs in data.points for value in runs), default=0.0)
     factor, unit = curves.prefixed(largest, units.get(data.metric, ""))
-    points = tuple((values, tuple(factor * value for value in each)) for values, each in data.points)
+    points = tuple((values, tuple(factor * value for value in runs)) for values, runs in data.points)
     names = tuple(name_with_unit(name, units.get(name, "")) for name in data.names)
     return replace(data, metric=name_with_unit(data.metric, unit), names=names, points=points)
 
@@ -128,10 +128,10 @@ def plot_data(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind
     Raises:
         ModelError: a name is unknown, no run is done, or there are too few parameters.
     """
-    finished = {key: each for key, each in table.outcomes().items() if not each.failed}
+    finished = {key: run for key, run in table.outcomes().items() if not run.failed}
     if not finished:
         raise ModelError(f"{table.path}: no run is done yet: nothing to draw")
-    numeric = [name for name in table.metrics() if any(_finite(each.metrics.get(name)) for each in finished.values())]
+    numeric = [name for name in table.metrics() if any(_finite(run.metrics.get(name)) for run in finished.values())]
     for name in metrics:
         if name not in numeric:
             raise unknown("metric", name, numeric)
@@ -165,15 +165,15 @@ def _data_of_metric(
         if _finite(value):
             values = tuple(point.get(name) for name in names)
             runs.setdefault(repr(values), (values, []))[1].append(float(value))
-    points = tuple((values, tuple(each)) for values, each in runs.values())
+    points = tuple((values, tuple(metrics)) for values, metrics in runs.values())
     kind = _best_kind(PlotData("lines", metric, names, points)) if kind == "auto" else kind
     if kind == "map" and len(names) < 2:
         raise ModelError(f"a map needs two parameters: found only {names[0]}")
-    most = 2 if kind == "map" else len(names)
-    cut = tuple((values[:most], each) for values, each in points)
+    max_names = 2 if kind == "map" else len(names)
+    cut = tuple((values[:max_names], metrics) for values, metrics in points)
     seeds = ("seeds",) if len({repr(point) for point, _ in table.points}) < len(table.points) else ()
-    averaged = tuple(name for name in varied(table) if name not in names[:most]) + seeds
-    return PlotData(kind, metric, names[:most], cut, averaged)
+    averaged = tuple(name for name in varied(table) if name not in names[:max_names]) + seeds
+    return PlotData(kind, metric, names[:max_names], cut, averaged)
 
 
 def _best_kind(data: PlotData) -> str:
@@ -193,8 +193,8 @@ def _finite(value: Any) -> bool:
 
 def ordered(values: Any) -> list[Any]:
     """Return unique values: numbers ascending, all other values in their order."""
-    by_text: dict[str, Any] = {repr(value): value for value in values}
-    unique = list(by_text.values())
+    values_by_text: dict[str, Any] = {repr(value): value for value in values}
+    unique = list(values_by_text.values())
     return sorted(unique) if all(map(is_number, unique)) else unique
 
 
@@ -237,7 +237,7 @@ def pictures(
 ) -> dict[str, Figure]:
     """Return a figure for each metric, by file name. Arguments and errors are those of `plot_data`."""
     data, units = plot_data(table, metrics, of, kind), units_of(table)
-    return {f"{_file_name(each.metric)}-{each.kind}": draw(with_units(each, units), table.name) for each in data}
+    return {f"{_file_name(part.metric)}-{part.kind}": draw(with_units(part, units), table.name) for part in data}
 
 
 def draw(data: PlotData, title: str = "", wide: float = WIDE) -> Figure:
@@ -288,7 +288,7 @@ def _lines(data: PlotData, title: str, wide: float) -> Figure:
         axis.plot(x, mean, f"o{style}", **line)
         values = zip(x.tolist(), mean.tolist(), strict=True)
         figure.titles[f"line {k}"] = [
-            f"{data.names[0]} = {short_text(at)}: {curves.few(value)}" for at, value in values
+            f"{data.names[0]} = {short_text(x_value)}: {curves.few(value)}" for x_value, value in values
         ]
         if (high > low).any():
             axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
@@ -311,7 +311,7 @@ def _map(data: PlotData, title: str, wide: float) -> Figure:
     grid, columns, rows = data.grid(), data.axis(0), data.axis(1)
     image = axis.pcolormesh(grid, cmap="cividis", edgecolors="face", linewidth=0.3, gid="cells")
     figure.titles["cells"] = [
-        ", ".join(f"{name} = {short_text(each)}" for name, each in zip(data.names, (columns[x], rows[y]), strict=True))
+        ", ".join(f"{name} = {short_text(item)}" for name, item in zip(data.names, (columns[x], rows[y]), strict=True))
         + f": {curves.few(float(value))}"
         for (y, x), value in np.ndenumerate(grid)
     ]
@@ -340,7 +340,7 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
     names = (*data.names, data.metric)
     figure, (axis,) = _figure(title, max(wide, 0.23 * wide * len(names)), tall=0.63 * wide)
     axis.spines[["left", "bottom"]].set_visible(False)
-    metric = np.array([np.mean(each) for _, each in data.points])
+    metric = np.array([np.mean(runs) for _, runs in data.points])
     columns = [[values[k] for values, _ in data.points] for k in range(len(data.names))] + [metric.tolist()]
     heights = []
     for k, values in enumerate(columns):
@@ -370,14 +370,14 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
 
 def _marks(values: Sequence[Any]) -> list[tuple[float, str]]:
     """Return positions (see `axis_positions`) and texts of marks: the values if they are few or texts, else ticks."""
-    each = list(zip(axis_positions(values).tolist(), map(short_text, values), strict=True))
+    pairs = list(zip(axis_positions(values).tolist(), map(short_text, values), strict=True))
     if len(values) <= MOST_MARKS or not all(map(is_number, values)):
-        return each[:: -(-len(each) // MOST_MARKS)]
-    marks = curves.ticks(each[0][0], each[-1][0], 5)
+        return pairs[:: -(-len(pairs) // MOST_MARKS)]
+    marks = curves.ticks(pairs[0][0], pairs[-1][0], 5)
     if not is_log(values):
         return [(mark, curves.few(mark)) for mark in marks]
     decades = [mark for mark in marks if mark == int(mark)]
-    return [(mark, curves.few(10.0**mark)) for mark in decades] if len(decades) > 1 else [each[0], each[-1]]
+    return [(mark, curves.few(10.0**mark)) for mark in decades] if len(decades) > 1 else [pairs[0], pairs[-1]]
 
 
 def _set_labels(side: Any, values: list[Any]) -> None:
@@ -436,8 +436,8 @@ def _history(table: TuneTable, finished: Sequence[TrialRow], title: str, wide: f
         figure.titles[objective] = [
             f"trial {n}: {name} {curves.few(v)}" for n, v in zip(numbers, values.tolist(), strict=True)
         ]
-        best = so_far(values, direction)
-        axis.step(numbers, best, where="post", color=COLOURS[0], linewidth=1.4, label="best so far")
+        best_values = so_far(values, direction)
+        axis.step(numbers, best_values, where="post", color=COLOURS[0], linewidth=1.4, label="best so far")
         axis.set_ylabel(literal(name))
     axes[0].legend(frameon=False, fontsize="small")
     axes[-1].set_xlabel("trial")
@@ -451,17 +451,17 @@ def _front(table: TuneTable, finished: Sequence[TrialRow], title: str, wide: flo
     (x_name, x_way), (y_name, y_way) = [second, first] if first[1] == MAXIMISE else [first, second]
     (x_factor, x_label), (y_factor, y_label) = (_unit(table, name, finished) for name in (x_name, y_name))
     x, y = x_factor * _column(table, finished, x_name), y_factor * _column(table, finished, y_name)
-    best = table.best()
-    front_x, front_y = x_factor * _column(table, best, x_name), y_factor * _column(table, best, y_name)
+    front_trials = table.best()
+    front_x, front_y = x_factor * _column(table, front_trials, x_name), y_factor * _column(table, front_trials, y_name)
     order = np.lexsort((front_y if y_way == MAXIMISE else -front_y, front_x))
     axis.plot(x, y, "o", color="0.7", markersize=4, label="trials", gid="trials")
     figure.titles["trials"] = [
-        f"trial {trial.number}: {y_label} {curves.few(up)}, {x_label} {curves.few(across)}"
-        for trial, across, up in zip(finished, x.tolist(), y.tolist(), strict=True)
+        f"trial {trial.number}: {y_label} {curves.few(y_value)}, {x_label} {curves.few(x_value)}"
+        for trial, x_value, y_value in zip(finished, x.tolist(), y.tolist(), strict=True)
     ]
     if len(table.plan.objectives) == 2:
-        where = "post" if x_way != MAXIMISE else "pre"
-        axis.step(front_x[order], front_y[order], where=where, color=COLOURS[0], linewidth=1.2)
+        step_side = "post" if x_way != MAXIMISE else "pre"
+        axis.step(front_x[order], front_y[order], where=step_side, color=COLOURS[0], linewidth=1.2)
     axis.plot(front_x, front_y, "o", color=COLOURS[0], markersize=6, label="front (no trial beats these)")
     pairs = [(row.get(f"test.{x_name}"), row.get(f"test.{y_name}")) for row in table.rows()]
     tests = [(x, y) for x, y in pairs if x is not None and y is not None]
@@ -530,8 +530,8 @@ def importance(table: TuneTable, objective: str) -> dict[str, float]:
         study = package.create_study(direction=OPTUNAS[table.plan.objectives[objective]])
         for trial in trials_of(Folder(table.path, TUNING)):
             if trial.state.name == "COMPLETE":
-                words = {"params": trial.params, "distributions": trial.distributions, "value": trial.values[k]}
-                study.add_trial(package.trial.create_trial(**words))
+                fields = {"params": trial.params, "distributions": trial.distributions, "value": trial.values[k]}
+                study.add_trial(package.trial.create_trial(**fields))
         evaluator = package.importance.PedAnovaImportanceEvaluator()
         importances = package.importance.get_param_importances(study, evaluator=evaluator)
     return {name: float(importances.get(name, 0.0)) for name in table.plan.names}

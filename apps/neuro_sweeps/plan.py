@@ -81,9 +81,9 @@ class SearchPlan:
     def from_dict(cls, content: Mapping[str, Any]) -> SearchPlan:
         """Return the plan for the data of `as_dict`."""
         axes = content["parameters"].items()
-        space = tuple(Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in axes)
-        rest = {word: content[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
-        return cls(space, seeds=tuple(content["seeds"]), **rest)
+        space = tuple(Axis(name, **{**fields, "values": tuple(fields["values"])}) for name, fields in axes)
+        settings = {word: content[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
+        return cls(space, seeds=tuple(content["seeds"]), **settings)
 
     def items(self, key_prefix: str, point: Point, trial: int | None = None) -> tuple[RunItem, ...]:
         """Return the runs of a trial: all seeds for each fold.
@@ -103,8 +103,8 @@ class SearchPlan:
         self, key_prefix: str, point: Point, folds: Sequence[int | None], trial: int | None
     ) -> tuple[RunItem, ...]:
         points = [{**point, "fold": fold, "folds": self.folds} for fold in folds] if self.folds else [point]
-        pairs = [(each, seed) for each in points for seed in self.seeds or (None,)]
-        return tuple(RunItem(key_of(key_prefix, each, seed), each, seed, trial) for each, seed in pairs)
+        pairs = [(p, seed) for p in points for seed in self.seeds or (None,)]
+        return tuple(RunItem(key_of(key_prefix, p, seed), p, seed, trial) for p, seed in pairs)
 
 
 def plan_of(
@@ -155,35 +155,35 @@ def plan_of(
 def _prune(prune: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
     if prune is None or prune is False:
         return None
-    words = {"by": prune} if isinstance(prune, str) else prune
-    if not isinstance(words, Mapping):
+    settings_given = {"by": prune} if isinstance(prune, str) else prune
+    if not isinstance(settings_given, Mapping):
         message = f"prune = {shown(prune)}: expected {' or '.join(PRUNERS)}, or settings such as {{by: median}}"
         raise ModelError(message, path=("prune",))
-    for word in words:
+    for word in settings_given:
         if word not in _PRUNE:
             raise unknown("word of prune", word, _PRUNE, path=("prune",))
-    by = words.get("by", "median")
-    if by not in PRUNERS:
-        raise unknown("pruner", by, PRUNERS, path=("prune",))
+    pruner = settings_given.get("by", "median")
+    if pruner not in PRUNERS:
+        raise unknown("pruner", pruner, PRUNERS, path=("prune",))
     if len(objectives) > 1:
-        message = f"prune = {by}: running trials cannot be compared by {len(objectives)} objectives"
+        message = f"prune = {pruner}: running trials cannot be compared by {len(objectives)} objectives"
         raise ModelError(f"{message}: expected one objective, or no prune", path=("prune",))
-    settings: dict[str, Any] = {"by": by}
-    for word, value in words.items():
+    settings: dict[str, Any] = {"by": pruner}
+    for word, value in settings_given.items():
         if word == "at":
             settings["at"] = _times(value)
-        elif word != "by" and word not in PRUNERS[by]:
-            message = f"prune.{word}: not used with {by}: expected {', '.join(PRUNERS[by])}"
+        elif word != "by" and word not in PRUNERS[pruner]:
+            message = f"prune.{word}: not used with {pruner}: expected {', '.join(PRUNERS[pruner])}"
             raise ModelError(message, path=("prune",))
         elif word != "by":
             settings[word] = _whole(f"prune.{word}", value, _LEAST[word], 10**9)
     return settings
 
 
-def _times(at: Any) -> list[float]:
-    times = [float(in_ms(each, "prune.at")) for each in (at if isinstance(at, (list, tuple)) else [at])]
+def _times(value: Any) -> list[float]:
+    times = [float(in_ms(t, "prune.at")) for t in (value if isinstance(value, (list, tuple)) else [value])]
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
-        message = f"prune.at = {shown(at)}: expected times > 0 in ascending order"
+        message = f"prune.at = {shown(value)}: expected times > 0 in ascending order"
         raise ModelError(message, path=("prune",))
     return times
 
@@ -196,9 +196,9 @@ def _whole(name: str, value: Any, least: int, most: int) -> int:
 
 
 def _plain_axis(axis: Axis) -> dict[str, Any]:
-    words: dict[str, Any] = json.loads(json.dumps(asdict(axis)))
-    del words["name"]
-    return words
+    fields: dict[str, Any] = json.loads(json.dumps(asdict(axis)))
+    del fields["name"]
+    return fields
 
 
 MAXIMISE, MINIMISE = "maximise", "minimise"
@@ -275,7 +275,7 @@ def front(values: Floats, directions: Sequence[str]) -> NDArray[np.bool_]:
     Returns:
         A mask of shape (points,). Equal points are all on the front, or none of them.
     """
-    signs = np.array([-1.0 if each == MAXIMISE else 1.0 for each in directions])
+    signs = np.array([-1.0 if direction == MAXIMISE else 1.0 for direction in directions])
     costs = np.asarray(values, float).reshape(-1, len(signs)) * signs
     is_unbeaten = np.ones(len(costs), bool)
     for k, cost in enumerate(costs):
@@ -286,5 +286,5 @@ def front(values: Floats, directions: Sequence[str]) -> NDArray[np.bool_]:
 
 def so_far(values: Sequence[float] | Floats, direction: str) -> Floats:
     """Return the best value up to each value, e.g. [1, 1, 3] for [1, 0, 3] and "maximise"."""
-    best = np.maximum if direction == MAXIMISE else np.minimum
-    return np.asarray(best.accumulate(np.asarray(values, float)))
+    accumulate = np.maximum if direction == MAXIMISE else np.minimum
+    return np.asarray(accumulate.accumulate(np.asarray(values, float)))

@@ -91,7 +91,7 @@ class NewFolder:
 
     def new_files(self, name: str) -> list[Path]:
         """Return the new or changed files of a name, or else with the same ending."""
-        files = sorted(Path(folder, each) for folder, _, names in os.walk(self._root) for each in names)
+        files = sorted(Path(folder, file) for folder, _, names in os.walk(self._root) for file in names)
         new = [path for path in files if not path.is_symlink() and self._copies.get(path) != _identity(path)]
         return [path for path in new if path.name == name] or [path for path in new if path.suffix == Path(name).suffix]
 
@@ -114,16 +114,16 @@ def copy_input(source: Path, to: Path) -> Iterator[Path]:
     pairs = [(source, to)] if source.is_file() else list(_files(source, to))
     pairs = [(path, copy) for path, copy in pairs if path.is_file() and not copy.exists() and _may_be_copied(path)]
     to.parent.mkdir(parents=True, exist_ok=True)
-    needed, free = sum(path.stat().st_size for path, _ in pairs), shutil.disk_usage(to.parent).free
-    if needed > free:
-        raise ModelError(f"{source}: needs {needed:,} bytes in {to.parent}: found {free:,} free bytes")
+    needed, n_free = sum(path.stat().st_size for path, _ in pairs), shutil.disk_usage(to.parent).free
+    if needed > n_free:
+        raise ModelError(f"{source}: needs {needed:,} bytes in {to.parent}: found {n_free:,} free bytes")
     for path, copy in pairs:
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(path, copy)
         yield copy
 
 
-def _files(folder: Path, to: Path) -> Iterator[tuple[Path, Path]]:
+def _files(folder: Path, target: Path) -> Iterator[tuple[Path, Path]]:
     """Yield the files in a folder, each with the path of its copy."""
     top = os.path.realpath(folder) + os.sep
     for root, folders, names in os.walk(folder):
@@ -131,7 +131,7 @@ def _files(folder: Path, to: Path) -> Iterator[tuple[Path, Path]]:
             path = Path(root, name)
             if path.is_symlink() and not os.path.realpath(path).startswith(top):
                 raise ModelError(f"{path}: is a link out of {folder}: expected files")
-        yield from ((path := Path(root, name), to / path.relative_to(folder)) for name in names)
+        yield from ((path := Path(root, name), target / path.relative_to(folder)) for name in names)
 
 
 def _may_be_copied(path: Path) -> bool:
@@ -213,18 +213,18 @@ def rerun(
 @contextmanager
 def _closed_streams() -> Iterator[None]:
     """Refuse to open addresses of streams, in this process and its child processes."""
-    before = os.environ.get(CLOSED)
+    old_value = os.environ.get(CLOSED)
     os.environ[CLOSED] = "1"
     try:
         yield
     finally:
-        if before is None:
+        if old_value is None:
             del os.environ[CLOSED]
 
 
 def _rerun_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
-    then = files.read(path)
-    record = record_of(path, str(then.about.get(ATTRIBUTE) or ""))
+    old = files.read(path)
+    record = record_of(path, str(old.about.get(ATTRIBUTE) or ""))
     if record.get("steered"):
         calls = ", ".join(f"sim.{name}" for name in record["steered"])
         message = f"{path}: the run was steered by {calls}: expected a run without such calls"
@@ -232,38 +232,38 @@ def _rerun_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | 
     new_paths = find_moved(record.get("inputs", {}), inputs)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            net = _network(then, record, new_paths, Path(folder))
+            net = _network(old, record, new_paths, Path(folder))
         except ModelError as error:
             raise error.but(message=f"{path}: {error.message}", where=None) from None
-        now = replace(_run(then, net, record, backend, bar), files=then.files)
-        if not then.finished:  # an interrupted run has no weights, and its last chunk may be incomplete
-            about = now.about | {"finished": False}
-            now = replace(now, about=about, projections={n: _unweighted(p) for n, p in now.projections.items()})
-            files.write(then, Path(folder) / "then.h5")
-        files.write(now, Path(folder) / "now.h5")
-        first = first_difference(path if then.finished else Path(folder) / "then.h5", Path(folder) / "now.h5")
+        new = replace(_run(old, net, record, backend, bar), files=old.files)
+        if not old.finished:  # an interrupted run has no weights, and its last chunk may be incomplete
+            facts = new.about | {"finished": False}
+            new = replace(new, about=facts, projections={n: _unweighted(p) for n, p in new.projections.items()})
+            files.write(old, Path(folder) / "then.h5")
+        files.write(new, Path(folder) / "now.h5")
+        first = first_difference(path if old.finished else Path(folder) / "then.h5", Path(folder) / "now.h5")
     return Verdict(
         first,
-        (*differences(record, json.loads(now.about[ATTRIBUTE])), *input_changes(record.get("inputs", {}), new_paths)),
+        (*differences(record, json.loads(new.about[ATTRIBUTE])), *input_changes(record.get("inputs", {}), new_paths)),
     )
 
 
-def _run(then: files.Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> files.Results:
+def _run(old: files.Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> files.Results:
     from neuro import compile
     from neuro.apps import advance, collect
 
-    on, threads = backend or str(then.about["backend"]), int(then.about["threads"])
-    keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
+    backend_name, threads = backend or str(old.about["backend"]), int(old.about["threads"])
+    extra = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
     if "world" in record:
-        return lived_again(net, record["world"], on, **keep)
-    sim = compile(net, backend=on, seed=int(then.about["seed"]), threads=threads)
-    steps = Clock(net.resolution).step(then.duration_ms, "run")
-    sim.replay(then)
+        return lived_again(net, record["world"], backend_name, **extra)
+    sim = compile(net, backend=backend_name, seed=int(old.about["seed"]), threads=threads)
+    steps = Clock(net.resolution).step(old.duration_ms, "run")
+    sim.replay(old)
     if bar is not None:
         advance(sim, steps, bar)
     else:
-        sim.run(then.duration_ms)
-    return collect(sim, net, **keep)
+        sim.run(old.duration_ms)
+    return collect(sim, net, **extra)
 
 
 def _unweighted(part: Weights) -> Weights:
@@ -281,12 +281,12 @@ def _network(results: files.Results, record: Mapping[str, Any], new_paths: Mappi
     for name in {file for file in _files_of(plain(read_yaml(folder / files.YAML))) if not (folder / file).exists()}:
         if os.path.isabs(name) or ".." in Path(name).parts:
             raise ModelError(f"plays {shown(name)}: expected a file beside the network")
-        was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
-        now = Path(new_paths.get(was, was))
-        if not now.exists():
+        recorded = next((key for key in record.get("inputs", {}) if key.endswith(f"{os.sep}{name}")), name)
+        new_path = Path(new_paths.get(recorded, recorded))
+        if not new_path.exists():
             hint = "--moved-to FOLDER searches a folder for the file, by content"
-            raise ModelError(f"plays {was}, which is missing", hint=hint)
-        for _ in copy_input(now, folder / name):
+            raise ModelError(f"plays {recorded}, which is missing", hint=hint)
+        for _ in copy_input(new_path, folder / name):
             pass
     net = load(folder / files.YAML)
     for part in net.populations.values():
@@ -303,8 +303,8 @@ def _files_of(value: Any) -> Iterator[str]:
             yield value["file"]
         value = list(value.values())
     if isinstance(value, list):
-        for each in value:
-            yield from _files_of(each)
+        for item in value:
+            yield from _files_of(item)
 
 
 def _rerun_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
@@ -328,7 +328,7 @@ def _rerun_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
         run = replace(run, file=place, backend=backend or run.backend)
     elif backend:
         raise ModelError(f"backend = '{backend}': only for networks: this {runs.kind.what} runs a function")
-    metrics, fill, about = run(outcome.point, outcome.seed)
+    metrics, fill, entries = run(outcome.point, outcome.seed)
     difference = next(
         (
             f"metric {name}: {outcome.metrics.get(name)!r} then, {metrics.get(name)!r} now"
@@ -341,8 +341,8 @@ def _rerun_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
         with tempfile.TemporaryDirectory() as new_folder:
             fill(Path(new_folder))
             difference = first_difference(folder / "results.h5", Path(new_folder) / "results.h5")
-    now = provenance((), **about)
-    return Verdict(difference, (*differences(record, now), *input_changes(record["inputs"], new_paths)))
+    new_record = provenance((), **entries)
+    return Verdict(difference, (*differences(record, new_record), *input_changes(record["inputs"], new_paths)))
 
 
 def _rerun_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path], repeat: Repeat | None) -> Verdict:
@@ -351,10 +351,10 @@ def _rerun_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]
         size = len(record["command"])
         raise ModelError(f"{path}: its command has {size:,} characters: expected at most {_LONGEST:,}")
     try:
-        words = shlex.split(record["command"])
+        arguments_recorded = shlex.split(record["command"])
     except ValueError:
-        words = []
-    if words[:1] != ["neuro"] or hdf5.has_format(path, state.FORMAT) or repeat is None:
+        arguments_recorded = []
+    if arguments_recorded[:1] != ["neuro"] or hdf5.has_format(path, state.FORMAT) or repeat is None:
         raise ModelError(f"{path}: was not written by a command of neuro", hint=_origin_hint(record))
     new_paths = find_moved(record["inputs"], inputs)
     with tempfile.TemporaryDirectory() as root:
@@ -362,20 +362,20 @@ def _rerun_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]
             folder = NewFolder(root, record["folder"])
             for name in record["inputs"]:
                 folder.add(name, Path(new_paths.get(name, name)))
-            arguments = repeat(words[1:], folder.place)
+            arguments = repeat(arguments_recorded[1:], folder.place)
         except ModelError as error:
             message = f"{path}: {error.message.replace(root, '')}"
             raise error.but(message=message, hint=error.hint or _origin_hint(record), where=None) from None
         except OSError as error:
             message = f"{path}: cannot be repeated: {error.strerror or error}"
             raise ModelError(message, hint=_origin_hint(record)) from None
-        env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
+        env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(entry) for entry in sys.path)}
         command = [sys.executable, "-P", "-m", "neuro", *arguments]
         process = subprocess.run(command, cwd=folder.current, env=env, capture_output=True, text=True)
         # `neuro doctor` writes its page and exits with 1 if it finds a fault.
-        if process.returncode and not (process.returncode == 1 and words[1:2] == ["doctor"]):
+        if process.returncode and not (process.returncode == 1 and arguments_recorded[1:2] == ["doctor"]):
             error_line = _error_line(process.stderr, root)
-            raise ModelError(f"{shlex.join(words)}: exited with {process.returncode}: {error_line}")
+            raise ModelError(f"{shlex.join(arguments_recorded)}: exited with {process.returncode}: {error_line}")
         new = next(iter(folder.new_files(path.name)), None)
         if new is None:
             raise ModelError(f"{path}: its command no longer writes a file of that name")
@@ -390,10 +390,10 @@ def _error_line(printed: str, root: str) -> str:
     return (errors or lines or ["no message"])[-1].removeprefix("error: ")
 
 
-def _text_difference(then: Path, now: Path) -> str:
+def _text_difference(old_page: Path, new_page: Path) -> str:
     """Describe the first line that differs in two pages, except provenance and digests."""
     old_lines, new_lines = (
-        [line for line in each.read_text("utf-8").splitlines() if _is_compared(line)] for each in (then, now)
+        [line for line in page.read_text("utf-8").splitlines() if _is_compared(line)] for page in (old_page, new_page)
     )
     for k, (old, new) in enumerate(zip(old_lines, new_lines, strict=False)):
         if old != new:
@@ -449,7 +449,7 @@ def _check_record(path: Path, record: Any) -> dict[str, Any]:
     names, texts = complete["inputs"], (complete["command"], complete["folder"])
     if (
         not isinstance(names, dict)
-        or not all(isinstance(each, str) for each in (*names, *names.values(), *texts))
+        or not all(isinstance(text_value, str) for text_value in (*names, *names.values(), *texts))
         or "\0" in "".join((*names, *texts))
     ):
         raise ModelError(f"{path}: damaged provenance: expected a command, its folder and inputs by name")
@@ -463,11 +463,11 @@ def find_moved(inputs: Mapping[str, str], folders: Iterable[Path]) -> dict[str, 
         inputs: hashes by recorded path.
         folders: folders to search, with all subfolders.
     """
-    missing = {digest: name for name, digest in inputs.items() if not Path(name).exists()}
+    missing_names = {digest: name for name, digest in inputs.items() if not Path(name).exists()}
     paths: dict[str, str] = {}
     for folder in folders:
         for path in sorted(folder.rglob("*")):
-            if missing and (path.is_file() or path.is_dir()) and (name := missing.get(digest_of(path))):
+            if missing_names and (path.is_file() or path.is_dir()) and (name := missing_names.get(digest_of(path))):
                 paths.setdefault(name, str(path.absolute()))
     return paths
 
@@ -476,12 +476,12 @@ def input_changes(inputs: Mapping[str, str], new_paths: Mapping[str, str]) -> li
     """Describe the changes of inputs."""
     lines = []
     for name, digest in inputs.items():
-        now = digest_of(new_paths.get(name, name))
+        new_digest = digest_of(new_paths.get(name, name))
         if name in new_paths:
             lines.append(f"input {name}: moved to {new_paths[name]}, with the same content")
-        elif not now:
+        elif not new_digest:
             lines.append(f"input {name}: is missing")
-        elif now != digest:
+        elif new_digest != digest:
             lines.append(f"input {name}: was edited")
     return lines
 
@@ -511,14 +511,14 @@ def first_difference(then: Path, now: Path) -> str:
         raise ModelError(f"{then}: cannot be compared: expected two HDF5 files") from None
 
 
-def _group_difference(then: Any, now: Any, ignored: Collection[str] = ()) -> str:
-    for name in dict.fromkeys((*then, *now)):
+def _group_difference(old_group: Any, new_group: Any, ignored: Collection[str] = ()) -> str:
+    for name in dict.fromkeys((*old_group, *new_group)):
         if name in ignored:
             continue
-        path = f"{then.name.rstrip('/')}/{name}".lstrip("/")
-        if (name in then) != (name in now):
-            return f"{path}: {'present then, missing now' if name in then else 'missing then, present now'}"
-        old, new = then[name], now[name]
+        path = f"{old_group.name.rstrip('/')}/{name}".lstrip("/")
+        if (name in old_group) != (name in new_group):
+            return f"{path}: {'present then, missing now' if name in old_group else 'missing then, present now'}"
+        old, new = old_group[name], new_group[name]
         if isinstance(old, h5py.Group) != isinstance(new, h5py.Group):
             return f"{path}: a group then or now, an array in the other"
         if isinstance(old, h5py.Group):
@@ -527,16 +527,16 @@ def _group_difference(then: Any, now: Any, ignored: Collection[str] = ()) -> str
             difference = _array_difference(path, old[()], new[()]) or _attribute_difference(old, new)
         if difference:
             return difference
-    return _attribute_difference(then, now)
+    return _attribute_difference(old_group, new_group)
 
 
-def _attribute_difference(then: Any, now: Any) -> str:
-    for name in dict.fromkeys((*then.attrs, *now.attrs)):
+def _attribute_difference(old_node: Any, new_node: Any) -> str:
+    for name in dict.fromkeys((*old_node.attrs, *new_node.attrs)):
         if name in _ORIGIN or name.startswith(files.RECORDING):
             continue
-        old, new = then.attrs.get(name), now.attrs.get(name)
+        old, new = old_node.attrs.get(name), new_node.attrs.get(name)
         if not _same(old, new):
-            path = f"{then.name}.{name}".lstrip("/.")
+            path = f"{old_node.name}.{name}".lstrip("/.")
             return f"{path}: {_short_text(old)} then, {_short_text(new)} now"
     return ""
 

@@ -135,22 +135,22 @@ def _axis(name: str, values: Any) -> Axis:
     return Axis(name, plain)
 
 
-def _range(name: str, words: Mapping[str, Any]) -> Axis:
-    for word in words:
+def _range(name: str, spec: Mapping[str, Any]) -> Axis:
+    for word in spec:
         if word not in _RANGE:
             raise unknown(f"word of the range of {name}", word, _RANGE)
     for word in ("from", "to"):
-        if word not in words:
+        if word not in spec:
             raise ModelError(f"{name}: a range needs '{word}'")
-    low, high = (argument(f"{name}.{word}", words[word]) for word in ("from", "to"))
-    number = argument(f"{name}.number", words.get("number"), kind="integer", at_least=1, optional="number" not in words)
-    scale = argument(f"{name}.scale", words.get("scale", "linear"), words=SCALES)
-    whole = argument(f"{name}.whole", words.get("whole", False), kind="boolean")
+    low, high = (argument(f"{name}.{word}", spec[word]) for word in ("from", "to"))
+    number = argument(f"{name}.number", spec.get("number"), kind="integer", at_least=1, optional="number" not in spec)
+    scale = argument(f"{name}.scale", spec.get("scale", "linear"), words=SCALES)
+    is_whole = argument(f"{name}.whole", spec.get("whole", False), kind="boolean")
     if not low < high:
         raise ModelError(f"{name}: from {low:g} to {high:g}: expected from < to")
     if scale == "log" and low <= 0:
         raise ModelError(f"{name}.from = {low:g}: expected a number > 0 on a log scale")
-    return Axis(name, (), low, high, number or 0, scale == "log", whole)
+    return Axis(name, (), low, high, number or 0, scale == "log", is_whole)
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,8 +298,8 @@ def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
     numbers: list[Any] = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
     for seed in numbers or [None]:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-            most = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
-            message = f"seeds = {shown(seeds)}: expected a number of seeds, or a list of whole numbers >= 0{most}"
+            bound = " and < 2^63" if is_number(seed) and seed >= 2**63 else ""
+            message = f"seeds = {shown(seeds)}: expected a number of seeds, or a list of whole numbers >= 0{bound}"
             raise ModelError(message, path=("seeds",))
     if len(set(numbers)) < len(numbers):
         raise ModelError(f"seeds = {shown(seeds)}: found a seed twice: expected different seeds", path=("seeds",))

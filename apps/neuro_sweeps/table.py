@@ -86,9 +86,9 @@ class RunRows(ABC):
     def _preview(self) -> tables.Table:
         rows = self.rows()
         names = [name for name in _column_names(rows) if name not in ("run", "error") or any(row[name] for row in rows)]
-        more = f"the first {_PREVIEW} of {len(rows):,} {self.many}" if len(rows) > _PREVIEW else ""
+        note = f"the first {_PREVIEW} of {len(rows):,} {self.many}" if len(rows) > _PREVIEW else ""
         body = tuple(tuple(text(row[name], name) for name in names) for row in rows[:_PREVIEW])
-        return tables.Table(more, columns(names), body)
+        return tables.Table(note, columns(names), body)
 
     def to_pandas(self, times: bool = False) -> DataFrame:
         """Return the rows as a data frame; needs the extra `pandas`.
@@ -204,19 +204,19 @@ class SweepTable(RunRows):
     def counts(self) -> dict[str, int]:
         """Return the numbers of runs that are done, failed, under way and left. Runs under way count as left, too."""
         outcomes = self.outcomes()
-        failed = sum(each.failed for each in outcomes.values())
+        failed = sum(outcome.failed for outcome in outcomes.values())
         folder = Folder(self.path)
-        busy = set(claimed(folder.claims)) - set(outcomes) if folder.claims.is_dir() else set()
+        running_keys = set(claimed(folder.claims)) - set(outcomes) if folder.claims.is_dir() else set()
         return {
             "done": len(outcomes) - failed,
             "failed": failed,
-            "under way": len(busy & set(self.keys)),
+            "under way": len(running_keys & set(self.keys)),
             "left": len(self.keys) - len(outcomes),
         }
 
     def metrics(self) -> tuple[str, ...]:
         """Return the names of the metrics, in the order of the runs."""
-        return tuple(names_of(each.metrics for each in self.outcomes().values()))
+        return tuple(names_of(outcome.metrics for outcome in self.outcomes().values()))
 
     def rows(self, times: bool = False) -> list[dict[str, Any]]:
         """Return a mapping for each run: run, outcome, the parameters, seed, the metrics and error.
@@ -227,7 +227,7 @@ class SweepTable(RunRows):
         return list(self._rows(self.outcomes(), times))
 
     def _rows(self, outcomes: Mapping[str, RunOutcome], times: bool) -> Iterator[dict[str, Any]]:
-        names = names_of(each.metrics for each in outcomes.values())
+        names = names_of(outcome.metrics for outcome in outcomes.values())
         for key, (point, seed) in zip(self.keys, self.points, strict=True):
             run = outcomes.get(key)
             row: dict[str, Any] = {"run": key, "outcome": run.outcome if run else LEFT, **point}
@@ -268,7 +268,7 @@ def table_of(path: str | PathLike[str]) -> SweepTable:
 def failures_by_reason(outcomes: Mapping[str, RunOutcome]) -> list[list[RunOutcome]]:
     """Group failed runs by error message, most frequent first. Messages that differ only in numbers are one group."""
     groups: dict[str, list[RunOutcome]] = {}
-    for each in outcomes.values():
-        if each.failed:
-            groups.setdefault(_NUMBER.sub("#", each.error), []).append(each)
+    for outcome in outcomes.values():
+        if outcome.failed:
+            groups.setdefault(_NUMBER.sub("#", outcome.error), []).append(outcome)
     return sorted(groups.values(), key=len, reverse=True)

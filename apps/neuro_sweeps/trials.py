@@ -150,12 +150,12 @@ class Asker:
             else:
                 self._end(number, self._states.COMPLETE, values)
         else:
-            missing = [item for item in trial.items if item.key not in outcomes and item.key not in trial.requested]
+            pending = [item for item in trial.items if item.key not in outcomes and item.key not in trial.requested]
             one_by_one = self._plan.prune and self._plan.runs > 1
             if not one_by_one or not trial.requested - set(outcomes):
-                for item in missing[:1] if one_by_one else missing:
+                for item in pending[:1] if one_by_one else pending:
                     # Another trial may have requested the same run.
-                    if not any(item.key in other.requested for other in self._open.values()):
+                    if not any(item.key in open_trial.requested for open_trial in self._open.values()):
                         self._queue.append(item)
                     trial.requested.add(item.key)
 
@@ -186,8 +186,8 @@ class Asker:
 
     def _end(self, number: int, state: Any, values: Sequence[float] | None = None) -> None:
         trial = self._open.pop(number)
-        of_others = {key for other in self._open.values() for key in other.requested}
-        obsolete = {item.key for item in trial.items} - of_others
+        foreign_keys = {key for open_trial in self._open.values() for key in open_trial.requested}
+        obsolete = {item.key for item in trial.items} - foreign_keys
         self._queue = deque(item for item in self._queue if item.key not in obsolete)
         with without_warnings():
             self._study.tell(number, values, state=state, skip_if_finished=True)
@@ -281,7 +281,7 @@ def draw(study: Study, plan: SearchPlan, number: int) -> Point:
 
 def _value_of(axis: Axis, value: Any) -> Any:
     """Return the value of a parameter for Optuna's value. Optuna has lists as texts."""
-    return next((each for each in axis.grid_values if _choice(each) == value), value) if axis.values else value
+    return next((item for item in axis.grid_values if _choice(item) == value), value) if axis.values else value
 
 
 def point_of(plan: SearchPlan, params: Mapping[str, Any]) -> Point:
@@ -303,8 +303,8 @@ def pruner_of(prune: Mapping[str, Any]) -> BasePruner:
     Sources: Golovin et al., KDD 2017, section 3.3 (median); Li et al., JMLR 18:185, 2018 (hyperband).
     """
     pruners = optuna().pruners
-    words = {_PRUNERS[word]: value for word, value in prune.items() if word in _PRUNERS}
-    pruner: BasePruner = {"median": pruners.MedianPruner, "hyperband": pruners.HyperbandPruner}[prune["by"]](**words)
+    settings = {_PRUNERS[word]: value for word, value in prune.items() if word in _PRUNERS}
+    pruner: BasePruner = {"median": pruners.MedianPruner, "hyperband": pruners.HyperbandPruner}[prune["by"]](**settings)
     return pruner
 
 
@@ -417,11 +417,11 @@ class TuneTable(RunRows):
         folder, rows = Folder(self.path, TUNING), []
         trials = trials_of(folder)
         items = [self.plan.items(self.key_prefix, point_of(self.plan, trial.params)) for trial in trials]
-        by_key = folder.outcomes({item.key: None for each in items for item in each})
-        for trial, each in zip(trials, items, strict=True):
-            outcomes = [by_key[item.key] for item in each if item.key in by_key]
+        outcomes_by_key = folder.outcomes({item.key: None for trial_items in items for item in trial_items})
+        for trial, trial_items in zip(trials, items, strict=True):
+            outcomes = [outcomes_by_key[item.key] for item in trial_items if item.key in outcomes_by_key]
             state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
-            metrics = mean_metrics([run.metrics for run in outcomes]) if len(outcomes) == len(each) else {}
+            metrics = mean_metrics([run.metrics for run in outcomes]) if len(outcomes) == len(trial_items) else {}
             error = next((run.error for run in outcomes if run.failed), "")
             has_no_value = state == "failed" and not error
             if has_no_value:
@@ -431,7 +431,7 @@ class TuneTable(RunRows):
                     error = str(mistake)
             values = tuple(trial.values) if state == "done" else None
             point = point_of(self.plan, trial.params)
-            rows.append(TrialRow(trial.number, state, point, each, metrics, values, error, has_no_value))
+            rows.append(TrialRow(trial.number, state, point, trial_items, metrics, values, error, has_no_value))
         return rows
 
     def best(self) -> list[TrialRow]:
@@ -457,8 +457,8 @@ class TuneTable(RunRows):
     def _rows(self, times: bool) -> Iterator[dict[str, Any]]:
         trials = self.trials()
         folder = Folder(self.path, TUNING)
-        best = {trial.values for trial in self._unbeaten(trials)}
-        test_metrics = {trial.number: self._tested(folder, trial.point) for trial in trials if trial.values in best}
+        front = {trial.values for trial in self._unbeaten(trials)}
+        test_metrics = {trial.number: self._tested(folder, trial.point) for trial in trials if trial.values in front}
         names = names_of((self.plan.objectives, *(trial.metrics for trial in trials)))
         test_names = names_of(test_metrics.values())
         for trial in trials:
@@ -469,7 +469,7 @@ class TuneTable(RunRows):
             if times:
                 outcomes = folder.outcomes(item.key for item in trial.items)
                 row["seconds"] = sum(run.seconds for run in outcomes.values())
-            yield {**row, "best": trial.values in best if trial.values else False, "error": trial.error}
+            yield {**row, "best": trial.values in front if trial.values else False, "error": trial.error}
 
     def _unbeaten(self, trials: list[TrialRow]) -> list[TrialRow]:
         finished = [trial for trial in trials if trial.values is not None]

@@ -71,13 +71,13 @@ class Worker:
     def _keep(self, item: RunItem, attempt: int) -> RunOutcome:
         printed, process = Printed(), os.getpid()
         start = time.perf_counter()
-        metrics, fill, about = dict[str, Any](), None, dict[str, Any]()
+        metrics, fill, entries = dict[str, Any](), None, dict[str, Any]()
         error = trace = ""
         pruned = False
         is_worse = self._pruner_of(item)
         with _capture(printed), gather_steps(is_worse) as reported, _memory(self._limits.bytes):
             try:
-                metrics, fill, about = self._run(item.point, item.seed)
+                metrics, fill, entries = self._run(item.point, item.seed)
             except Pruned:
                 pruned = True
             except MemoryError as memory_error:
@@ -102,7 +102,7 @@ class Worker:
             trace,
             round(time.perf_counter() - start, 6),
             attempt,
-            provenance(self._inputs, **about),
+            provenance(self._inputs, **entries),
             reported.steps,
         )
 
@@ -165,14 +165,14 @@ def _memory(limit: int | None) -> Iterator[None]:
     if limit is None:
         yield
         return
-    before = resource.getrlimit(resource.RLIMIT_DATA)
+    old_limits = resource.getrlimit(resource.RLIMIT_DATA)
     match = re.search(r"VmData:\s*(\d+) kB", Path("/proc/self/status").read_text())
-    present = int(match[1]) * 1024 if match else 0
-    resource.setrlimit(resource.RLIMIT_DATA, (present + limit, before[1]))
+    used_bytes = int(match[1]) * 1024 if match else 0
+    resource.setrlimit(resource.RLIMIT_DATA, (used_bytes + limit, old_limits[1]))
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_DATA, before)
+        resource.setrlimit(resource.RLIMIT_DATA, old_limits)
 
 
 def worker_of(folder: Folder, content: Mapping[str, Any]) -> Worker:

@@ -146,20 +146,20 @@ def _follow(
     from neuro import ModelError
     from neuro_train.data import check_network, read
 
-    if wrong := [name for name, value in classes.items() if value]:
-        raise ModelError(f"--{wrong[0]}: is for recordings with classes: leave it out with --loss mse")
+    if refused := [name for name, value in classes.items() if value]:
+        raise ModelError(f"--{refused[0]}: is for recordings with classes: leave it out with --loss mse")
     check_network(net, plan)
-    samples, other = read(data, net, plan), None if test is None else read(test, net, plan)
+    samples, test_samples = read(data, net, plan), None if test is None else read(test, net, plan)
     plan = replace(plan, duration=samples.events.steps * net.resolution)
-    _check_before(net, plan, backends if other else [], out, page)
+    _check_before(net, plan, backends if test_samples else [], out, page)
     with apps.resumable():
-        _train(net, samples, other, plan, backends, out, page)
+        _train(net, samples, test_samples, plan, backends, out, page)
 
 
 def _train(
     net: neuro.Network,
     samples: BatchData,
-    other: BatchData | None,
+    unseen: BatchData | None,
     plan: TrainingPlan,
     backends: list[str],
     out: Path,
@@ -178,9 +178,9 @@ def _train(
             bar.show(epoch, plan.epochs, f"epoch {epoch}: loss {figures['loss']:.4g}, {grade}{energy}")
 
         checkpoint = training_checkpoint(net, out, samples, plan)
-        chips = ([plan.chip] if plan.bits else []) + ([] if other is None else backends)
+        chips = ([plan.chip] if plan.bits else []) + ([] if unseen is None else backends)
         callbacks = tell, partial(_count, bar)
-        trained, room, tests = train_and_test(net, out, samples, other, plan, backends, chips, checkpoint, *callbacks)
+        trained, room, tests = train_and_test(net, out, samples, unseen, plan, backends, chips, checkpoint, *callbacks)
         telling.write(page, plan, trained, tests, len(samples), room)
         checkpoint.remove()
     telling.show(tests, room)

@@ -73,7 +73,7 @@ class BatchData:
 
 def leaving_out(recordings: Recordings, patterns: Sequence[str]) -> Recordings:
     """Return the recordings whose names match no pattern, such as "*i.aedat"."""
-    indices = [k for k, one in enumerate(recordings) if not any(fnmatchcase(one.name, each) for each in patterns)]
+    indices = [k for k, r in enumerate(recordings) if not any(fnmatchcase(r.name, glob) for glob in patterns)]
     if len(recordings) and not indices:
         options = " ".join(f"--without {pattern}" for pattern in patterns)
         message = f"{options}: leaves out all of the {len(recordings)} recordings of {recordings.path}"

@@ -83,13 +83,13 @@ def cross_validate(
         figures = {
             "n": len(unseen),
             "cpu_s": trained.cpu_s,
-            "right": {one.backend: one.own.correct for one in tests},
-            "equal": {one.backend: one.agrees(tests[0]) for one in tests},
-            "same_spikes": {one.backend: one.same_spikes(tests[0]) for one in tests},
-            "overflows": {one.backend: one.overflows for one in tests if one.overflows},
-            "room": [asdict(one) for one in room],
-            "sent": {one.backend: one.mean_spikes for one in tests if one.mean_spikes},
-            "bills": {one.backend: one.bill.as_dict() for one in tests if one.bill},
+            "right": {test.backend: test.own.correct for test in tests},
+            "equal": {test.backend: test.agrees(tests[0]) for test in tests},
+            "same_spikes": {test.backend: test.same_spikes(tests[0]) for test in tests},
+            "overflows": {test.backend: test.overflows for test in tests if test.overflows},
+            "room": [asdict(row) for row in room],
+            "sent": {test.backend: test.mean_spikes for test in tests if test.mean_spikes},
+            "bills": {test.backend: test.bill.as_dict() for test in tests if test.bill},
         }
         result = FOLD_RESULTS.write(file, conditions, figures)
         checkpoint.remove()
@@ -154,9 +154,9 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, parameters: Mapping
 def parted(point: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Split a point into parameters of the network's file and settings of the plan."""
     settings = {"for", *(field.name for field in fields(TrainingPlan))}
-    of_plan = {"duration" if name == "for" else name: value for name, value in point.items() if name in settings}
-    of_file = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in settings}
-    return of_file, of_plan
+    options = {"duration" if name == "for" else name: value for name, value in point.items() if name in settings}
+    network = {"resolution" if name == "step" else name: value for name, value in point.items() if name not in settings}
+    return network, options
 
 
 def _number(name: str, text: str) -> float | int:
@@ -248,8 +248,8 @@ def search(
         point, space, objectives=OBJECTIVES, trials=budget, out=folder, sampler="tpe", draw=plan.seed,
         folds=folds, set=fixed, on="here",
     )  # fmt: skip
-    best = {trial.number for trial in tuning.best()}
-    if not best:
+    front = {trial.number for trial in tuning.best()}
+    if not front:
         reason = next((trial.error for trial in tuning.trials() if trial.error), "no trial is done")
         raise ModelError(f"{folder}: no network could be trained: {reason}")
     places, names = list[FrontPlace](), set[str]()
@@ -259,8 +259,8 @@ def search(
             continue
         names.add(name)
         tested = {}
-        if trial.number in best:
-            say(f"training the front again: {sum(place.tested is not None for place in places) + 1} of {len(best)}")
+        if trial.number in front:
+            say(f"training the front again: {sum(place.tested is not None for place in places) + 1} of {len(front)}")
             tested = point(**fixed, **trial.point, fold=None, folds=folds or PARTS - 1)
         network = folder / ("front" if tested else "points") / f"{name}.yaml"
         values = trial.values or (float("nan"),) * 2
@@ -301,26 +301,26 @@ def point(
     Returns:
         `accuracy` on the chip, the figures of `SPENT`, the number of `right` decisions, `n`, and `cpu_s`.
     """
-    of_file, of_plan = parted(varied)
-    settings = TrainingPlan(**{**json.loads(plan), **of_plan})
-    net = neuro.load(file, params={**json.loads(params), **of_file})
+    parameters, plan_settings = parted(varied)
+    settings = TrainingPlan(**{**json.loads(plan), **plan_settings})
+    net = neuro.load(file, params={**json.loads(params), **parameters})
     is_held_out = fold is None
-    out = Path(folder) / ("front" if is_held_out else "points") / f"{_name(varied)}.yaml"
+    network_file = Path(folder) / ("front" if is_held_out else "points") / f"{_name(varied)}.yaml"
     if fold:
-        out = out.with_name(f"{out.stem}_fold{fold}.yaml")
-    make_folder(out.parent)
+        network_file = network_file.with_name(f"{network_file.stem}_fold{fold}.yaml")
+    make_folder(network_file.parent)
     source = _recordings(data, part, without)
     samples = show(net, source, settings, lambda what, count, total: None)
     learnt_from, judged = divided(source, settings.seed, fold, folds)
     part_name = f"part {'held out' if is_held_out else fold} of {folds + 1}"
     conditions = identity(net, samples, settings) | {"part": part_name, "varied": dict(varied)}
-    result_file = out.with_suffix(".json")
-    if (result := RESULTS.read(result_file, conditions)) and out.exists():
+    result_file = network_file.with_suffix(".json")
+    if (result := RESULTS.read(result_file, conditions)) and network_file.exists():
         return {str(name): float(value) for name, value in result["found"].items()}
     trained_on = samples.take(learnt_from)
-    checkpoint = training_checkpoint(net, out, trained_on, settings, part_name)
+    checkpoint = training_checkpoint(net, network_file, trained_on, settings, part_name)
     trained = learn(net, trained_on, settings, checkpoint)
-    trained.net.save(out)
+    trained.net.save(network_file)
     room = rooms(trained.net, settings.chip, trained_on, settings)
     test = on_backend(trained.net, settings.chip, samples.take(judged), settings, room=room)
     warn_of_overflows(settings.chip, test.overflows, len(judged))
@@ -345,10 +345,10 @@ def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> 
 
 
 @cache
-def _recordings(data: str, part: str, without: str) -> Recordings:
+def _recordings(data: str, part: str, patterns: str) -> Recordings:
     from neuro_events import recordings
 
-    return leaving_out(recordings(Path(data), part=part), json.loads(without))
+    return leaving_out(recordings(Path(data), part=part), json.loads(patterns))
 
 
 def _name(varied: Mapping[str, Any]) -> str:

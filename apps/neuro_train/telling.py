@@ -54,15 +54,15 @@ ROOM = (
 def rows(tests: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
     """Return a row for each backend, under `HEAD` or `TARGETS`."""
     if (torch := tests[0].V_m) is not None:
-        differences = ((one, np.abs(np.asarray(one.V_m) - torch).max()) for one in tests)
-        return [(one.backend, _share_or_dash(one.r_squared), f"{difference:.3g} mV") for one, difference in differences]
+        differences = ((run, np.abs(np.asarray(run.V_m) - torch).max()) for run in tests)
+        return [(run.backend, _share_or_dash(run.r_squared), f"{difference:.3g} mV") for run, difference in differences]
     table_rows: list[tuple[str, ...]] = []
-    for one in tests:
-        low, high = one.own.interval
-        equal = f"{one.agrees(tests[0]):.1%}", f"{one.same_spikes(tests[0])} of {len(one.labels)}"
-        first_spike = "-" if np.isnan(one.first_ms) else f"{one.first_ms:.1f} ms"
-        accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
-        table_rows.append((one.backend, *accuracy, *equal, first_spike))
+    for run in tests:
+        low, high = run.own.interval
+        equal = f"{run.agrees(tests[0]):.1%}", f"{run.same_spikes(tests[0])} of {len(run.labels)}"
+        first_spike = "-" if np.isnan(run.first_ms) else f"{run.first_ms:.1f} ms"
+        accuracy = f"{run.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
+        table_rows.append((run.backend, *accuracy, *equal, first_spike))
     return table_rows
 
 
@@ -78,7 +78,7 @@ def head(tests: Sequence[TestedNetwork]) -> tuple[str, ...]:
 
 def bills(tests: Sequence[TestedNetwork]) -> list[tuple[str, ...]]:
     """Return a row for each chip with the energy of a recording."""
-    return [(one.backend, *one.bill.cells()) for one in tests if one.bill]
+    return [(test.backend, *test.bill.cells()) for test in tests if test.bill]
 
 
 def show(tests: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> None:
@@ -87,45 +87,45 @@ def show(tests: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> Non
         print(f"- {line}")
     if not tests:
         return
-    for one in tests:
-        warn_of_overflows(one.backend, one.overflows, len(one.labels))
+    for test in tests:
+        warn_of_overflows(test.backend, test.overflows, len(test.labels))
     console().print(table(head(tests), rows(tests), title=f"{len(tests[0].labels)} recordings"))
     if billed := bills(tests):
         console().print(table(BILLS, billed, title="a recording"))
-    for line in footnotes([one.bill for one in tests if one.bill], False):
+    for line in footnotes([test.bill for test in tests if test.bill], False):
         print(f"- {line}")
-    _show_sent({one.backend: one.mean_spikes for one in tests})
+    _show_sent({test.backend: test.mean_spikes for test in tests})
 
 
 def _show_sent(counts: Mapping[str, Mapping[str, float]]) -> None:
     """Print the mean number of spikes or messages of a recording on each backend."""
-    for backend, by_population in counts.items():
-        if by_population:
-            parts = ", ".join(f"{number:.0f} of '{name}'" for name, number in by_population.items())
-            print(f"{backend}: {sum(by_population.values()):.0f} spikes in a recording, {parts}")
+    for backend, population_counts in counts.items():
+        if population_counts:
+            parts = ", ".join(f"{number:.0f} of '{name}'" for name, number in population_counts.items())
+            print(f"{backend}: {sum(population_counts.values()):.0f} spikes in a recording, {parts}")
 
 
 def show_folds(folds: Sequence[Mapping[str, Any]]) -> None:
     """Print a row for each fold, the mean of all folds and the least room; warn of overflows in any fold."""
-    names, n = list(folds[0]["right"]), sum(one["n"] for one in folds)
-    all_rooms = [MemoryRoom(**one) for fold in folds for one in fold.get("room", ())]
-    least = {(one.chip, one.population): one for one in sorted(all_rooms, key=lambda one: one.share)}
-    for line in memory_lines([replace(one, chosen=False) for one in least.values()]):  # the scales differ between folds
+    names, n = list(folds[0]["right"]), sum(fold["n"] for fold in folds)
+    all_rooms = [MemoryRoom(**room) for fold in folds for room in fold.get("room", ())]
+    smallest = {(room.chip, room.population): room for room in sorted(all_rooms, key=lambda room: room.share)}
+    for line in memory_lines([replace(room, chosen=False) for room in smallest.values()]):  # scales differ by fold
         print(f"- {line}")
     for name in names:
-        overflows = (one.get("overflows", {}).get(name, {}) for one in folds)
+        overflows = (fold.get("overflows", {}).get(name, {}) for fold in folds)
         warn_of_overflows(name, summed(overflows), n)
     cells = [
-        (str(k + 1), *(f"{one['right'][name] / one['n']:.1%}" for name in names), f"{one['cpu_s']:.1f} s")
-        for k, one in enumerate(folds)
+        (str(k + 1), *(f"{fold['right'][name] / fold['n']:.1%}" for name in names), f"{fold['cpu_s']:.1f} s")
+        for k, fold in enumerate(folds)
     ]
     console().print(table(("fold", *(f">{name}" for name in names), ">CPU time"), cells))
     for name in names:
-        right = sum(one["right"][name] for one in folds)
-        low, high = wilson(right, n)
-        print(f"{name}: {right / n:.2%} of {n} right (95 % interval {low:.1%} - {high:.1%})")
+        n_right = sum(fold["right"][name] for fold in folds)
+        low, high = wilson(n_right, n)
+        print(f"{name}: {n_right / n:.2%} of {n} right (95 % interval {low:.1%} - {high:.1%})")
     for name in names:
-        parts = [(one["n"], one.get("sent", {}).get(name, {})) for one in folds]
+        parts = [(fold["n"], fold.get("sent", {}).get(name, {})) for fold in folds]
         _show_sent({name: {key: sum(k * part[key] for k, part in parts) / n for key in parts[0][1]}})
 
 
@@ -161,7 +161,7 @@ def _parts(
     if room:
         yield tag("h2", "Room in registers")
         notes = {False: "the chip's own", True: "smaller, to leave room"}
-        cells = ((one.chip, one.population, f"{one.share:.1%}", f"{one.scale:.6g}", notes[one.chosen]) for one in room)
+        cells = ((row.chip, row.population, f"{row.share:.1%}", f"{row.scale:.6g}", notes[row.chosen]) for row in room)
         yield html.table(("chip", "population", ">largest input of a step", ">units per mV", "scale"), cells)
         yield tag("p", ROOM)
     if len(trained.curves["loss"]):
@@ -176,7 +176,7 @@ def _parts(
     rates = ((f"rate of {name}", f"{rate:g}") for name, rate in trained.rates.items() if rate != plan.rate)
     yield html.table(("what", "value"), [*words, *rates])
     yield tag("pre", str(trained.module.plan))
-    if sources := list(footnotes([each.bill for each in tests if each.bill], True)):
+    if sources := list(footnotes([test.bill for test in tests if test.bill], True)):
         yield tag("h2", "Where the joules come from")
         yield tag("ul", *(tag("li", line) for line in sources))
 
@@ -186,22 +186,22 @@ def _cards(trained: Trained, tests: Sequence[TestedNetwork], share: str) -> Iter
     if tests and tests[0].V_m is not None:
         yield html.card("R2", _share_or_dash(tests[0].r_squared), f"on {len(tests[0].labels)} unseen recordings")
     elif tests:
-        own = tests[0].own
-        low, high = own.interval
-        yield html.card("accuracy", f"{own.accuracy:.1%}", f"of {own.n} unseen recordings; {low:.1%} to {high:.1%}")
+        score = tests[0].own
+        low, high = score.interval
+        yield html.card("accuracy", f"{score.accuracy:.1%}", f"of {score.n} unseen recordings; {low:.1%} to {high:.1%}")
     elif np.isfinite(trained.curves["right"]).any():
         yield html.card(share, f"{trained.curves['right'][-1]:.1%}", "on the learnt recordings")
-    for one in tests:
-        if one.bill:
-            slow = one.bill.real_time.total(3)
-            note = f"a recording, as fast as the chip can; {slow} in real time; {one.grade}"
-            yield html.card(f"energy on {one.backend}", one.bill.total(3), note)
+    for test in tests:
+        if test.bill:
+            slow = test.bill.real_time.total(3)
+            note = f"a recording, as fast as the chip can; {slow} in real time; {test.grade}"
+            yield html.card(f"energy on {test.backend}", test.bill.total(3), note)
 
 
 def _word(value: Any) -> str:
     """Return a value as it is written on the command line."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{name}={_word(each)}" for name, each in value.items())
+        return ", ".join(f"{name}={_word(item)}" for name, item in value.items())
     if isinstance(value, list):
         return ", ".join(value)
     return f"{value:g}" if isinstance(value, float) else str(value)
@@ -274,8 +274,8 @@ def show_front(places: Sequence[FrontPlace], chip: str) -> None:
 
 def _held_out(tested: Mapping[str, float]) -> tuple[float, tuple[float, float]]:
     """Return the share of right decisions and its 95 % interval."""
-    right, n = int(tested["right"]), int(tested["n"])
-    return right / n, wilson(right, n)
+    n_right, n = int(tested["right"]), int(tested["n"])
+    return n_right / n, wilson(n_right, n)
 
 
 def write_front(folder: Path, places: Sequence[FrontPlace], chip: str) -> tuple[Path, Path]:
@@ -302,21 +302,21 @@ def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
     axis = figure.subplots()
     axis.spines[["top", "right"]].set_visible(False)
     front = [place for place in places if place.tested]
-    others = [place for place in places if not place.tested]
-    axis.plot(*_at(others), "o", color=GREY, markersize=4, label="judged in the search")
+    untested = [place for place in places if not place.tested]
+    axis.plot(*_at(untested), "o", color=GREY, markersize=4, label="judged in the search")
     axis.step(*_at(front), where="post", color=GREY, linewidth=1.0)
     axis.plot(*_at(front), "o", color="0.3", markersize=5, label="no other beats these")
     tests = [place.tested for place in front if place.tested]
     held_out = [_held_out(tested) for tested in tests]
     percent = [100.0 * share for share, _ in held_out]
     down = [100.0 * (share - low) for share, (low, _) in held_out]
-    up = [100.0 * (high - share) for share, (_, high) in held_out]
+    upper_errors = [100.0 * (high - share) for share, (_, high) in held_out]
     microjoules = [tested["microjoules"] for tested in tests]
     label = "the same, learnt anew, on recordings held out (95 %)"
     axis.errorbar(
         microjoules,
         percent,
-        yerr=(down, up),
+        yerr=(down, upper_errors),
         fmt="D",
         color=BLUE,
         label=label,

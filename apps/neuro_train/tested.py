@@ -83,7 +83,7 @@ def rooms(net: neuro.Network, target: str, samples: BatchData, plan: TrainingPla
     for first in range(0, len(samples), AT_ONCE):
         events = samples.events[list(range(first, min(first + AT_ONCE, len(samples))))]
         with torch.no_grad():
-            spikes = {name: each.cpu().numpy() for name, each in module(events).spikes.items()}
+            spikes = {name: trains.cpu().numpy() for name, trains in module(events).spikes.items()}
         for name, train in events.trains.items():
             size = math.prod(int(side) for side in net.populations[name].shape)
             spikes[name] = np.zeros((events.batch, events.steps, size), np.float32)
@@ -287,7 +287,7 @@ def train_and_test(
     """
     trained = learn(net, samples, plan, checkpoint, tell)
     trained.net.save(out)
-    room = [one for name in dict.fromkeys(chips) for one in rooms(trained.net, name, samples, plan)]
+    room = [memory_room for name in dict.fromkeys(chips) for memory_room in rooms(trained.net, name, samples, plan)]
     if unseen is None:
         return trained, room, []
     tests = [by_module(trained.module, unseen, plan)]

@@ -202,8 +202,8 @@ class _Training:
         for name, weight in self._module.weights.tensors().items():
             weights.setdefault(self._sizes[name], []).append(weight)
         groups: list[dict[str, Any]] = [
-            {"params": each, "size": size, "weight_decay": plan.decay / size, "eps": 1e-8 / size}
-            for size, each in weights.items()
+            {"params": parameters, "size": size, "weight_decay": plan.decay / size, "eps": 1e-8 / size}
+            for size, parameters in weights.items()
         ]
         undecayed = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
         if undecayed:  # delays and parameters of neurons do not decay
@@ -260,9 +260,9 @@ class _Training:
         else:
             loss = losses.first_spike(spikes, labels, tau=plan.temperature * activity.step, resolution=activity.step)
         if self._variance is None:
-            right = float((losses.decisions(spikes.detach()) == labels).double().mean())
+            accuracy = float((losses.decisions(spikes.detach()) == labels).double().mean())
         else:
-            right = 1.0 - float(loss.detach()) / self._variance if self._variance > 0.0 else math.nan
+            accuracy = 1.0 - float(loss.detach()) / self._variance if self._variance > 0.0 else math.nan
         if self._silent_epochs and bool(spikes.detach().any()):
             self._silent_epochs = 0
         joules = {chip: bill(activity) for chip, bill in self._bills.items()}
@@ -278,15 +278,15 @@ class _Training:
         except ModelError as error:
             self._stop(k, error.message)
         joules_of_chip = next(iter(joules.values()), torch.zeros(()))
-        figures = (float(loss.detach()), right, float(joules_of_chip.detach()), rate)
+        figures = (float(loss.detach()), accuracy, float(joules_of_chip.detach()), rate)
         return dict(zip(CURVES, figures, strict=True))
 
     def _stop(self, batch: int, message: str) -> NoReturn:
-        where = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
+        place = f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}"
         is_saved = self.done and self._place
         note = f"; what was learnt until the end of epoch {self.done} is kept{self._place}" if is_saved else ""
         hint = "lower --rate or --cost" + (", with another --out" if is_saved else "")
-        raise ModelError(f"{where}: {message}{note}", hint=hint)
+        raise ModelError(f"{place}: {message}{note}", hint=hint)
 
     def warn_of_silence(self) -> None:
         """Warn once of output neurons that stay silent for `PATIENCE` epochs, or in the last epoch.
@@ -317,7 +317,7 @@ class _Training:
     def state(self) -> dict[str, Array | dict[str, Array]]:
         """Return the state from which `restore` continues, as arrays."""
         steps = self._optimiser.state_dict()["state"]
-        moments = {f"{k}.{word}": _array(value) for k, each in steps.items() for word, value in each.items()}
+        moments = {f"{k}.{word}": _array(value) for k, part in steps.items() for word, value in part.items()}
         parts: dict[str, Array | dict[str, Array]] = {
             "progress": np.array([self.done, self._cpu_s]),
             "curves": {name: np.array(values) for name, values in self._curves.items()},
@@ -367,7 +367,7 @@ def why_silent(net: neuro.Network, samples: BatchData, plan: TrainingPlan) -> st
     pixels = neuro.spike_train(spikes=np.stack([times, fullest.neuron.astype(np.float64)], axis=1))
     net.populations[plan.input] = replace(net.populations[plan.input], model=pixels)
     diagnosis = neuro.doctor(net, (samples.events.steps + 1) * net.resolution)
-    reasons = [each for each in diagnosis.faults if plan.output in each.what] or list(diagnosis.faults)
+    reasons = [finding for finding in diagnosis.faults if plan.output in finding.what] or list(diagnosis.faults)
     return f"{reasons[0].evidence}; {reasons[0].remedy}" if reasons else ""
 
 

@@ -39,12 +39,12 @@ def _dispatch(numbered):
 
     The last step has no comparison: it runs for every other number.
     """
-    (number, update), *remaining = numbered
-    if not remaining:
+    (number, update), *other_pairs = numbered
+    if not other_pairs:
         return update
     # A chain of comparisons, because a kernel can hold no table of functions. There are few kinds, and each population
     # passes the chain once per step.
-    update_others = _dispatch(remaining)
+    update_others = _dispatch(other_pairs)
 
     @subkernel
     def update_by_kind(net, pop, row, step):
@@ -243,7 +243,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
             plane = (
                 target[t.PLANES]
                 + _has_second_input(fixed, part.target)
-                + sum(len(_plane_lags(each)) for each in with_planes[: with_planes.index(wires)])
+                + sum(len(_plane_lags(plane_wires)) for plane_wires in with_planes[: with_planes.index(wires)])
             )
             table[q, t.PLANE] = a["planes"][plane, t.PLANE_RING] - target[t.RING]
             table[q, t.PLANE_STRIDE] = target[t.SLOTS] * (target[t.END] - target[t.BEGIN])
@@ -257,9 +257,9 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         a["kernels"], a["gathered"] = np.zeros(0, dtype=kind), np.zeros(0, dtype=np.int32)
         a["marked"] = np.zeros(0, dtype=np.uint8)
     spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
-    by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
-    a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)
-    a["out_ends"] = np.concatenate(([0], np.cumsum([len(group) for group in by_source]))).astype(np.int64)
+    projections_of = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
+    a["out"] = np.array([q for group in projections_of for q in group], dtype=np.int64)
+    a["out_ends"] = np.concatenate(([0], np.cumsum([len(group) for group in projections_of]))).astype(np.int64)
 
 
 def _joined(parts: list[NDArray[Any]], kind: Any) -> NDArray[Any]:

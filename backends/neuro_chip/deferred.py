@@ -60,7 +60,7 @@ class Deferred:
         row_ends: Ints,
         targets: NDArray[np.int32],
         n_targets: int,
-        words: Ints,
+        mantissas: Ints,
         delays: Ints,
         delivered: NDArray[np.bool_],
         shifts: Ints,
@@ -69,8 +69,8 @@ class Deferred:
         self.rule = rule
         self.draws = kernels.SEED.copy()
         self._rule = kernels.Rule(rule.constants, rule.table, rule.places, self.draws)
-        self.weights, self.tags = words.astype(np.int64), np.zeros(words.size, dtype=np.int64)
-        stages, n_sources = np.zeros(words.size, dtype=np.int64) if stages is None else stages, row_ends.size - 1
+        self.weights, self.tags = mantissas.astype(np.int64), np.zeros(mantissas.size, dtype=np.int64)
+        stages, n_sources = np.zeros(mantissas.size, dtype=np.int64) if stages is None else stages, row_ends.size - 1
         self.n_rows = int(stages.max(initial=0)) + 1
         self.synapses = kernels.Synapses(
             self.weights, self.tags, row_ends, targets, delays, delivered, shifts, stages, self.n_rows
@@ -121,8 +121,8 @@ class Deferred:
         synapses = self._synapses_of(pre)
         times = np.repeat(payloads, self.synapses.row_ends[pre + 1] - self.synapses.row_ends[pre])
         if self.n_rows > 1:
-            of_stage = self.synapses.stages[synapses] == stage
-            synapses, times = synapses[of_stage], times[of_stage]
+            is_of_stage = self.synapses.stages[synapses] == stage
+            synapses, times = synapses[is_of_stage], times[is_of_stage]
         differences: Ints = np.zeros(synapses.size, dtype=np.int64)
         for packet in range(int(payloads.max(initial=0))):
             self.packets(pre[payloads > packet] * self.n_rows + stage, tick)
@@ -152,12 +152,12 @@ class Deferred:
         """
         # The host tracks the traces of its own spikes.
         unit, levels = self.rule.concentrations[0], (1 << len(self.rule.concentrations)) - 1
-        missing: Ints = np.rint((values / scale - self._level(step)) / unit).astype(np.int64)
-        self.counts[kernels.CUT] += np.count_nonzero(abs(missing) > levels)
-        missing = np.clip(missing, -levels, levels)
+        missing_units: Ints = np.rint((values / scale - self._level(step)) / unit).astype(np.int64)
+        self.counts[kernels.CUT] += np.count_nonzero(abs(missing_units) > levels)
+        missing_units = np.clip(missing_units, -levels, levels)
         for bit, amount in enumerate(self.rule.concentrations):
-            ids = np.flatnonzero(abs(missing) >> bit & 1)
-            self.dopamine(ids, np.sign(missing[ids]) * amount, step)
+            ids = np.flatnonzero(abs(missing_units) >> bit & 1)
+            self.dopamine(ids, np.sign(missing_units[ids]) * amount, step)
             self.counts[kernels.SENT] += ids.size
 
     def _level(self, tick: int) -> Floats:
@@ -181,8 +181,8 @@ class Deferred:
     def _decay(self, table: int, ticks: Ints) -> Floats:
         """Return the share that a table's decay leaves after some ticks."""
         first, length, shift = self.rule.places[table]
-        at = np.clip(ticks >> shift, 0, length - 1)
-        return np.asarray(np.where(ticks >> shift < length, self.rule.table[first + at] / ONE, 0.0))
+        indices = np.clip(ticks >> shift, 0, length - 1)
+        return np.asarray(np.where(ticks >> shift < length, self.rule.table[first + indices] / ONE, 0.0))
 
     def native(self) -> dict[str, int]:
         """Return the counts that exist only on the machine, by name."""

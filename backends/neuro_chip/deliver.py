@@ -322,10 +322,10 @@ def pour(net, row, target, box, step, below, capped):
     slot = (step + net.lags[row[t.LAG]]) & (target[t.SLOTS] - 1)
     base = target[t.RING] + slot * sheet * row[t.MAPS]
     net.came[target[t.ARRIVED] + slot] = 1
-    at_once = 2 * (right - left) >= columns  # sums between the lines of the box are 0
-    spans = 1 if at_once else bottom - top
+    clears_block = 2 * (right - left) >= columns  # sums between the lines of the box are 0
+    spans = 1 if clears_block else bottom - top
     # If the box is at least half as wide as the grid, one long run with zeros is faster than many short runs.
-    run = right - left + (bottom - top - 1) * columns if at_once else right - left
+    run = right - left + (bottom - top - 1) * columns if clears_block else right - left
     for span in range(spans):
         first = (top + span) * columns + left
         for group in range(row[t.MAPS] // reach):

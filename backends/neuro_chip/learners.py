@@ -92,9 +92,9 @@ class Learners:
                 continue
             if self._fresh[index]:
                 self._weights.put(index, plastic.mantissas)
-            before = plastic.counts[kernels.CHANGED]
+            n_before = plastic.counts[kernels.CHANGED]
             plastic.step(step, pre, post, payloads)
-            self._fresh[index] = bool(plastic.counts[kernels.CHANGED] != before)
+            self._fresh[index] = bool(plastic.counts[kernels.CHANGED] != n_before)
             if part.dopamine >= 0:
                 assert isinstance(plastic, Plastic)
                 # Dopamine spikes of this step are queued, and those that arrive now act.
@@ -106,7 +106,7 @@ class Learners:
                 while arrivals and arrivals[0][0] <= step:
                     plastic.release(step, arrivals.pop(0)[1])
 
-    def _send(self, index: int, step: int, synapses: Ints, words: Ints) -> None:
+    def _send(self, index: int, step: int, synapses: Ints, weights: Ints) -> None:
         """Add words to the slots in which the packets of a step arrive, besides the words that the loop will send."""
         plastic, part, lags = self._parts[index], self._program.projections[index], self._wires(index).lag
         assert isinstance(plastic, Deferred)
@@ -114,7 +114,9 @@ class Learners:
         lag = lag - plastic.synapses.stages[synapses] * plastic.rule.slots  # packets have been held back
         n = row[t.END] - row[t.BEGIN]
         slots = (step + lag) % row[t.SLOTS] + (row[t.SLOTS] if plastic.rule.inhibits else 0)
-        np.add.at(self._a["ring"], row[t.RING] + slots * n + plastic.synapses.targets[synapses], words.astype(np.int32))
+        np.add.at(
+            self._a["ring"], row[t.RING] + slots * n + plastic.synapses.targets[synapses], weights.astype(np.int32)
+        )
 
     def signal(self, signal: int, values: Floats, step: int) -> None:
         """Set the modulatory traces of every projection with this signal."""
@@ -152,8 +154,8 @@ class Learners:
             units = plastic.trace("x1", step)[pre]
             return units / impulse if impulse else np.zeros(pre.size)
         if name == "n":
-            more, less = plastic.modulatory(step).astype(np.float64)
-            amount: Floats = (more - less)[post] * self._wires(index).n_scale
+            excess, deficit = plastic.modulatory(step).astype(np.float64)
+            amount: Floats = (excess - deficit)[post] * self._wires(index).n_scale
             return amount
         tags: Floats = plastic.tags.astype(np.float64)
         if name == "t" or not isinstance(self._program.projections[index].synapse, stdp_dopa):
@@ -162,8 +164,8 @@ class Learners:
         term = next(term for term in rule.dt if term.gate == "y0")
         units_of_pair = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse
         parameters = self._program.projections[index].synapse.parameters()
-        one = float(units_of_pair / (parameters["A_plus"] * np.exp(-self._program.resolution / parameters["tau_plus"])))
-        return tags / one
+        tag = float(units_of_pair / (parameters["A_plus"] * np.exp(-self._program.resolution / parameters["tau_plus"])))
+        return tags / tag
 
     def raw(self, index: int, name: str) -> Ints | None:
         """Return the tag of every synapse, or None for another name."""
@@ -205,7 +207,7 @@ class Learners:
         """Return copies of all arrays that change."""
         arrays = {name: array.copy() for name, array in self._state().items()}
         for index, arrivals in self._arrivals.items():
-            rows = [(at, neuron) for at, ids in arrivals for neuron in ids.tolist()]
+            rows = [(step_of_spike, neuron) for step_of_spike, ids in arrivals for neuron in ids.tolist()]
             arrays[f"plastic.{index}.due"] = np.array(rows, dtype=np.int64).reshape(-1, 2)
         return arrays
 
@@ -216,16 +218,16 @@ class Learners:
             ModelError: an earlier version with other arrays made the snapshot; nothing is changed.
         """
         state = self._state()
-        if missing := [name for name in state if name not in arrays]:
+        if missing_names := [name for name in state if name not in arrays]:
             raise ModelError(
-                f"the snapshot lacks '{missing[0]}': an earlier version of neuro saved it",
+                f"the snapshot lacks '{missing_names[0]}': an earlier version of neuro saved it",
                 hint="run the network again and save it with this version",
             )
         for name, array in state.items():
             array[:] = arrays[name]
         for index in self._arrivals:
             rows = arrays[f"plastic.{index}.due"]
-            self._arrivals[index] = [(int(at), rows[rows[:, 0] == at, 1].copy()) for at in np.unique(rows[:, 0])]
+            self._arrivals[index] = [(int(s), rows[rows[:, 0] == s, 1].copy()) for s in np.unique(rows[:, 0])]
 
 
 def _learner(program: Program, index: int, wires: FixedProjection) -> Learner | Deferred:
@@ -305,8 +307,8 @@ class Delays:
 
     def bounds(self, index: int) -> tuple[int, int]:
         """Return the smallest and the largest delay, in 1/256 steps."""
-        fewest, most = self._program.projections[index].delay_range(self._program.resolution)
-        return FRACTIONS * fewest, FRACTIONS * most
+        fewest, largest = self._program.projections[index].delay_range(self._program.resolution)
+        return FRACTIONS * fewest, FRACTIONS * largest
 
     def _lags(self, index: int) -> Ints:
         model = self._program.populations[self._program.projections[index].target].model
@@ -368,9 +370,9 @@ class _PairRule:
         part = program.projections[index]
         n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
         pre, post = program.connections(index)
-        by_source, by_target = np.argsort(pre, kind="stable"), np.argsort(post, kind="stable")
-        rows = by_source, np.searchsorted(pre[by_source], np.arange(n_source + 1))
-        columns = by_target, np.searchsorted(post[by_target], np.arange(n_target + 1))
+        source_order, target_order = np.argsort(pre, kind="stable"), np.argsort(post, kind="stable")
+        rows = source_order, np.searchsorted(pre[source_order], np.arange(n_source + 1))
+        columns = target_order, np.searchsorted(post[target_order], np.arange(n_target + 1))
         self._h, c, arithmetic = program.resolution, np.zeros(part.synapse.width), part.synapse.arithmetic
         arithmetic.constants(part.synapse.vector(), self._h, c)
         self._pass = _compiled_rule(arithmetic.on_pre, arithmetic.on_post)
@@ -394,7 +396,7 @@ class _PairRule:
 @cache
 def _compiled_rule(on_pre: Any, on_post: Any) -> Any:
     """Return the kernel that applies a rule to the synapses of the neurons that fired."""
-    by_pre, by_post = compiled(on_pre), compiled(on_post)
+    pre_rule, post_rule = compiled(on_pre), compiled(on_post)
 
     @kernel
     def learn(units, low, high, sides, pre, post, step, h):
@@ -407,14 +409,14 @@ def _compiled_rule(on_pre: Any, on_post: Any) -> Any:
                 last = sides.last_pre[sides.source[e]]
                 # The rule computes in ms. The two registers store whole units of 1/256 step.
                 y[DELAY, 0] = units[e] * unit
-                by_post(y, 0, c, (np.inf if last < 0 else (step - last) * h,), (0.0,))
+                post_rule(y, 0, c, (np.inf if last < 0 else (step - last) * h,), (0.0,))
                 units[e] = min(high, max(low, np.int64(np.floor(y[DELAY, 0] / unit + 0.5))))
         for i in pre:
             for n in range(sides.row_ends[i], sides.row_ends[i + 1]):
                 e = sides.by_source[n]
                 last = sides.last_post[sides.target[e]]
                 y[DELAY, 0] = units[e] * unit
-                by_pre(y, 0, c, (0.0,), (np.inf if last < 0 else (step - last) * h,))
+                pre_rule(y, 0, c, (0.0,), (np.inf if last < 0 else (step - last) * h,))
                 units[e] = min(high, max(low, np.int64(np.floor(y[DELAY, 0] / unit + 0.5))))
         for i in pre:
             sides.last_pre[i] = step

@@ -120,12 +120,12 @@ def decay(history, slot, keep, keys, step):
         step: the step, for the draws.
     """
     # The ring has a slot for each step of an epoch, because products read traces at the step of the last spike.
-    before = (slot - 1) % history.shape[0]
+    previous = (slot - 1) % history.shape[0]
     for k in range(history.shape[1]):
         base = step_word(keys[k], step)
         numerator, denominator = keep[k, 0], keep[k, 1]
         for i in range(history.shape[2]):
-            v = np.int64(history[before, k, i])
+            v = np.int64(history[previous, k, i])
             if v != 0:
                 v *= numerator  # whole numbers, so that the fraction below is exact
                 remainder = v % denominator
@@ -341,9 +341,9 @@ def product_of_loihi2(terms, n, slot, i, j, traces, w, t):
     v = i32(1)
     for f in range(terms[n, SIZE]):
         code = terms[n, FIRST + 2 * f]
-        most = np.int64(1) << BITS[code]
+        limit = np.int64(1) << BITS[code]
         value = factor(code, slot, i, j, traces, w, t) + terms[n, FIRST + 2 * f + 1]
-        v = i32(v * i32(min(max(value, -most), most - 1)))
+        v = i32(v * i32(min(max(value, -limit), limit - 1)))
     v = i32(i32(v * i32(terms[n, MANTISSA])) >> i32(terms[n, DOWN]))
     return np.int64(i32(v << i32(terms[n, SHIFT])))
 

@@ -26,7 +26,7 @@ def fire(net, i):
 @subkernel
 def choose(net, row, first, last, stride, step):
     """Return the candidate of first:last:stride with the largest margin above threshold, or -1; draws break ties."""
-    best = -1
+    winner = -1
     best_margin, best_draw = np.int64(0), -1.0
     # The chip has no winner-take-all, so its host compares voltages after each step. Ties are broken by the keyed draws
     # of the float backends.
@@ -36,26 +36,26 @@ def choose(net, row, first, last, stride, step):
             continue
         margin = np.int64(net.v[i]) - np.int64(net.threshold[i])  # the difference of 32-bit numbers can have 33 bits
         draw = uniform(base, i - row[t.BEGIN])
-        if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
-            best, best_margin, best_draw = i, margin, draw
-    return best
+        if winner < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
+            winner, best_margin, best_draw = i, margin, draw
+    return winner
 
 
 @subkernel
 def settle_one(net, row, step):
     """Let the best candidate of a group fire."""
     group, lo, hi = row[t.GROUP], row[t.BEGIN], row[t.END]
-    best = choose(net, row, lo, hi, 1, step)
-    if best < 0:
+    winner = choose(net, row, lo, hi, 1, step)
+    if winner < 0:
         return
     if net.groups[group, t.WINNER] < 0:
-        net.groups[group, t.WINNER] = best - lo
+        net.groups[group, t.WINNER] = winner - lo
         net.groups[group, t.DECIDED] = step
         for i in range(lo, hi):
             # Stored before losers are reset, because rules for trials read the potentials at the decision.
             net.potential[i] = net.v[i]
     for i in range(lo, hi):
-        if net.fired[i] and i != best:
+        if net.fired[i] and i != winner:
             net.fired[i] = 0
             if not net.groups[group, t.FIRST_TO_FIRE]:
                 fire(net, i)
@@ -73,10 +73,10 @@ def settle_rivals(net, row, step):
         # Visit each set of rivals once, at its first neuron.
         if (first - lo) // stride % rivals != 0:
             continue
-        best = choose(net, row, first, last, stride, step)
-        if best >= 0:
+        winner = choose(net, row, first, last, stride, step)
+        if winner >= 0:
             for i in range(first, last, stride):
-                if i != best:
+                if i != winner:
                     net.fired[i] = 0
                     fire(net, i)
 
@@ -85,11 +85,11 @@ def settle_rivals(net, row, step):
 def settle_locally(net, row, step):
     """Let the winners of a group with several winners fire, the best first."""
     group, lo, hi = row[t.GROUP], row[t.BEGIN], row[t.END]
-    best = choose(net, row, lo, hi, 1, step)
-    while best >= 0:
-        win(net, row, best, step)
+    winner = choose(net, row, lo, hi, 1, step)
+    while winner >= 0:
+        win(net, row, winner, step)
         # A winner silences others, so the next best is searched again.
-        best = choose(net, row, lo, hi, 1, step)
+        winner = choose(net, row, lo, hi, 1, step)
     for i in range(lo, hi):
         if net.fired[i] and not net.muted[i] & t.WON:
             net.fired[i] = 0
@@ -138,10 +138,10 @@ def count_open(net):
     for k in range(net.groups.shape[0]):
         if net.local[k, t.RADIUS] >= 0:
             row = net.pops[net.groups[k, t.POPULATION]]
-            free = 0
+            is_free = 0
             for i in range(row[t.BEGIN], row[t.END]):
-                free += net.muted[i] == 0
-            net.standing[k, t.OPEN] = free
+                is_free += net.muted[i] == 0
+            net.standing[k, t.OPEN] = is_free
 
 
 @subkernel
@@ -309,10 +309,10 @@ def advance_neurons(net, pop, row, step):
     if row[t.KIND] == t.RELAY:
         relay(net, pop, row, step)
     elif came or not net.resting[pop]:
-        before = 0 if came else keep_states(net, pop, row)
+        previous = 0 if came else keep_states(net, pop, row)
         reached = update_and_fire(net, pop, row, step)
         # A population with periodic resets is never at rest.
-        net.resting[pop] = not came and not reached and row[t.INTERVAL] == 0 and stayed(net, pop, row, before)
+        net.resting[pop] = not came and not reached and row[t.INTERVAL] == 0 and stayed(net, pop, row, previous)
     count_active(net, pop, row, step)
 
 

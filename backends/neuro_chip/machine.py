@@ -40,11 +40,11 @@ class Machine(RunningMachine):
             write_states(self.arrays, k, self.cells.fixed[k])
         self.record = RecordedSpikes()
         self._list_spikes()
-        before = self.currents
+        previous = self.currents
         del self.currents
         for k, part in enumerate(self.program.populations):
             if part.kind == "current" and part.schedule is None:  # amplitudes that a user set hold from step 0
-                self.currents.set(k, "amplitude", before.parameter(k, "amplitude"), 0)
+                self.currents.set(k, "amplitude", previous.parameter(k, "amplitude"), 0)
         self._list_rates(1)
         self.weights.start_anew(weights)
         self.learners.start_anew(weights)

@@ -281,8 +281,8 @@ class TwoFactors(Learner):
         if epoch_step == self.epoch:
             number = step // self.epoch
             draws = [
-                float(np.random.Generator(np.random.PCG64(seed).advance(at)).random())
-                for seed, at in zip(self._seeds, (2 * step, 2 * step, number), strict=True)
+                float(np.random.Generator(np.random.PCG64(seed).advance(counter)).random())
+                for seed, counter in zip(self._seeds, (2 * step, 2 * step, number), strict=True)
             ]
             xs = self._history(self.xs, self._keeps[0], self._impulses[0], self.tx, draws[0])
             ys = self._history(self.ys, self._keeps[1], self._impulses[1], self.ty, draws[1])
@@ -294,21 +294,21 @@ class TwoFactors(Learner):
 
     def _raise_x1(self, pre: Ints, payloads: Ints, fired_before: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Raise x1 by payloads, or by earlier spikes of the epoch; return which pre events count as spikes."""
-        every = np.ones(pre.size, dtype=np.bool_)
+        all_synapses = np.ones(pre.size, dtype=np.bool_)
         if self.graded == "impulse":
             self._add(self.xs[:1], self._impulses[0][:1], pre[fired_before])
-            return every
+            return all_synapses
         halves = np.rint(payloads / 2).astype(np.int64) & 255
         if self.graded == "overwrite":
             self.xs[0, pre] = halves
-            return every
+            return all_synapses
         added = np.zeros_like(self.xs[0])
         added[pre] = halves
         sums = self.xs[0] + added & 255
         is_over = sums > TRACE_MAX
         if self.graded == "add_with_saturation":
             self.xs[0] = np.minimum(sums, TRACE_MAX)
-            return every
+            return all_synapses
         self.xs[0] = np.where(is_over, sums - TRACE_MAX, sums)
         wrapped: NDArray[np.bool_] = is_over[pre]
         return wrapped
@@ -320,15 +320,15 @@ class TwoFactors(Learner):
             self.saturated += np.count_nonzero(raised > TRACE_MAX)
             traces[:, ids] = np.minimum(raised, TRACE_MAX)
 
-    def _history(self, traces: Ints, keep: Floats, impulses: Ints, times: Ints, draw: float) -> Ints:
+    def _history(self, traces: Ints, decay: Floats, impulses: Ints, times: Ints, draw: float) -> Ints:
         """Return the traces after each step of the epoch, shape (epoch, traces, neurons)."""
         history: Ints = np.empty((self.epoch, *traces.shape), dtype=np.int64)
-        before = traces
+        previous = traces
         for step, step_traces in enumerate(history, 1):
-            decayed = keep * before
+            decayed = decay * previous
             step_traces[:] = np.floor(decayed) + (draw < decayed % 1)
             self._add(step_traces, impulses, np.flatnonzero(times == step))
-            before = step_traces
+            previous = step_traces
         return history
 
     def trace(self, name: str, step: int) -> Floats:
@@ -379,9 +379,9 @@ class ThreeFactors(TwoFactors):
         amount = (self.ys[1].astype(np.int64) - self.ys[2] << FRACTION_BITS) - self.rule.outgoing.baseline
         draws = uniform(self._rounding, step, np.arange(amount.size))
         levels = np.floor(abs(amount) / 2.0 ** (self.rule.outgoing.shift + FRACTION_BITS) + draws).astype(np.int64)
-        most = TRACE_MAX // LEVEL
-        self.saturated += np.count_nonzero(levels > most)
-        messages: Ints = np.minimum(levels, most) * LEVEL * np.array([amount > 0, amount < 0])
+        largest = TRACE_MAX // LEVEL
+        self.saturated += np.count_nonzero(levels > largest)
+        messages: Ints = np.minimum(levels, largest) * LEVEL * np.array([amount > 0, amount < 0])
         return messages
 
     def modulatory(self, step: int) -> NDArray[np.uint8]:

@@ -49,8 +49,8 @@ class ChipRegisters:
 
     def state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         """Return a state in the unit of its model, from the state registers."""
-        first, *more = (self._state(population, state, arrays) for state in self.names(population, name))
-        return sum(more, start=first)
+        first, *other_states = (self._state(population, state, arrays) for state in self.names(population, name))
+        return sum(other_states, start=first)
 
     def _state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         part = self.fixed[population]
@@ -135,12 +135,12 @@ class ChipRegisters:
         cells, wires, problems = requantise(self._program, population, self.parameters[population], weights)
         refused = [replace(problem, way_out=_FIXED_SCALE) for problem in problems if problem.refused]
         for k, new in wires.items():
-            before = self._program.projections[k]
-            if k in learning and (before is None or not np.array_equal(before.step, new.step)):
+            old_part = self._program.projections[k]
+            if k in learning and (old_part is None or not np.array_equal(old_part.step, new.step)):
                 name = self._program.program.projections[k].name
-                why = "the change gives its weights another scale, but the chip's microcode is for one scale"
+                reason = "the change gives its weights another scale, but the chip's microcode is for one scale"
                 way_out = "change the network and compile again"
-                refused.append(Problem(True, f"projection '{name}' learns", why, way_out))
+                refused.append(Problem(True, f"projection '{name}' learns", reason, way_out))
         if refused:
             self.parameters[population] = dict(self._good[population])
             raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)

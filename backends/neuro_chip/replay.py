@@ -40,9 +40,9 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
         np.array([value for row in plastic for value in row.get(name, ())]) for name in ("post", "delay", "type", "w0")
     )
     stored, shifts = (delay % slots).astype(np.int64), np.array(case["shifts"], dtype=np.int64)[kind]
-    words = np.rint(np.abs(w0) * 2.0 ** (15 - shifts)).astype(np.int64)
+    mantissas = np.rint(np.abs(w0) * 2.0 ** (15 - shifts)).astype(np.int64)
     acting = stored if params.get("backprop_delay", True) else np.zeros_like(stored)
-    part = Deferred(rule, ends, post.astype(np.int32), n, words, acting, stored > 0, shifts)
+    part = Deferred(rule, ends, post.astype(np.int32), n, mantissas, acting, stored > 0, shifts)
     bits = max(1, (n - 1).bit_length())
     below = (kind << bits | post).astype(np.int64)
     skipped = saturated = 0

@@ -148,17 +148,17 @@ class RunningMachine:
         self.arrays["clock"][t.STOP_GROUP] = t.NONE
 
     def _advance_to(self, end: int, group: int) -> None:
-        clock, by_step = self.arrays["clock"], self._by_step
+        clock, reports_each_step = self.arrays["clock"], self._by_step
         while clock[t.STEP] < end:
-            before = int(clock[t.STEP])
-            steady = end if self._steady else min(end, self._prepare(before))
-            stop = before + 1 if by_step else steady
-            self._torn = by_step  # learning is part of a step
+            begin = int(clock[t.STEP])
+            steady = end if self._steady else min(end, self._prepare(begin))
+            stop = begin + 1 if reports_each_step else steady
+            self._torn = reports_each_step  # learning is part of a step
             advance(self.bound.view, self.bound.words, stop)
             end_if_stopped(self.arrays["stop"])
-            if by_step and clock[t.STEP] > before:
-                self.learners.after(before + 1)
-                self.delays.after(before + 1)
+            if reports_each_step and clock[t.STEP] > begin:
+                self.learners.after(begin + 1)
+                self.delays.after(begin + 1)
             self._torn = False
             if clock[t.RECORDED]:
                 steps, ids, counts = (self.arrays[name] for name in ("rec_steps", "rec_ids", "rec_counts"))

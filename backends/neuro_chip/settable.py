@@ -55,7 +55,7 @@ class Settable:
             machine, amplitude = self._machine, {population: parameters["amplitude"]}
             for target in machine.currents.targets:  # an overflow is refused now, not in a later step
                 machine.cells.bias(target, machine.currents.full(target, amplitude))
-        before = dict(self._machine.cells.parameters[population])
+        old_parameters = dict(self._machine.cells.parameters[population])
         self._machine.cells.parameters[population].update(parameters)
         if part.kind == "poisson":
             self._machine.set_rate(population, parameters["rate"])
@@ -66,7 +66,7 @@ class Settable:
         try:
             all_units = [self._machine.cells.units(population, name, value).items() for name, value in states.items()]
         except ModelError:
-            self._machine.cells.parameters[population] = before
+            self._machine.cells.parameters[population] = old_parameters
             self._requantise(population)
             raise
         sums: dict[str, NDArray[np.int32]] = {}

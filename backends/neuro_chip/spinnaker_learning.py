@@ -165,8 +165,8 @@ def scaled(a, s):
 @inlined
 def decay(rule, k, ticks):
     """Return the share that table k leaves after some ticks."""
-    at = ticks >> rule.places[k, 2]
-    return rule.table[rule.places[k, 0] + at] if 0 <= at < rule.places[k, 1] else i64(0)
+    indices = ticks >> rule.places[k, 2]
+    return rule.table[rule.places[k, 0] + indices] if 0 <= indices < rule.places[k, 1] else i64(0)
 
 
 @subkernel
@@ -303,38 +303,38 @@ def visit(rule, history, synapses, e, t, p, r1, r2, counts):
     taught = c[TAUGHT] != 0
     first, last = max(p - d, 0), max(t - d, 0)
     n = history.counts[j]
-    before = n - 1
-    while before > 0 and history.times[j, before] > first:
-        before -= 1
-    newest = before
+    index = n - 1
+    while index > 0 and history.times[j, index] > first:
+        index -= 1
+    newest = index
     while newest + 1 < n and history.times[j, newest + 1] <= last:
         newest += 1
     w = i64(synapses.weights[e]) << shift
     tag = i64(synapses.tags[e]) << (shift if taught else 0)
-    at, level = p, i64(0)
-    if taught and before > 0:
+    position, level = p, i64(0)
+    if taught and index > 0:
         # Without the delay, as in the programs, although entries act later by the delay everywhere else.
-        level = fine(history.traces[j, before, DOPAMINE], decay(rule, D, p - history.times[j, before]))
-    marks = history.marks[j] >> (n - (newest - before))
-    for k in range(before + 1, newest + 1):
+        level = fine(history.traces[j, index, DOPAMINE], decay(rule, D, p - history.times[j, index]))
+    marks = history.marks[j] >> (n - (newest - index))
+    for k in range(index + 1, newest + 1):
         u = history.times[j, k] + d
         if taught:
-            w, tag = elapse(rule, w, tag, level, u - at)
-            at, level = u, history.traces[j, k, DOPAMINE]
+            w, tag = elapse(rule, w, tag, level, u - position)
+            position, level = u, history.traces[j, k, DOPAMINE]
         if marks & 1 == 0:
-            gap, since = u - p, u - history.times[j, k - 1]
+            gap, elapsed = u - p, u - history.times[j, k - 1]
             if taught:
-                tag, _ = post_step(rule, tag, tag, r1, history, j, k, gap, since)
+                tag, _ = post_step(rule, tag, tag, r1, history, j, k, gap, elapsed)
             else:
-                w, tag = post_step(rule, w, tag, r1, history, j, k, gap, since)
+                w, tag = post_step(rule, w, tag, r1, history, j, k, gap, elapsed)
         marks >>= 1
     if newest > 0:
-        since = t - (history.times[j, newest] + d)
+        elapsed = t - (history.times[j, newest] + d)
         if taught:
-            w, tag = elapse(rule, w, tag, level, t - at)
-            tag, _ = pre_step(rule, tag, tag, r2, history, j, newest, since)
+            w, tag = elapse(rule, w, tag, level, t - position)
+            tag, _ = pre_step(rule, tag, tag, r2, history, j, newest, elapsed)
         else:
-            w, tag = pre_step(rule, w, tag, r2, history, j, newest, since)
+            w, tag = pre_step(rule, w, tag, r2, history, j, newest, elapsed)
     if taught:
         w = min(max(w, c[TAUGHT_LOW]), c[TAUGHT_HIGH])
         tag >>= shift

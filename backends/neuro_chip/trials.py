@@ -54,7 +54,7 @@ class ChipTrials:
         self._output = machine.slice(section.output)
         self._per_map = (self._output.stop - self._output.start) // section.maps
         names = machine.cells.names
-        self._states = {each for name in section.reset for each in names(section.output, name)}
+        self._states = {state_name for name in section.reset for state_name in names(section.output, name)}
         names_of_states = [name for state in self._states for name in _REGISTERS[state] if name in STATES]
         self._registers = tuple(dict.fromkeys(names_of_states))
         self._began = 0
@@ -78,10 +78,10 @@ class ChipTrials:
         if not (decided and section.stop_at_decision):
             machine.advance_to(began + section.duration, group if section.stop_at_decision else t.NONE)
         machine.spike_lists.drop(section.input)
-        potential, best = np.empty(section.maps), np.empty(section.maps, dtype=np.int64)
+        potential, winners = np.empty(section.maps), np.empty(section.maps, dtype=np.int64)
         cells, bound = machine.cells.fixed[section.output], machine.bound
         wrapped = end_trial(
-            bound.view, bound.words, section.output, group, float(cells.volt), cells.rest, potential, best
+            bound.view, bound.words, section.output, group, float(cells.volt), cells.rest, potential, winners
         )
         if wrapped or machine.learners:
             machine.check_overflows()
@@ -89,26 +89,26 @@ class ChipTrials:
         decided = decided - began - 1 if winner >= 0 else -1
         if peak is not None and winner >= 0:
             peak[0][winner], peak[1][winner] = np.inf, decided
-        values, when = peak or (None, None)
+        values, peak_steps = peak or (None, None)
         wins = None
         if machine.program.groups[group].choice.several:
             won = machine.arrays["won"][self._output][: machine.arrays["standing"][group, t.WINS]]
             wins = Wins(won[:, 0].copy(), won[:, 1] - began - 1)
-        return Outcome(winner, decided, potential, best, machine.step - began, values, when, wins)
+        return Outcome(winner, decided, potential, winners, machine.step - began, values, peak_steps, wins)
 
     def _follow(self) -> tuple[Floats, Ints]:
         """Run to the decision or the end; return the largest V_m of each neuron and its tick."""
         machine, section = self._machine, self._section
         size = self._output.stop - self._output.start
-        peak, when = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
+        peak, peak_steps = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
         for tick in range(section.duration):
             machine.advance_to(self._began + 1 + tick)
             volt = machine.cells.state(section.output, "V_m", {"v": machine.arrays["v"][self._output]})
             higher = volt > peak
-            peak[higher], when[higher] = volt[higher], tick
+            peak[higher], peak_steps[higher] = volt[higher], tick
             if machine.arrays["groups"][section.group, t.WINNER] >= 0:
                 break
-        return peak, when
+        return peak, peak_steps
 
     def _begin(self, trial: Trial) -> None:
         """Drop pending input, reset the states of the output, and list the trial's spikes."""
@@ -117,12 +117,12 @@ class ChipTrials:
         if machine.spike_lists.reserve(self._section.input, trial.ids.size, self._began):
             machine.bind()
         first = machine.spike_lists.place(self._section.input)
-        view, words = machine.bound.view, machine.bound.words
-        begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
+        view, state_names = machine.bound.view, machine.bound.words
+        begin_trial(view, state_names, output, trial.silenced, "V_m" in self._states)
         cells = machine.cells.fixed[output]
         for name in self._registers:
             machine.arrays[STATES[name]][self._output] = cells.initial.get(name, 0)
-        list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
+        list_trial(view, state_names, self._section.input, first, trial.ticks, trial.ids, self._began)
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
         """Return the sources of a neuron's synapses, and the index of each synapse's weight."""
@@ -159,22 +159,22 @@ class ChipTrials:
             delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
             delay = delay.astype(np.int64)
         lesson_step = tick + self._began + 1
-        since = np.empty(len(sources))
-        ages(first, begin, sources, delay, lesson_step, machine.program.resolution, since)
+        begins = np.empty(len(sources))
+        ages(first, begin, sources, delay, lesson_step, machine.program.resolution, begins)
         scale, rule, key, arithmetic = self._prepare_change(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
             units, unit = machine.delays.units[projection], machine.program.resolution / FRACTIONS
             scale = Scale(unit, *machine.delays.bounds(projection), 1)
-            teacher(arithmetic.teach)(units, scale, slots, since, lesson, rule, key, self.changes)
+            teacher(arithmetic.teach)(units, scale, slots, begins, lesson, rule, key, self.changes)
             machine.delays.write(projection)
             return
         mantissas = weights.mantissas[projection]
-        teacher(arithmetic.teach)(mantissas, scale, slots, since, lesson, rule, key, self.changes)
+        teacher(arithmetic.teach)(mantissas, scale, slots, begins, lesson, rule, key, self.changes)
         if (settle := getattr(arithmetic, "settle", None)) is not None:
             total = float(mantissas[slots].sum() * scale.step)
             self.changes += 1
-            teacher(settle)(mantissas, scale, slots, since, total, rule, key, self.changes)
+            teacher(settle)(mantissas, scale, slots, begins, total, rule, key, self.changes)
         weights.write_some(projection, slots)
 
     def encourage(self, projection: int, maps: Ints) -> None:

@@ -161,23 +161,23 @@ class NestEngine:
                 hint="backend 'event' has the same network and shows it",
             )
 
-    def _check_changeable(self, synapses: NestProjection, what: str) -> None:
+    def _check_changeable(self, synapses: NestProjection, subject: str) -> None:
         """Raise an error unless a change would act from the next step on, on updated synapses."""
         if synapses.part.synapse.modulated:
-            self._check_moment(synapses, f"{what} of '{synapses.part.name}'")
+            self._check_moment(synapses, f"{subject} of '{synapses.part.name}'")
         elif self.step:
             raise ModelError(
-                f"{what} of '{synapses.part.name}' cannot change once it runs: NEST's stdp_synapse would apply them to "
-                "post spikes from before, too",
+                f"{subject} of '{synapses.part.name}' cannot change once it runs: NEST's stdp_synapse would apply them "
+                "to earlier post spikes, too",
                 hint="change them at time 0, or use backend 'event'",
             )
 
-    def _check_moment(self, synapses: NestProjection, what: str) -> None:
+    def _check_moment(self, synapses: NestProjection, subject: str) -> None:
         grid = self.net.grid(synapses)
         if self.step % grid:
             ms = self.net.clock.ms
             raise ModelError(
-                f"{what} at {ms(self.step):g} ms: NEST updates synapses with dopamine every {ms(grid):g} ms "
+                f"{subject} at {ms(self.step):g} ms: NEST updates synapses with dopamine every {ms(grid):g} ms "
                 "(deliver_interval x the smallest delay): expected a multiple of this interval",
                 hint=f"run to {ms(self.step - self.step % grid + grid):g} ms",
             )

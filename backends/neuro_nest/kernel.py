@@ -164,9 +164,9 @@ class Rank(Share):
             result = make()
         except ModelError as problem:
             error = problem
-        for each in _world().allgather(None if error is None else vars(error)):
-            if each is not None:
-                raise ModelError("").but(**each)
+        for worker_error in _world().allgather(None if error is None else vars(error)):
+            if worker_error is not None:
+                raise ModelError("").but(**worker_error)
         return result
 
 

@@ -76,8 +76,8 @@ class NestNetwork:
                 initial=0,
             )
             self.synapses = [
-                NestProjection(program, i, w) if part.undrawn is None else RuleProjection(program, i, w, before)
-                for i, (part, w, before) in enumerate(zip(program.projections, weights, before_each, strict=False))
+                NestProjection(program, i, w) if part.undrawn is None else RuleProjection(program, i, w, n_before)
+                for i, (part, w, n_before) in enumerate(zip(program.projections, weights, before_each, strict=False))
             ]
             for synapses in self.synapses:
                 with nest_errors(f"projection '{synapses.part.name}'"):
@@ -139,13 +139,13 @@ class NestNetwork:
             synapses.after_run()
         self.step = to
 
-    def _simulate(self, to: int) -> None:
+    def _simulate(self, end: int) -> None:
         """Let NEST run to a step. After an error NEST cannot continue."""
         if self._failed:
             raise ModelError("NEST: cannot continue after an error", hint="reset the simulation, or compile it again")
         try:
             with nest_errors():
-                self.nest.Simulate(self.clock.ms(to - self.step))
+                self.nest.Simulate(self.clock.ms(end - self.step))
         except ModelError as error:
             self._failed = True
             # The message names a model. Report the model's populations with states beyond NEST's bounds, else all its
@@ -170,8 +170,8 @@ class NestNetwork:
             return
         transmitters = self._transmitters(synapses) if part.synapse.modulated else None
         shared = zip(part.synapse.numbers(), common(self.rules[synapses.index]), strict=True)
-        if of_target := {name: value for name, value in shared if name in OF_TARGET}:
-            set_nodes(self.nest, self.cells[part.target].nodes, [of_target])
+        if target_parameters := {name: value for name, value in shared if name in OF_TARGET}:
+            set_nodes(self.nest, self.cells[part.target].nodes, [target_parameters])
         synapses.connect(self.nest, self.ends(synapses), self.clock, self.synapse_parameters(synapses), transmitters)
 
     def ends(self, synapses: NestProjection) -> tuple[Nodes, Nodes]:
@@ -189,13 +189,11 @@ class NestNetwork:
 
         Each entry has a value for all synapses, or a value per synapse.
         """
-        not_passed = {"deliver_interval", "c_min", *OF_TARGET, *FIXED_TRUE}
+        left_out = {"deliver_interval", "c_min", *OF_TARGET, *FIXED_TRUE}
         rules = self.rules[synapses.index]
         row = rules if rules.ndim == 1 else synapses.per_synapse(rules)
         numbers = dict(zip(synapses.part.synapse.numbers(), row.T, strict=True))
-        return {w: value for w, value in numbers.items() if w not in not_passed} | synapses.part.synapse.initial(
-            numbers
-        )
+        return {w: value for w, value in numbers.items() if w not in left_out} | synapses.part.synapse.initial(numbers)
 
     def grid(self, synapses: NestProjection) -> int:
         """Return the interval in steps at which NEST updates synapses with dopamine."""
@@ -259,10 +257,10 @@ class NestPopulation:
         if gap := -(nest.network_size + 1) % n_workers:
             nest.Create("parrot_neuron", gap)
         self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], number or part.size)
-        at = node_places(part.size, n_workers) if n_workers > 1 else None
-        self.nodes_of = Nodes(int(self.nodes[0].global_id), at)
+        places = node_places(part.size, n_workers) if n_workers > 1 else None
+        self.nodes_of = Nodes(int(self.nodes[0].global_id), places)
         self._emitting = [self.nodes, *([nest.Create(DEVICE, part.size)] if devices else [])]
-        self.devices_of = Nodes(int(self._emitting[-1][0].global_id), at)
+        self.devices_of = Nodes(int(self._emitting[-1][0].global_id), places)
         self._set_nodes(self._first_words())
         if part.kind == "current" and part.schedule is not None:
             # Times at which the current changes, and its values.
@@ -309,8 +307,8 @@ class NestPopulation:
             gathered = self._gathered(name)
             return gathered if ids is None else gathered[ids]
         if ids is None:
-            in_turn = np.atleast_1d(np.array(self.nodes.get(name), dtype=np.float64))
-            return in_turn[self.nodes_of.places(np.arange(self.part.size))]
+            node_values = np.atleast_1d(np.array(self.nodes.get(name), dtype=np.float64))
+            return node_values[self.nodes_of.places(np.arange(self.part.size))]
         places = self.nodes_of.places(ids)
         order = np.argsort(places)  # NEST accepts nodes in ascending order only
         values: Floats = np.empty(places.size)
@@ -403,9 +401,9 @@ class NestRecord:
 
     def since(self, step: int) -> Spikes:
         """Return the spikes after a step."""
-        later = [s for s in self._stretches if s.steps[-1] > step]
+        later_stretches = [s for s in self._stretches if s.steps[-1] > step]
         steps, ids, multiplicity = (
-            np.concatenate([np.zeros(0, dtype=np.int64), *(getattr(s, name) for s in later)])
+            np.concatenate([np.zeros(0, dtype=np.int64), *(getattr(s, name) for s in later_stretches)])
             for name in ("steps", "ids", "multiplicity")
         )
         begin = int(np.searchsorted(steps, step, side="right"))
@@ -413,8 +411,8 @@ class NestRecord:
 
     def forget(self, before: int) -> None:
         """Drop spikes up to a step."""
-        later = self.since(before)
-        train = InjectedTrain(later.steps, later.ids, later.multiplicity.astype(np.int64))
+        stretches = self.since(before)
+        train = InjectedTrain(stretches.steps, stretches.ids, stretches.multiplicity.astype(np.int64))
         self._stretches = [train] if train.ids.size else []
 
     @property
@@ -443,10 +441,10 @@ class Activity:
         arrivals = [np.concatenate((h, np.zeros((steps, h.shape[1]), dtype=bool))) for h in self._heard]
         for synapses in self._synapses:
             spikes = trains[synapses.part.source]
-            at_once = max(1, SYNAPSES_AT_ONCE // synapses.longest_row)
-            for first in range(0, len(spikes.ids), at_once):
-                indices, number = synapses.rows(spikes.ids[first : first + at_once])
-                arrival = np.repeat(spikes.steps[first : first + at_once], number) + synapses.delay[indices]
+            rows_per_call = max(1, SYNAPSES_AT_ONCE // synapses.longest_row)
+            for first in range(0, len(spikes.ids), rows_per_call):
+                indices, number = synapses.rows(spikes.ids[first : first + rows_per_call])
+                arrival = np.repeat(spikes.steps[first : first + rows_per_call], number) + synapses.delay[indices]
                 arrivals[synapses.part.target][arrival - after - 1, synapses.target[indices]] = True
         for index, (spikes, receives) in enumerate(zip(trains, arrivals, strict=True)):
             receives[spikes.steps - after - 1, spikes.ids] = True

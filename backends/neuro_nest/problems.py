@@ -141,8 +141,8 @@ def problems(program: Program) -> list[Problem]:
     return [*result, *_copy_problems(program), *_target_problems(program), *_rule_problems(program)]
 
 
-def _refused(what: str, why: str, way_out: str, part: object) -> Problem:
-    return Problem(True, what, why, way_out, getattr(part, "origin", None))
+def _refused(subject: str, reason: str, way_out: str, part: object) -> Problem:
+    return Problem(True, subject, reason, way_out, getattr(part, "origin", None))
 
 
 def _network_problems(program: Program) -> Iterator[Problem]:
@@ -186,10 +186,10 @@ def _without_leak(parameters: Mapping[str, Floats]) -> bool:
     return bool(np.isinf(parameters.get("tau_m", 0.0)).any())
 
 
-def has_new_current(before: Mapping[str, Floats], change: Mapping[str, Floats]) -> bool:
+def has_new_current(old_parameters: Mapping[str, Floats], change: Mapping[str, Floats]) -> bool:
     """Return whether a change of parameters gives a current to neurons without leak."""
-    after = {**before, **change}
-    return _without_leak(after) and bool(np.any(after["I_e"] != 0.0))
+    new_parameters = {**old_parameters, **change}
+    return _without_leak(new_parameters) and bool(np.any(new_parameters["I_e"] != 0.0))
 
 
 def _has_current(program: Program, index: int, part: Population) -> bool:
@@ -272,8 +272,8 @@ def _rule_problems(program: Program) -> Iterator[Problem]:
     if parts:
         names = ", ".join(f"'{part.name}'" for part in parts[:3])
         label = f"the synapses of {some(len(parts), 'projection')} ({names}{', ...' * (len(parts) > 3)})"
-        why = "drawn by NEST: equal in distribution, but not the synapses that neuro draws"
-        yield Problem(False, label, why, f"if they are to be equal, {NO_DRAW}", parts[0].origin)
+        reason = "drawn by NEST: equal in distribution, but not the synapses that neuro draws"
+        yield Problem(False, label, reason, f"if they are to be equal, {NO_DRAW}", parts[0].origin)
 
 
 _NO_LEAK = "a current without leak"

@@ -140,8 +140,8 @@ class NestProjection:
     def rows(self, sources: Ints) -> tuple[Ints, Ints]:
         """Return the synapses of some sources, source by source, and the number of synapses of each source."""
         first, number = self.row_ends[sources], self.row_ends[sources + 1] - self.row_ends[sources]
-        before = np.cumsum(number) - number
-        return np.repeat(first - before, number) + np.arange(int(number.sum())), number
+        n_before = np.cumsum(number) - number
+        return np.repeat(first - n_before, number) + np.arange(int(number.sum())), number
 
     def models(self) -> list[str]:
         """Return the names of the copies of the synapse model, one per dopamine transmitter.
@@ -182,11 +182,11 @@ class NestProjection:
             self._connect(nest, ends, clock, {"synapse_model": name}, np.flatnonzero(is_own))
 
     def _connect(
-        self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, nest_parameters: dict[str, Any], among: Ints
+        self, nest: Any, ends: tuple[Nodes, Nodes], clock: NestClock, nest_parameters: dict[str, Any], candidates: Ints
     ) -> None:
         weights = self.per_synapse(self.part.arriving(self.weights))
-        for layer in np.unique(self._layer[among]).tolist():
-            synapses = among[self._layer[among] == layer]
+        for layer in np.unique(self._layer[candidates]).tolist():
+            synapses = candidates[self._layer[candidates] == layer]
             own_values = {
                 "weight": weights[synapses],
                 "delay": clock.array_ms(self.delay[synapses]),
@@ -301,9 +301,9 @@ class RuleProjection:
         before: number of synapses that NEST draws for earlier projections.
     """
 
-    def __init__(self, program: Program, index: int, weights: Floats, before: int) -> None:
+    def __init__(self, program: Program, index: int, weights: Floats, n_before: int) -> None:
         self.part, self.index, self.weights = program.projections[index], index, weights
-        self._model = f"neuro_static_{before // OF_A_MODEL}"
+        self._model = f"neuro_static_{n_before // OF_A_MODEL}"
 
     def connect(self, nest: Any, source: Any, target: Any, clock: NestClock) -> None:
         """Let NEST draw the synapses.

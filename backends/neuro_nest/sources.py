@@ -73,14 +73,14 @@ class TrainSource:
         order = np.lexsort((self._ids, self._steps))
         self._steps, self._ids = self._steps[order], self._ids[order]
 
-    def _draw(self, after: int, to: int) -> InjectedTrain:
+    def _draw(self, begin: int, to: int) -> InjectedTrain:
         pieces: list[InjectedTrain] = []
         schedule, size = self.part.schedule, self.part.size
-        while after < to:
-            end = to if schedule is None else min(to, schedule.next_change(after))
-            rate = self.parameters["rate"] if schedule is None else schedule.at(after + 1)
+        while begin < to:
+            end = to if schedule is None else min(to, schedule.next_change(begin))
+            rate = self.parameters["rate"] if schedule is None else schedule.at(begin + 1)
             means, rows = np.broadcast_to(rate * self.resolution / 1000.0, size), max(1, DRAWS // size)
-            for first in range(after + 1, end + 1, rows):
+            for first in range(begin + 1, end + 1, rows):
                 steps = np.arange(first, min(first + rows, end + 1))
                 u = keyed_random.uniform_table(self._key, steps, size)
                 numbers = np.zeros(u.shape, dtype=np.int64)
@@ -90,7 +90,7 @@ class TrainSource:
                     numbers[:, same_mean] = np.searchsorted(table, u[:, same_mean], side="right")
                 places, ids = np.nonzero(numbers)
                 pieces.append(InjectedTrain(steps[places], ids, numbers[places, ids]))
-            after = end
+            begin = end
         return _joined(pieces)
 
     def _run_generator(self, after: int, to: int) -> InjectedTrain:

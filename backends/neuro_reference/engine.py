@@ -165,11 +165,11 @@ class ReferenceEngine:
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights, or the chosen ones."""
-        where = slice(None) if chosen is None else chosen
+        indices = slice(None) if chosen is None else chosen
         own_weights = self.net.synapses[projection].weights
-        own_weights[where] = np.broadcast_to(weights, own_weights.shape)[where]
+        own_weights[indices] = np.broadcast_to(weights, own_weights.shape)[indices]
         if projection in self.net.pairs:
-            self.net.pairs[projection].set_weights(own_weights, self.step, where)
+            self.net.pairs[projection].set_weights(own_weights, self.step, indices)
         if projection in self.net.moves:
             self.net.moves[projection].y[0] = own_weights
 
@@ -212,20 +212,20 @@ class ReferenceEngine:
 
     def reset(self, weights: bool) -> None:
         """Return to step 0. Parameters and numbers of rules that were set stay."""
-        before = self.net
+        old_net = self.net
         self.net = ReferenceNetwork(self.program)
-        for old, new in zip(before.cells, self.net.cells, strict=True):
+        for old, new in zip(old_net.cells, self.net.cells, strict=True):
             new.parameters = old.parameters
             new.refresh()
-        self.net.rules = before.rules
-        for index, plastic in before.pairs.items():
+        self.net.rules = old_net.rules
+        for index, plastic in old_net.pairs.items():
             self.net.pairs[index].set_rule(plastic.rule, 0)
-        for index, learning in before.by_numbers.items():
+        for index, learning in old_net.by_numbers.items():
             self.set_rule(index, learning.rule)
         if not weights:
-            for index, synapses in enumerate(before.synapses):
-                pairs = before.pairs.get(index)
-                self.set_weights(index, synapses.weights if pairs is None else pairs.read("weight", before.step))
+            for index, synapses in enumerate(old_net.synapses):
+                pairs = old_net.pairs.get(index)
+                self.set_weights(index, synapses.weights if pairs is None else pairs.read("weight", old_net.step))
                 if pairs is not None and pairs.delays:
                     self.net.pairs[index].y[DELAY] = pairs.y[DELAY]
                 elif synapses.part.synapse.delays:
@@ -264,8 +264,8 @@ def put(net: ReferenceNetwork, arrays: Arrays) -> None:
     for path, part in _parts(net):
         for name in part.saved:
             value = arrays[f"{path}/{name}"]
-            present = getattr(part, name)
-            setattr(part, name, value.copy() if isinstance(present, np.ndarray) else type(present)(value.tolist()))
+            old_value = getattr(part, name)
+            setattr(part, name, value.copy() if isinstance(old_value, np.ndarray) else type(old_value)(value.tolist()))
     for index, cells in enumerate(net.cells):
         net.ids[index] = arrays[f"emitted/{index}/ids"].copy()
         net.multiplicity[index] = arrays[f"emitted/{index}/multiplicity"].copy()

@@ -241,9 +241,9 @@ class SharedLearning:
         self.outer: Ints = np.arange(sender.size).reshape(sheets[0] if sheets else 1, -1).T.ravel()
         self.by_place = np.lexsort((order[synapses.slot], place[synapses.target] // maps))
         self.synapses_onto = [np.flatnonzero(synapses.target == target) for target in range(n_target)]
-        self.synapses_onto = [each[np.argsort(order[synapses.slot[each]])] for each in self.synapses_onto]
+        self.synapses_onto = [row[np.argsort(order[synapses.slot[row]])] for row in self.synapses_onto]
         rows = [np.arange(synapses.row_ends[i], synapses.row_ends[i + 1]) for i in range(len(synapses.row_ends) - 1)]
-        self.synapses_of = [each[np.argsort(place[synapses.target[each]])] for each in rows]
+        self.synapses_of = [row[np.argsort(place[synapses.target[row]])] for row in rows]
         self.left_minus: Floats = np.broadcast_to(np.exp(-self.h / tau_minus), n_target)
         self.k_plus: Floats = np.zeros(sender.size)
         self.k_minus, self.heard, self.n = (np.zeros(n_target) for _ in range(3))
@@ -383,12 +383,12 @@ class Traces:
     def at(self, place: int, step: int) -> tuple[float, ...]:
         """Return the values at a step, including all spikes so far."""
         values = []
-        for kind, after, taus in zip(self.kinds, self.after, self.taus, strict=True):
+        for kind, impulse, taus in zip(self.kinds, self.after, self.taus, strict=True):
             if not kind.tau:
                 values.append(float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf)
             else:
                 elapsed, tau = (step - self.since[place]) * self.h, taus[place]
-                values.append(float(after[place] * math.exp(-elapsed / tau)) if tau > 0.0 else 0.0)
+                values.append(float(impulse[place] * math.exp(-elapsed / tau)) if tau > 0.0 else 0.0)
         return tuple(values)
 
     def earlier(self, place: int, step: int) -> tuple[float, ...]:

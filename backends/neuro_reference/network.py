@@ -295,8 +295,8 @@ class SpikeRecord:
 
     def forget(self, before: int) -> None:
         """Drop spikes up to a step."""
-        later = self.since(before)
-        self.steps, self.ids, self.multiplicity = later.steps.tolist(), later.ids.tolist(), later.multiplicity.tolist()
+        tail = self.since(before)
+        self.steps, self.ids, self.multiplicity = (tail.steps.tolist(), tail.ids.tolist(), tail.multiplicity.tolist())
 
 
 class SynapseRecords:
@@ -398,11 +398,11 @@ class TrialCourse:
     def outcome(self, ticks: int) -> Outcome:
         """Return the outcome of the trial after some ticks."""
         winner, decided = (self._neurons[0], self._ticks[0]) if self._neurons else (-1, -1)
-        best = self._potential.argmax(axis=1) + np.arange(len(self._potential)) * self._per_map
+        winners = self._potential.argmax(axis=1) + np.arange(len(self._potential)) * self._per_map
         if winner >= 0:
             self._peak[winner], self._peak_tick[winner] = np.inf, decided
         wins = Wins(np.array(self._neurons, dtype=np.int64), np.array(self._ticks, dtype=np.int64))
         return Outcome(
-            winner, decided, self._potential.max(axis=1), best, ticks,
+            winner, decided, self._potential.max(axis=1), winners, ticks,
             self._peak, self._peak_tick, wins if self._several else None,
         )  # fmt: skip

@@ -43,8 +43,8 @@ class ReferencePopulation:
 
     def start_trial(self, names: tuple[str, ...]) -> None:
         """Set the named states to their values at step 0. If V_m is among them, refractoriness ends."""
-        hidden = [s.name for s in self.part.model.states if s.hidden] if "V_m" in names else []
-        self.reset([*names, *hidden])
+        hidden_states = [s.name for s in self.part.model.states if s.hidden] if "V_m" in names else []
+        self.reset([*names, *hidden_states])
 
     def refresh(self) -> None:
         """Compute the constants after a change of parameters."""
@@ -101,8 +101,8 @@ class ReferencePopulation:
                 model.arithmetic.emit(self.states, self.constants[lo], u, step, lo, hi, out)
             numbers = out.astype(np.int64)
         else:
-            in_step = self.injected_steps == step
-            np.add.at(numbers, self.injected_ids[in_step], self.injected_numbers[in_step])
+            is_now = self.injected_steps == step
+            np.add.at(numbers, self.injected_ids[is_now], self.injected_numbers[is_now])
         return numbers
 
     def drop_listed(self) -> None:

@@ -157,7 +157,7 @@ class Bill:
 
     def _updates(self, outcome: Counted) -> Tensor:
         """Return joules of the updates of neurons."""
-        active, inactive = (self._cost(f"neuron_update_{how}") for how in ("active", "inactive"))
+        active, inactive = (self._cost(f"neuron_update_{suffix}") for suffix in ("active", "inactive"))
         neurons = [part for part in self.program.populations if part.kind == "neuron"]
         total = torch.tensor(inactive * outcome.steps * sum(part.size for part in neurons), dtype=torch.float64)
         for part in neurons:

@@ -117,7 +117,7 @@ class TensorCells:
         gate = self._gate(surrogate) if self.model.graded and surrogate is not None else None
         lanes, arithmetic = Lanes(self.device, gate=gate), self.model.arithmetic
         states, fired = LaneRows(self.states, self.shape), LaneRows([0.0])
-        free = self.states[self._refractory] == 0.0 if self._refractory >= 0 else None
+        is_free = self.states[self._refractory] == 0.0 if self._refractory >= 0 else None
         uniform = keyed_random.uniform(self._key, step, np.arange(self.part.size)) if self.model.draws else None
         draws = () if uniform is None else (LaneRows([torch.tensor(uniform, device=self.device)]),)
         arriving, flowing = LaneRows(list(x)), LaneRows([current])
@@ -131,9 +131,9 @@ class TensorCells:
         if self.model.relay:
             spikes = x[0] * fired_mask
         elif surrogate is not None and (margin := getattr(reached, "margin", None)) is not None:
-            x, free = margin / self.scale(), free if free is not None else torch.ones_like(fired_mask)
+            x, is_free = margin / self.scale(), is_free if is_free is not None else torch.ones_like(fired_mask)
             apply: Any = Surrogated.apply
-            spikes = apply(spikes, x, free, surrogate)
+            spikes = apply(spikes, x, is_free, surrogate)
         if not self.model.resets_in_step and bool(fired_mask.any()):
             states = LaneRows(self.states, self.shape)
             Lanes(self.device, fired_mask).run(arithmetic.fire, states, self.constants, ALL)
@@ -175,8 +175,8 @@ class Surrogated(torch.autograd.Function):
     @staticmethod
     def backward(ctx, g):  # type: ignore[no-untyped-def]
         """Return the gradient of `x`."""
-        x, free = ctx.saved_tensors
-        return None, g * ctx.surrogate.derivative(x) * free, None, None
+        x, is_free = ctx.saved_tensors
+        return None, g * ctx.surrogate.derivative(x) * is_free, None, None
 
 
 def graded_payloads(part: Population, drive: Tensor, task: ScanTask, resolution: float) -> Tensor:
@@ -203,8 +203,8 @@ def graded_messages(part: Population, payloads: Tensor, surrogate: Surrogate) ->
         surrogate: derivative at the threshold.
     """
     p: Any = part.parameters
-    least = p.get("vth", 0.0) * 2.0 ** p.get("spike_exp", 0.0)
-    threshold = torch.as_tensor(least, dtype=payloads.dtype, device=payloads.device)
+    smallest = p.get("vth", 0.0) * 2.0 ** p.get("spike_exp", 0.0)
+    threshold = torch.as_tensor(smallest, dtype=payloads.dtype, device=payloads.device)
     messages: Tensor = _Messages.apply(payloads, threshold, surrogate)  # type: ignore[no-untyped-call]
     return messages
 

@@ -293,14 +293,14 @@ def _keep_synapses(module: Module, stay: Mapping[str, Bools]) -> neuro.Network:
     for index, part in enumerate(program.projections):
         if part.name not in stay:
             continue
-        remaining = np.flatnonzero(stay[part.name])
+        indices = np.flatnonzero(stay[part.name])
         pre, post = program.connections(index)
         weight = module.weights[part.name].detach().cpu().double().numpy().reshape(-1)
-        delay = np.broadcast_to(part.delay, part.size)[remaining] * program.resolution
+        delay = np.broadcast_to(part.delay, part.size)[indices] * program.resolution
         net.projections[part.name] = replace(
             net.projections[part.name],
-            rule=neuro.pairs(pre=pre[remaining], post=post[remaining]),
-            weight=weight[remaining],
+            rule=neuro.pairs(pre=pre[indices], post=post[indices]),
+            weight=weight[indices],
             delay=float(delay[0]) if np.all(delay == delay[:1]) else delay,
             source_view=None,
             target_view=None,

@@ -163,9 +163,9 @@ class TorchEngine:
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights, or those that a mask selects."""
-        where = slice(None) if chosen is None else chosen
+        indices = slice(None) if chosen is None else chosen
         updated = self.get_synapses(projection, "weight")
-        updated[where] = np.broadcast_to(weights, updated.shape)[where]
+        updated[indices] = np.broadcast_to(weights, updated.shape)[indices]
         if projection in self.stepper.flows:
             self.stepper.flows[projection].weights = updated
         else:
@@ -227,12 +227,12 @@ class TorchEngine:
 @contextmanager
 def _threads(number: int) -> Iterator[None]:
     """Set the number of torch's threads within a block."""
-    before = torch.get_num_threads()
+    n_threads = torch.get_num_threads()
     torch.set_num_threads(number)
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        torch.set_num_threads(n_threads)
 
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -255,7 +255,7 @@ def take_snapshot(stepper: Stepper, records: Sequence[TensorRecord]) -> dict[str
         arrays |= {f"parameters/{k}/{word}": values.copy() for word, values in stepper.parameters(k).items()}
         arrays[f"sent/{k}"] = _spikes_in_flight(stepper.sent[k])
     for k, versions in stepper.versions.items():
-        rows = [[float(since), *weights.cpu().tolist()] for since, weights in versions]
+        rows = [[float(begin), *weights.cpu().tolist()] for begin, weights in versions]
         widest = max(len(row) for row in rows)
         arrays[f"weights/{k}"] = np.array(
             [row if len(row) == widest else row[:1] + row[1:] * (widest - 1) for row in rows]

@@ -176,10 +176,10 @@ class Events:
         return self.batch
 
     def __getitem__(self, index: Any) -> Events:
-        at = index if isinstance(index, slice) else np.asarray(index)
-        if isinstance(at, np.ndarray) and not at.size:
-            at = at.astype(np.int64)
-        chosen = np.atleast_1d(np.arange(self.batch)[at]).tolist()
+        rows = index if isinstance(index, slice) else np.asarray(index)
+        if isinstance(rows, np.ndarray) and not rows.size:
+            rows = rows.astype(np.int64)
+        chosen = np.atleast_1d(np.arange(self.batch)[rows]).tolist()
         return Events.of_trains(self.steps, {name: train.of(chosen) for name, train in self.trains.items()})
 
     def __iter__(self) -> Iterator[Events]:
@@ -249,7 +249,7 @@ def _integers(values: Any, name: str) -> NDArray[np.int64]:
     return array.astype(np.int64)
 
 
-def _number(value: Any, word: str, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ModelError(f"Events: {word} = {value!r}: expected a whole number >= {least}")
+def _number(value: Any, word: str, smallest: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < smallest:
+        raise ModelError(f"Events: {word} = {value!r}: expected a whole number >= {smallest}")
     return int(value)

@@ -19,9 +19,9 @@ from neuro_torch.sources import TensorSource
 def _check_trains(batch: Events) -> None:
     """Refuse negative neurons and steps outside the recording, which `Events.of_trains` does not check."""
     for name, train in batch.trains.items():
-        least, first, last = train.neuron.min(initial=0), train.step.min(initial=0), train.step.max(initial=0)
-        if least < 0:
-            raise ModelError(f"batch: '{name}': found neuron {least}: expected at least 0")
+        lowest, first, last = train.neuron.min(initial=0), train.step.min(initial=0), train.step.max(initial=0)
+        if lowest < 0:
+            raise ModelError(f"batch: '{name}': found neuron {lowest}: expected at least 0")
         if first < 0 or last >= batch.steps:
             step = first if first < 0 else last
             raise ModelError(f"batch: '{name}': found step {step}: expected 0 to {batch.steps - 1}")

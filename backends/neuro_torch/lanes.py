@@ -77,8 +77,8 @@ class LaneRows:
     def __init__(self, rows: list[Any], shape: tuple[int, ...] | None = None) -> None:
         self.rows, self.shape = rows, shape
 
-    def __getitem__(self, at: Any) -> Any:
-        return self.rows[at[0]] if type(at) is tuple else self.rows[0]
+    def __getitem__(self, index: Any) -> Any:
+        return self.rows[index[0]] if type(index) is tuple else self.rows[0]
 
     def write(self, lanes: Lanes, at: Any, value: Any) -> None:
         """Store a value in the live lanes."""
@@ -358,10 +358,10 @@ def _select(lanes: Lanes, test: Any, new: Any, old: Any) -> Any:
 
 def _extreme(better: Callable[[Any, Any], Any]) -> Callable[..., Any]:
     def extreme(lanes: Lanes, *values: Any) -> Any:
-        best = values[0]
+        winner = values[0]
         for value in values[1:]:
-            best = _select(lanes, better(value, best), value, best)
-        return best
+            winner = _select(lanes, better(value, winner), value, winner)
+        return winner
 
     return extreme
 
@@ -379,9 +379,9 @@ class _Chosen(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> Any:
         (g,), (test, chosen, other, margin) = grads, ctx.saved_tensors
         none = g.new_zeros(())
-        to_margin = g * (chosen - other) * ctx.gate(margin)
-        to_chosen, to_other = torch.where(test, g, none), torch.where(test, none, g)
-        return None, to_chosen.sum_to_size(chosen.shape), to_other.sum_to_size(other.shape), to_margin, None
+        d_margin = g * (chosen - other) * ctx.gate(margin)
+        d_chosen, d_other = torch.where(test, g, none), torch.where(test, none, g)
+        return (None, d_chosen.sum_to_size(chosen.shape), d_other.sum_to_size(other.shape), d_margin, None)
 
 
 class _Floor(torch.autograd.Function):

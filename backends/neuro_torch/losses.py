@@ -140,8 +140,8 @@ class _FirstSpike(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
         spikes, first = ctx.saved_tensors
         step = torch.arange(spikes.shape[1], device=spikes.device)[None, :, None]
-        later = (spikes != 0) & (step > first[:, None, :])
-        second = _first(later)
+        is_later = (spikes != 0) & (step > first[:, None, :])
+        second = _first(is_later)
         steps_earlier = (first[:, None, :] - step).clamp(min=0)
         delay_to_second = torch.where(step == first[:, None, :], (second - first)[:, None, :], 0)
         change: Tensor = -(steps_earlier + delay_to_second).to(gradient.dtype) * gradient[:, None, :]
@@ -208,15 +208,15 @@ def _check(values: Tensor, labels: Tensor) -> None:
     batch, _, neurons = values.shape
     if tuple(labels.shape) != (batch,):
         raise ModelError(f"labels of shape {tuple(labels.shape)}: expected ({batch},), one for each recording")
-    wrong = labels[(labels < 0) | (labels >= neurons)]
-    if wrong.numel():
-        raise ModelError(f"label {int(wrong[0])}: expected a neuron from 0 to {neurons - 1}")
+    invalid = labels[(labels < 0) | (labels >= neurons)]
+    if invalid.numel():
+        raise ModelError(f"label {int(invalid[0])}: expected a neuron from 0 to {neurons - 1}")
 
 
-def _check_shapes(values: Tensor, wanted: Tensor, what: str) -> None:
+def _check_shapes(values: Tensor, targets: Tensor, name: str) -> None:
     """Refuse targets of another shape."""
-    if values.shape != wanted.shape or values.dim() != 3:
-        message = f"{what} of shape {tuple(values.shape)} and wanted ones of shape {tuple(wanted.shape)}"
+    if values.shape != targets.shape or values.dim() != 3:
+        message = f"{name} of shape {tuple(values.shape)} and wanted ones of shape {tuple(targets.shape)}"
         raise ModelError(f"{message}: expected the same shape, (batch, steps, neurons)")
 
 

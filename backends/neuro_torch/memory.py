@@ -220,9 +220,9 @@ def saved_per_step(run: Callable[[int], object], steps: int) -> float:
         run: runs a number of steps.
         steps: largest number of steps to run.
     """
-    more = min(6, steps)
-    less = more // 2
-    return (_saved_bytes(run, more) - (_saved_bytes(run, less) if less else 0)) / (more - less)
+    probe_steps = min(6, steps)
+    less = probe_steps // 2
+    return (_saved_bytes(run, probe_steps) - (_saved_bytes(run, less) if less else 0)) / (probe_steps - less)
 
 
 def _saved_bytes(run: Callable[[int], object], steps: int) -> int:

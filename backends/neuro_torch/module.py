@@ -305,9 +305,9 @@ class Module(torch.nn.Module):
         refusals = [*problems(self.program), *without_gradient(self.program)]
         if refusals:
             reasons = "".join(
-                f"\n{f'{each.origin}: ' if each.origin else ''}{each.what}: {each.why}"
-                f"{f'{chr(10)}  hint: {each.way_out}' if each.way_out else ''}"
-                for each in refusals
+                f"\n{f'{refusal.origin}: ' if refusal.origin else ''}{refusal.what}: {refusal.why}"
+                f"{f'{chr(10)}  hint: {refusal.way_out}' if refusal.way_out else ''}"
+                for refusal in refusals
             )
             count = f"{len(refusals)} problem{'s' * (len(refusals) > 1)}"
             raise ModelError(f"network '{self.program.name}' cannot be trained by gradients ({count}){reasons}")

@@ -53,10 +53,10 @@ def without_gradient(program: Program) -> list[Problem]:
     """Return the populations whose spikes pass on no gradient."""
     refusals = []
     for part in program.populations:
-        if isinstance(part.model, Neuron) and (why := _no_gradient(part)):
+        if isinstance(part.model, Neuron) and (reason := _no_gradient(part)):
             message = f"population '{part.name}': {part.model_name}"
             refusals.append(
-                _refusal(message, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
+                _refusal(message, f"its spikes have no gradient: {reason}", "use iaf_psc_delta or iaf_psc_exp", part)
             )
     return refusals
 
@@ -84,5 +84,5 @@ def reset_of(part: Population) -> str:
     return RESET.get(part.model.name, "V_reset")
 
 
-def _refusal(what: str, why: str, way_out: str, part: object) -> Problem:
-    return Problem(True, what, why, way_out, getattr(part, "origin", None))
+def _refusal(subject: str, reason: str, way_out: str, part: object) -> Problem:
+    return Problem(True, subject, reason, way_out, getattr(part, "origin", None))

@@ -49,20 +49,20 @@ def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mappi
             reason = "shares its weights" if projections[name].grid is not None else "ends at parrots"
             raise ModelError(f"delays of '{name}' cannot be learnt: it {reason}", hint="learn its weights")
     neurons = {part.name: part for part in program.populations if part.kind == "neuron"}
-    for name, words in parameters.items():
+    for name, population_parameters in parameters.items():
         if name not in neurons:
             raise unknown("population of neurons", name, neurons)
-        for word, values in words.items():
+        for word, values in population_parameters.items():
             if word not in neurons[name].parameters:
                 raise unknown(f"parameter of '{name}'", word, neurons[name].parameters)
             _check_shape(f"{word} of '{name}'", values, neurons[name].size)
-        check_parameters(neurons[name], words)
+        check_parameters(neurons[name], population_parameters)
 
 
-def _check_shape(what: str, values: Tensor, size: int) -> None:
+def _check_shape(name: str, values: Tensor, size: int) -> None:
     if values.shape not in ((1,), (size,)) or values.dtype is not torch.float64:
         actual = f"{tuple(values.shape)} of {values.dtype}"
-        raise ModelError(f"{what}: found {actual}: expected (1,) or ({size},) of torch.float64")
+        raise ModelError(f"{name}: found {actual}: expected (1,) or ({size},) of torch.float64")
 
 
 def between_steps(
@@ -142,7 +142,7 @@ class Stepper:
     ) -> None:
         refused = [*problems(program), *(without_gradient(program) if surrogate is not None else ())]
         if refused:
-            raise ModelError("\n".join(f"{each.what}: {each.why}" for each in refused), hint=refused[0].way_out)
+            raise ModelError("\n".join(f"{item.what}: {item.why}" for item in refused), hint=refused[0].way_out)
         self.program, self.device = program, torch.device(device)
         self._surrogate, self._hears = surrogate, hears
         self._numbers = {part.name: k for k, part in enumerate(program.populations)}
@@ -185,16 +185,16 @@ class Stepper:
         self._between: dict[int, list[tuple[TorchProjection, Tensor]]] = {}
         for k, part in enumerate(program.projections):
             if k in self.wires:
-                own = (
+                own_bytes = (
                     new_weights[part.name]
                     if part.name in new_weights
                     else torch.tensor(part.weight, device=self.device)
                 )
-                self.versions[k] = [(0, own)]
+                self.versions[k] = [(0, own_bytes)]
                 if part.name in new_delays:
-                    self._between[k] = between_steps(program, k, self.device, new_delays[part.name], own)
-        between = [wires for pair in self._between.values() for wires, _ in pair]
-        self._longest = max([1, *(w.delays[0] for w in (*self.wires.values(), *between) if w.delays)])
+                    self._between[k] = between_steps(program, k, self.device, new_delays[part.name], own_bytes)
+        all_wires = [wires for pair in self._between.values() for wires, _ in pair]
+        self._longest = max([1, *(w.delays[0] for w in (*self.wires.values(), *all_wires) if w.delays)])
         self.start_anew()
 
     def start_anew(self) -> None:
@@ -206,8 +206,8 @@ class Stepper:
             *self.sources.values(),
             *self.flows.values(),
         ]
-        for each in parts:
-            each.start_anew()
+        for part in parts:
+            part.start_anew()
         self.versions = {k: [(0, versions[-1][1])] for k, versions in self.versions.items()}
         self.sent: dict[int, list[tuple[int, Emitted]]] = {k: [] for k in range(len(self.program.populations))}
         self.spikes: list[Tensor | None] = [None] * len(self.program.populations)
@@ -230,7 +230,7 @@ class Stepper:
 
     def memory(self) -> dict[str, int]:
         """Return bytes of states and synapses."""
-        cells = sum(8 * len(each.states) * each.shape[0] * each.shape[1] for each in self.cells.values())
+        cells = sum(8 * len(cell.states) * cell.shape[0] * cell.shape[1] for cell in self.cells.values())
         weights = sum(8 * w.numel() for versions in self.versions.values() for _, w in versions)
         return {"neurons": cells, "synapses": weights + sum(wires.nbytes for wires in self.wires.values())}
 
@@ -241,11 +241,11 @@ class Stepper:
     def set_weights(self, projection: int, weights: Tensor) -> None:
         """Set the weights of spikes that are not sent yet. These include the spikes of neurons in the last step."""
         part = self.program.projections[projection]
-        since = self.now + 1 if self.now and self.program.sends_at_once(part) else self.now
-        versions = [version for version in self.versions[projection] if version[0] < since]
+        begin = self.now + 1 if self.now and self.program.sends_at_once(part) else self.now
+        versions = [version for version in self.versions[projection] if version[0] < begin]
         while len(versions) > 1 and versions[1][0] + self._longest < self.now:
             del versions[0]
-        self.versions[projection] = [*versions, (since, weights)]
+        self.versions[projection] = [*versions, (begin, weights)]
 
     def step(self, inputs: Mapping[str, Tensor] | None = None) -> dict[str, Tensor]:
         """Run one step.
@@ -259,12 +259,12 @@ class Stepper:
         Raises:
             ModelError: an input names no population of a `spike_generator`, or has another shape.
         """
-        step, by_index = self.now + 1, self._inputs_by_index(inputs or {})
+        step, drives = self.now + 1, self._inputs_by_index(inputs or {})
         arrived = {k: self._input_of(k, step) for k in self.cells}
         for k, cells in self.cells.items():
             self.spikes[k] = cells.step(*arrived[k], step, self._surrogate)
         for k in self.sources:
-            self.spikes[k] = self._generator_spikes(k, step, by_index.get(k))
+            self.spikes[k] = self._generator_spikes(k, step, drives.get(k))
         for flow in self.flows.values():
             flow.charge(self.cells[flow.part.target], step)
             flow.send(step)
@@ -294,7 +294,7 @@ class Stepper:
     def _send(self, step: int) -> None:
         for k, spikes in enumerate(self.spikes):
             if spikes is not None:
-                in_flight = [(since, emission) for since, emission in self.sent[k] if since + self._longest > step]
+                in_flight = [(begin, emission) for begin, emission in self.sent[k] if begin + self._longest > step]
                 self.sent[k] = [*in_flight, (step, Emitted(spikes))]
 
     def _input_of(self, k: int, step: int) -> tuple[Tensor, Any]:
@@ -326,10 +326,10 @@ class Stepper:
         """Return the input plus the arrivals along some wires, each spike with the weights of its emission."""
         emitted = dict(self.sent[wires.part.source])
         arriving = [(d, emitted[step - delay]) for d, delay in enumerate(wires.delays) if step - delay in emitted]
-        arriving = [(d, each) for d, each in arriving if len(each.neuron) or each.spikes is not None]
+        arriving = [(d, emission) for d, emission in arriving if len(emission.neuron) or emission.spikes is not None]
         if not arriving:
             return x
-        has_gradient = versions[-1][1].requires_grad or any(each.spikes is not None for _, each in arriving)
+        has_gradient = versions[-1][1].requires_grad or any(emission.spikes is not None for _, emission in arriving)
         if has_gradient and torch.is_grad_enabled():
             if receives is not None:
                 wires.mark_arrivals(receives, arriving)
@@ -337,14 +337,14 @@ class Stepper:
             if wires not in self._accumulators:
                 self._accumulators[wires] = WeightAccumulator(versions[-1][1])
             accumulator = self._accumulators[wires]
-            spikes = [each.spikes for _, each in arriving]
+            spikes = [emission.spikes for _, emission in arriving]
             delivered: Tensor = arrivals(wires, accumulator, accumulator.token, self.batch, arriving, *spikes)
             return x + delivered
-        by_version = torch.zeros_like(x)
-        for since, until, weights in _intervals(versions):
-            sent_then = [(d, each) for d, each in arriving if since <= step - wires.delays[d] < until]
-            wires.add(by_version, receives, weights, sent_then)
-        return x + by_version
+        version_sums = torch.zeros_like(x)
+        for begin, end, weights in _intervals(versions):
+            sent_then = [(d, emission) for d, emission in arriving if begin <= step - wires.delays[d] < end]
+            wires.add(version_sums, receives, weights, sent_then)
+        return x + version_sums
 
 
 Versions = list[tuple[int, Tensor]]
@@ -353,8 +353,8 @@ Versions = list[tuple[int, Tensor]]
 
 def _intervals(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
     """Yield for each version the first step of its use, the first step after its use, and the weights."""
-    ends = [since for since, _ in versions[1:]] + [NEVER]
-    yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
+    ends = [begin for begin, _ in versions[1:]] + [NEVER]
+    yield from ((begin, end, weights) for (begin, weights), end in zip(versions, ends, strict=True))
 
 
 Named = Mapping[str, Tensor]
@@ -384,7 +384,7 @@ def stepped(
         batch=task.batch,
         weights={name: values.double().reshape(-1) for name, values in learning.weights.items()},
         delays={name: values.double().reshape(-1) for name, values in learning.delays.items()},
-        parameters={name: {word: v.double() for word, v in each.items()} for name, each in learning.parameters.items()},
+        parameters={k: {word: v.double() for word, v in group.items()} for k, group in learning.parameters.items()},
     )
     names = [part.name for part in program.populations]
     with_v = [k for k in task.potentials_of if "V_m" in [s.name for s in program.populations[k].model.states]]
@@ -396,7 +396,7 @@ def stepped(
             spikes.setdefault(names.index(name), []).append(emitted)
         for k in with_v:
             potentials[k].append(stepper.state(names[k], "V_m"))
-    neurons = [each for words in learning.parameters.values() for each in words.values()]
+    neurons = [tensor for group in learning.parameters.values() for tensor in group.values()]
     learns = [*learning.weights.values(), *learning.delays.values(), *neurons]
     return _stack(spikes, task, learns), _stack(potentials, task, learns)
 

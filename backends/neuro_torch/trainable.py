@@ -36,20 +36,20 @@ def trainable(program: Program, user_choice: Iterable[str] | Mapping[str, Iterab
     Raises:
         ModelError: nothing is named, or a named quantity cannot learn.
     """
-    by_name = {user_choice: "weight"} if isinstance(user_choice, str) else user_choice
-    if not isinstance(by_name, Iterable) or not all(isinstance(name, str) for name in by_name):
+    choices = {user_choice: "weight"} if isinstance(user_choice, str) else user_choice
+    if not isinstance(choices, Iterable) or not all(isinstance(name, str) for name in choices):
         raise ModelError(f"trainable = {user_choice!r}: expected names of projections")
-    words = dict(by_name) if isinstance(by_name, Mapping) else dict.fromkeys(by_name, "weight")
+    parameters_of = dict(choices) if isinstance(choices, Mapping) else dict.fromkeys(choices, "weight")
     projections = [part.name for part in program.projections if part.carries == "spikes"]
     neurons = {part.name: part for part in program.populations if isinstance(part.model, Neuron)}
-    if not projections and not words:
+    if not projections and not parameters_of:
         message = f"network '{program.name}': no projection carries spikes: expected one, whose weights learn"
         raise ModelError(message, hint="net.connect makes one")
-    if not words:
+    if not parameters_of:
         hint = f"known: {', '.join(projections)}"
         raise ModelError("trainable: found no projection: expected at least one", hint=hint)
     selection: tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]] = ({}, {})
-    for name, word in words.items():
+    for name, word in parameters_of.items():
         quantities = (word,) if isinstance(word, str) else tuple(word) if isinstance(word, Iterable) else ()
         if not quantities:
             raise ModelError(
@@ -61,27 +61,27 @@ def trainable(program: Program, user_choice: Iterable[str] | Mapping[str, Iterab
                     raise unknown(f"word of projection '{name}' that learns", quantity, ["weight", "delay"])
             _check_delay(program, name, quantities)
             selection[0][name] = quantities
-        elif name in neurons and isinstance(by_name, Mapping):
+        elif name in neurons and isinstance(choices, Mapping):
             if "weight" in quantities:
                 message = f"'{name}' is a population, whose neurons have no weight: expected the name of a projection"
                 raise ModelError(f"trainable: {message}", hint=f"known: {', '.join(projections)}")
             _check_parameters(name, quantities, neurons[name].parameters)
             selection[1][name] = quantities
         else:
-            names = [*projections, *neurons] if isinstance(by_name, Mapping) else projections
+            names = [*projections, *neurons] if isinstance(choices, Mapping) else projections
             raise unknown("projection", name, names)
     return selection
 
 
-def _check_delay(program: Program, name: str, words: tuple[str, ...]) -> None:
+def _check_delay(program: Program, name: str, parameters: tuple[str, ...]) -> None:
     part = next(part for part in program.projections if part.name == name)
-    if "delay" in words and part.grid is not None:
+    if "delay" in parameters and part.grid is not None:
         message = f"trainable: '{name}': synapses of a grid share their delay, which has no gradient"
         raise ModelError(f"{message}: expected its weight alone")
 
 
-def _check_parameters(population: str, words: tuple[str, ...], parameters: Mapping[str, Any]) -> None:
-    for word in words:
+def _check_parameters(population: str, names: tuple[str, ...], parameters: Mapping[str, Any]) -> None:
+    for word in names:
         if word in FIXED:
             raise ModelError(f"trainable: '{population}': {word} has no gradient: expected another parameter")
         if word not in parameters:
@@ -125,12 +125,12 @@ class Named(torch.nn.Module):
         return getattr(self, self.attribute(name))
 
     def __setitem__(self, name: str, value: torch.Tensor) -> None:
-        at = self.attribute(name)
+        key = self.attribute(name)
         self._check(name, value)
-        if parametrize.is_parametrized(self, at):
-            setattr(self, at, value.detach())
+        if parametrize.is_parametrized(self, key):
+            setattr(self, key, value.detach())
         else:
-            setattr(self, at, value if isinstance(value, torch.nn.Parameter) else torch.nn.Parameter(value.detach()))
+            setattr(self, key, value if isinstance(value, torch.nn.Parameter) else torch.nn.Parameter(value.detach()))
 
     def _check(self, name: str, value: Any) -> None:
         """Refuse a value that cannot replace a tensor."""
@@ -167,8 +167,8 @@ class Named(torch.nn.Module):
         """Return the tensors that an optimiser changes by name, e.g. the original of a parametrised tensor."""
         parametrised: Any = getattr(self, "parametrizations", {})
         return {
-            name: getattr(parametrised[at], "original", self[name]) if at in parametrised else self[name]
-            for name, at in self._at.items()
+            name: getattr(parametrised[attribute], "original", self[name]) if attribute in parametrised else self[name]
+            for name, attribute in self._at.items()
         }
 
     def extra_repr(self) -> str:
@@ -213,11 +213,11 @@ def check_delays(delay: Tensor, resolution: float, projection: str) -> None:
     """
     if not delay.numel():
         return
-    least, most = (float(bound) for bound in delay.detach().aminmax())
-    if not (math.isfinite(least) and math.isfinite(most)):
-        problem = f"{most if math.isfinite(least) else least:g}: expected numbers of ms"
-    elif most / resolution > LONGEST_DELAY + 0.5:  # half a step of tolerance for rounding
-        problem = f"{most:g} ms: expected at most {LONGEST_DELAY * resolution:g} ms, 2^16 steps"
+    shortest, longest = (float(bound) for bound in delay.detach().aminmax())
+    if not (math.isfinite(shortest) and math.isfinite(longest)):
+        problem = f"{longest if math.isfinite(shortest) else shortest:g}: expected numbers of ms"
+    elif longest / resolution > LONGEST_DELAY + 0.5:  # half a step of tolerance for rounding
+        problem = f"{longest:g} ms: expected at most {LONGEST_DELAY * resolution:g} ms, 2^16 steps"
     else:
         return
     raise ModelError(f"delays of '{projection}': found {problem}", hint=LOWER_RATE)
@@ -292,9 +292,9 @@ def _check_finite(label: str, values: Tensor, infinite: bool = False) -> None:
     """Refuse NaN; the sum is checked first because it is cheap."""
     values = values.detach()
     if not math.isfinite(float(values.sum())):
-        wrong = values.isnan() if infinite else ~values.isfinite()
-        if bool(wrong.any()):
-            raise ModelError(f"{label}: found {float(values[wrong][0]):g}: expected numbers", hint=LOWER_RATE)
+        is_invalid = values.isnan() if infinite else ~values.isfinite()
+        if bool(is_invalid.any()):
+            raise ModelError(f"{label}: found {float(values[is_invalid][0]):g}: expected numbers", hint=LOWER_RATE)
 
 
 def _hold_parameters(part: Population, tensors: Tensors) -> None:
@@ -324,12 +324,12 @@ def _comparable(
     values: Tensor, tensors: Tensors, part: Population, word: str, strictest: Callable[[Tensor], Tensor]
 ) -> Tensor:
     """Return another parameter in a shape that compares with `values`: the strictest value, or one per neuron."""
-    other = tensors[word] if word in tensors else torch.as_tensor(part.parameters[word]).to(values)
-    return strictest(other) if values.numel() == 1 else other
+    bound = tensors[word] if word in tensors else torch.as_tensor(part.parameters[word]).to(values)
+    return strictest(bound) if values.numel() == 1 else bound
 
 
-def _put(values: Tensor, where: Tensor, replacement: Tensor) -> None:
-    values.copy_(torch.where(where, replacement, values))
+def _put(values: Tensor, mask: Tensor, replacement: Tensor) -> None:
+    values.copy_(torch.where(mask, replacement, values))
 
 
 class _AtLeast(torch.autograd.Function):

@@ -88,16 +88,16 @@ class _Rewriter:
         tree.args, tree.body, tree.decorator_list, tree.returns = arguments, body, [], None
         return tree
 
-    def _stopped(self, node: ast.AST, what: str) -> Untranslatable:
+    def _stopped(self, node: ast.AST, construct: str) -> Untranslatable:
         line = self._function.__code__.co_firstlineno + getattr(node, "lineno", 1) - 1
-        return Untranslatable(f"{self._function.__module__}.{self._function.__qualname__}, line {line}: {what}")
+        return Untranslatable(f"{self._function.__module__}.{self._function.__qualname__}, line {line}: {construct}")
 
     def _new(self, word: str) -> str:
         self._n_names += 1
         return f"_{word}{self._n_names}"
 
     def _block(self, statements: list[ast.stmt]) -> list[ast.stmt]:
-        return [made for statement in statements for made in self._statement(statement)] or [ast.Pass()]
+        return [translated for statement in statements for translated in self._statement(statement)] or [ast.Pass()]
 
     def _statement(self, node: ast.stmt) -> list[ast.stmt]:
         method = getattr(self, f"_on_{type(node).__name__.lower()}", None)
@@ -116,8 +116,8 @@ class _Rewriter:
         return [] if node.value is None else self._store(node.target, self._value(node.value))
 
     def _on_augassign(self, node: ast.AugAssign) -> list[ast.stmt]:
-        present = ast.parse(ast.unparse(node.target), mode="eval").body
-        return self._store(node.target, self._value(ast.BinOp(present, node.op, node.value)))
+        current = ast.parse(ast.unparse(node.target), mode="eval").body
+        return self._store(node.target, self._value(ast.BinOp(current, node.op, node.value)))
 
     def _on_assign(self, node: ast.Assign) -> list[ast.stmt]:
         value = self._value(node.value)
@@ -126,7 +126,7 @@ class _Rewriter:
         variable = self._new("value")
         return [
             _assign(variable, value),
-            *(made for target in node.targets for made in self._store(target, _name(variable))),
+            *(stored for target in node.targets for stored in self._store(target, _name(variable))),
         ]
 
     def _store(self, target: ast.expr, value: ast.expr) -> list[ast.stmt]:
@@ -201,8 +201,8 @@ class _Rewriter:
                 return _call("choose", self._value(test), _later(self._value(body)), _later(self._value(orelse)))
             case ast.BoolOp(op=op, values=values):
                 method = "both" if isinstance(op, ast.And) else "either"
-                first, *remaining = map(self._value, values)
-                for element in remaining:
+                first, *operands = map(self._value, values)
+                for element in operands:
                     first = _call(method, first, _later(element))
                 return first
             case ast.UnaryOp(op=ast.Not(), operand=operand):

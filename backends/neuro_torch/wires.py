@@ -226,7 +226,7 @@ class Arrivals(torch.autograd.Function):
         (weights,) = ctx.saved_tensors
         wires, g = ctx.wires, g.contiguous()
         needs_gradient = zip(ctx.needs_input_grad[5:], ctx.sent, strict=True)
-        spike_gradients = [_spike_gradient(wires, weights, g, d) if needs else None for needs, (d, _) in needs_gradient]
+        spike_gradients = [_spike_gradient(wires, weights, g, d) if need else None for need, (d, _) in needs_gradient]
         if ctx.needs_input_grad[2] and not wires.relay:
             _add_weight_gradients(wires, weights, g, ctx.sent, ctx.accumulator.gather())
         token = torch.zeros_like(g[0, 0, 0]) if ctx.needs_input_grad[2] else None

@@ -171,8 +171,8 @@ def _poisson(circuit: neuro.Network, population: str) -> neuro.poisson_generator
 def _inputs(circuit: neuro.Network, wired: Wiring, area: int, between: float) -> dict[tuple[int, str, str], int]:
     """Return the number of synapses from other areas, by source area, source population and target population."""
     numbers_by_source = {}
-    others = np.flatnonzero(wired.connected[area])
-    for (sources, targets), ranks in ((_FORWARD, others[others < area]), (_BACK, others[others > area])):
+    linked = np.flatnonzero(wired.connected[area])
+    for (sources, targets), ranks in ((_FORWARD, linked[linked < area]), (_BACK, linked[linked > area])):
         neurons = np.array([_size(circuit, source) for source in sources])
         shares = np.outer(wired.shares(area, ranks), neurons / neurons.sum())
         for target in targets:
@@ -192,8 +192,8 @@ def _add_area(net: neuro.Network, circuit: neuro.Network, area: int, inputs: dic
     for name in LAYERS:
         part, poisson = circuit.populations[name], _poisson(circuit, name)
         net.population(_name(area, name), part.shape, part.model, initial=part.initial)
-        remaining = replace(poisson, rate=poisson.rate - rates_from_areas[name])
-        net.population(_name(area, f"{name}_in"), part.shape, remaining)
+        reduced = replace(poisson, rate=poisson.rate - rates_from_areas[name])
+        net.population(_name(area, f"{name}_in"), part.shape, reduced)
     for wires in circuit.projections.values():
         pre, post = _name(area, wires.source), _name(area, wires.target)
         net.connect(pre, post, wires.rule, wires.synapse, weight=wires.weight, delay=wires.delay)

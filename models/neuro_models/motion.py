@@ -180,6 +180,6 @@ def drawn_edges(seed: int, n: int, side: int = 8) -> tuple[Ints, Ints, Floats, I
 
 def shares(peaks: Floats, speed: Ints, direction: Ints) -> tuple[float, float]:
     """Return the shares of edges with the right direction, and with direction and speed right, from their `peaks`."""
-    best = peaks.reshape(len(speed), -1).argmax(axis=1)
-    is_right = best % 8 == direction
-    return float(is_right.mean()), float((is_right & (best // 8 == speed)).mean())
+    best_speed = peaks.reshape(len(speed), -1).argmax(axis=1)
+    is_right = best_speed % 8 == direction
+    return float(is_right.mean()), float((is_right & (best_speed // 8 == speed)).mean())

@@ -43,10 +43,10 @@ def network(rule: neuro.extend.Synapse | None = None, labels: int = 2, threshold
     net.population("inputs", INPUTS, neuro.spike_generator())
     cells = neuro.iaf_psc_delta(tau_m=np.inf, E_L=0.0, V_reset=0.0, V_th=threshold)
     net.population("cells", (labels, 1), cells)
-    words: dict[str, Any] = {"weight": 1.0, "delay": neuro.uniform(low=4.0, high=8.0)}
+    options: dict[str, Any] = {"weight": 1.0, "delay": neuro.uniform(low=4.0, high=8.0)}
     if not rule.delays:
-        words = {"weight": neuro.uniform(low=0.4, high=0.6), "delay": 4.0}
-    net.connect("inputs", "cells", neuro.all_to_all(), rule, **words, name="learnt")
+        options = {"weight": neuro.uniform(low=0.4, high=0.6), "delay": 4.0}
+    net.connect("inputs", "cells", neuro.all_to_all(), rule, **options, name="learnt")
     net.group("choice", neuro.winner_take_all(of="cells", first_to_fire=True))
     net.trials(input="inputs", duration=_DURATION, labels={"of": "cells"})
     return net

@@ -51,8 +51,8 @@ class Grid(gymnasium.Env[Any, Any]):
         if not (0 <= y < self.side and 0 <= x < self.side):
             return self.place, self.wall, False, False, {}
         self.place = y * self.side + x
-        at_goal = self.place == self.side**2 - 1
-        return self.place, self.goal if at_goal else 0.0, at_goal, False, {}
+        is_at_goal = self.place == self.side**2 - 1
+        return self.place, self.goal if is_at_goal else 0.0, is_at_goal, False, {}
 
 
 class Track(gymnasium.Env[Any, Any]):
@@ -79,8 +79,8 @@ class Track(gymnasium.Env[Any, Any]):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Run for a step; return the position, and the reward at the end."""
         self.position += 1
-        at_end = self.position == self.steps
-        return np.array([self.position / self.steps]), self.reward * at_end, at_end, False, {}
+        is_at_end = self.position == self.steps
+        return np.array([self.position / self.steps]), self.reward * is_at_end, is_at_end, False, {}
 
     @staticmethod
     def expected(reward: float = 100.0) -> Floats:

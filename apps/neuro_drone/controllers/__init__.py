@@ -202,8 +202,8 @@ def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> d
 
 def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> ControllerSettings:
     kind = kind_of(name)
-    own = LINE if isinstance(scenario.task, Line) else HEIGHT if scenario.axes == 3 else {}
-    return replace(kind.settings, name=name).changed({**own.get(kind.maker, {}), **settings})
+    defaults = LINE if isinstance(scenario.task, Line) else HEIGHT if scenario.axes == 3 else {}
+    return replace(kind.settings, name=name).changed({**defaults.get(kind.maker, {}), **settings})
 
 
 def kind_of(name: str) -> ControllerKind:

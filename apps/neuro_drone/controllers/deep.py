@@ -77,8 +77,8 @@ class Dense:
 
     def __call__(self, values: Singles) -> Singles:
         """Return the output of the last layer for an observation."""
-        *hidden, (weight, bias) = self.layers
-        for w, b in hidden:
+        *hidden_layers, (weight, bias) = self.layers
+        for w, b in hidden_layers:
             values = self._activation(w @ values + b)
         out: Singles = weight @ values + bias
         return out
@@ -237,10 +237,10 @@ class Deep(Fixed, ABC):
 
     def learn(self, info: Mapping[str, Any]) -> None:
         """Add the transition to the buffer, and update the networks if an update is due."""
-        after = observed(info["counts"], self._settings.observation)
-        self.keep(after, info["reward"], info["lost"])
+        observation = observed(info["counts"], self._settings.observation)
+        self.keep(observation, info["reward"], info["lost"])
         self._steps += 1
-        self.update(after, info["lost"])
+        self.update(observation, info["lost"])
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
         """Return weights and biases of all networks, by their names in stable-baselines3."""

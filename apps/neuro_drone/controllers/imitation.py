@@ -68,10 +68,10 @@ class Imitation:
 
     def _begin_round(self) -> None:
         """Fit the steps of the previous rounds, unless the oracle flies all steps of this round."""
-        rounds, rest = divmod(len(self._inputs), self._settings.round)
+        rounds, n_left = divmod(len(self._inputs), self._settings.round)
         self._share = self._settings.expert**rounds
         if self._share < 1.0:
-            self._flier = self._make_flier(self._fit(len(self._inputs) - rest))
+            self._flier = self._make_flier(self._fit(len(self._inputs) - n_left))
 
     def _make_flier(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Flier:
         """Return the controller with these layers."""

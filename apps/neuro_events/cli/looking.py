@@ -104,7 +104,7 @@ def _counts(summary: Info, pixels: int) -> list[tuple[str, str]]:
         rate = f"{summary.rate_hz:,.0f}" if summary.rate_hz >= 10 else f"{summary.rate_hz:.3g}"
         rows.append(("rate", f"{rate} events/s{peak}"))
     if summary.gaps:
-        gaps = ", ".join(f"{long:,} us from {since}" for since, long in summary.gaps)
+        gaps = ", ".join(f"{long:,} us from {start}" for start, long in summary.gaps)
         rows.append(("longest gaps", gaps))
     if summary.active_pixels is None:
         return [*rows, ("pixels", f"not counted, since there are {pixels:,}")]

@@ -297,16 +297,16 @@ def tohdf5(
     dataset = Dataset(data, part=part, layout=layout, ending=ending, sensor_size=sensor)
     with progress("run the same command again to resume") as bar:
 
-        def report(what: str, n_done: int, total: int) -> None:
-            bar.show(n_done, total, f"{what}: {n_done:,} of {total:,}")
+        def report(damage: str, n_done: int, total: int) -> None:
+            bar.show(n_done, total, f"{damage}: {n_done:,} of {total:,}")
 
         conversion = dataset.to_hdf5(out, jobs=workers, damaged=choice, report=report)
     typer.echo(f"{out}: {conversion.samples:,} recordings of {len(dataset.classes)} classes")
     if conversion.damaged:
         files = f"{len(conversion.damaged):,} damaged file{'s' if len(conversion.damaged) > 1 else ''}"
         typer.echo(f"{files}, {_FATE[choice]}:", err=True)
-        for path, what in conversion.damaged.items():
-            typer.echo(f"  {path}: {what}", err=True)
+        for path, damage in conversion.damaged.items():
+            typer.echo(f"  {path}: {damage}", err=True)
         raise typer.Exit(1)
 
 

@@ -121,8 +121,8 @@ def parameters_of(part: Any) -> dict[str, str]:
     names = fields(part) if is_dataclass(part) else ()
     units = {f.name: f.metadata["quantity"].unit for f in names if "quantity" in f.metadata}
     units |= dict(getattr(part, "units", {}))
-    _, *others = inspect.signature(part).parameters.values()
-    texts = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in others}
+    _, *options = inspect.signature(part).parameters.values()
+    texts = {p.name: p.name if p.default is p.empty else f"{p.name}={p.default}" for p in options}
     documented = {name: text for name, text in texts.items() if name not in _ONLY_IN_PYTHON}
     return {name: f"{text} {units.get(name, '')}".rstrip() for name, text in documented.items()}
 
@@ -135,12 +135,12 @@ def list_parts(**registries: Mapping[str, Any]) -> None:
     """Print the parts of each registry with their parameters, and exit."""
     from neuro.apps import console, table
 
-    for what, registry in registries.items():
+    for kind, registry in registries.items():
         rows = [
             (name, ", ".join(parameters_of(part).values()), (part.__doc__ or "").partition("\n")[0])
             for name, part in registry.items()
         ]
-        console().print(table((what, "parameters", "what it does"), rows))
+        console().print(table((kind, "parameters", "what it does"), rows))
     raise typer.Exit
 
 

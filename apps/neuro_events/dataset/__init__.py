@@ -237,8 +237,8 @@ class Dataset(Sequence[tuple[Any, int]]):
             return self._with(_cache={})
         self.to_hdf5(path, jobs=jobs, damaged="stop")
         _, samples = stored_samples(os.fspath(path), self.classes)
-        by_number = {sample.number: sample for sample in samples}
-        return self._with(samples=tuple(by_number[k] for k in range(len(self))), path=os.fspath(path), layout="hdf5")
+        lookup = {sample.number: sample for sample in samples}
+        return self._with(samples=tuple(lookup[k] for k in range(len(self))), path=os.fspath(path), layout="hdf5")
 
     def to_hdf5(
         self,

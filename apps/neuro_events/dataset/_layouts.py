@@ -229,13 +229,13 @@ def recordings_in(files: Files) -> list[str]:
     return other_files or [name for name in events if PurePosixPath(name).parent.name]
 
 
-def _find_in_folders(where: str, files: Files) -> list[LayoutItem]:
+def _find_in_folders(path: str, files: Files) -> list[LayoutItem]:
     events = recordings_in(files)
     if not events:
-        raise EventFileError(where, f"no recordings, {_describe_others(files)}")
+        raise EventFileError(path, f"no recordings, {_describe_others(files)}")
     if flat := [name for name in events if "/" not in name]:
         raise EventFileError(
-            where, f"{flat[0]} is in no class folder (is this folder one? then specify its parent), and there is no "
+            path, f"{flat[0]} is in no class folder (is this folder one? then specify its parent), and there is no "
             f"{MANIFEST} with the columns {', '.join(MANIFEST_COLUMNS)}"
         )  # fmt: skip
     return _by_label([LayoutItem(name, name, PurePosixPath(name).parent.name) for name in events])
@@ -246,8 +246,8 @@ def _describe_others(files: Files) -> str:
     if packed := sorted((name for name in files if name.lower().endswith((".zip", *ARCHIVES))), key=natural):
         return f"but {packed[0]}: unpack it first, or specify its path if it is a zip"
     endings = sorted({PurePosixPath(name).suffix.lower() for name in files} - {""})
-    present = f" (there are only {', '.join(endings[:5])})" if endings else ""
-    text = f"expected class folders with event files such as 3/00017.bin{present}"
+    existing = f" (there are only {', '.join(endings[:5])})" if endings else ""
+    text = f"expected class folders with event files such as 3/00017.bin{existing}"
     return f"{text}; 'neuro events formats' lists the endings"
 
 
@@ -263,23 +263,23 @@ def _has_manifest(files: Files) -> bool:
     return MANIFEST in files and bool(rows := _rows(files)) and set(MANIFEST_COLUMNS) <= set(rows[0])
 
 
-def _find_in_manifest(where: str, files: Files) -> list[LayoutItem]:
+def _find_in_manifest(path: str, files: Files) -> list[LayoutItem]:
     rows = _rows(files)
     for line, row in enumerate(rows, 2):
         if row["file"] not in files:
-            raise EventFileError(where, f"{MANIFEST} line {line}: no file {row['file']!r}")
+            raise EventFileError(path, f"{MANIFEST} line {line}: no file {row['file']!r}")
     return [
         LayoutItem(row["file"], row["file"], row["class"])
         for row in sorted(rows, key=lambda r: natural(r["label"] or ""))
     ]
 
 
-def _find_poker(where: str, files: Files) -> list[LayoutItem]:
+def _find_poker(path: str, files: Files) -> list[LayoutItem]:
     matches = {name: _POKER.fullmatch(PurePosixPath(name).name) for name in files}
     return _by_label([LayoutItem(name, name, match[1]) for name, match in matches.items() if match])
 
 
-def _find_poker_es(where: str, files: Files) -> list[LayoutItem]:
+def _find_poker_es(path: str, files: Files) -> list[LayoutItem]:
     parts, items = {"tr": "train", "ts": "test"}, []
     for name in files:
         if match := _POKER_ES.fullmatch(PurePosixPath(name).name):

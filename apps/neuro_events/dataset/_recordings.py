@@ -313,56 +313,56 @@ def recordings(
         ModelError: `path` is not a file name, or an option does not apply to this kind of data.
     """
     record_input(file_path(path, "path"))
-    where = os.fspath(path)
+    place = os.fspath(path)
     options = {"layout": layout, "ending": ending, "part": None if whole else part}
-    if is_hdf5(where) and holds_samples(where):
+    if is_hdf5(place) and holds_samples(place):
         _refuse_options(
-            where, "an HDF5 file", options | {"layout": None if layout == "hdf5" else layout, "label": label}
+            place, "an HDF5 file", options | {"layout": None if layout == "hdf5" else layout, "label": label}
         )
-        class_names, samples = stored_samples(where, classes)
-        return Recordings(where, samples, class_names, "hdf5")
-    if is_pictures(where):
-        _refuse_options(where, "an NPZ file of pictures", options | {"label": label})
-        class_names, stills = pictures(where, classes)
-        return Recordings(where, stills, class_names, "pictures")
-    if _is_recording(where):
-        _refuse_options(where, "a single recording", options)
-        return _single(Path(path), where, classes, label)
-    _refuse_options(where, "not a single recording", {"label": label})
-    return labelled(where, part, classes, layout, ending, whole)
+        class_names, samples = stored_samples(place, classes)
+        return Recordings(place, samples, class_names, "hdf5")
+    if is_pictures(place):
+        _refuse_options(place, "an NPZ file of pictures", options | {"label": label})
+        class_names, stills = pictures(place, classes)
+        return Recordings(place, stills, class_names, "pictures")
+    if _is_recording(place):
+        _refuse_options(place, "a single recording", options)
+        return _single(Path(path), place, classes, label)
+    _refuse_options(place, "not a single recording", {"label": label})
+    return labelled(place, part, classes, layout, ending, whole)
 
 
-def _refuse_options(where: str, kind: str, options: Mapping[str, str | None]) -> None:
+def _refuse_options(place: str, kind: str, options: Mapping[str, str | None]) -> None:
     """Raise an error about options that do not apply to a kind of data."""
     for name, value in options.items():
         if value is not None:
-            raise ModelError(f"{name}={value!r}: expected None, since {where} is {kind}")
+            raise ModelError(f"{name}={value!r}: expected None, since {place} is {kind}")
 
 
-def _is_recording(where: str) -> bool:
+def _is_recording(place: str) -> bool:
     """Return whether the path is a file of a known event format. A zip of recordings is not.
 
     Raises:
         EventFileError: the file is of an unknown kind.
     """
-    if not Path(where).is_file():
+    if not Path(place).is_file():
         return False
-    with opened_source(where, None) as source:
+    with opened_source(place, None) as source:
         try:
             find(source)
         except EventFileError:
-            if zipfile.is_zipfile(where) or where.lower().endswith(ARCHIVES):
+            if zipfile.is_zipfile(place) or place.lower().endswith(ARCHIVES):
                 return False
             raise
     return True
 
 
-def _single(path: Path, where: str, classes: Sequence[str] | None, label: str | None) -> Recordings:
+def _single(path: Path, place: str, classes: Sequence[str] | None, label: str | None) -> Recordings:
     class_names = tuple(classes if classes is not None else () if label is None else (label,))
     if label is not None and label not in class_names:
-        raise EventFileError(where, f"class {label!r} is new, expected one of {', '.join(class_names)}")
+        raise EventFileError(place, f"class {label!r} is new, expected one of {', '.join(class_names)}")
     number = UNKNOWN if label is None else class_names.index(label)
-    return Recordings(where, [Recording(path.name, where, number, FileContent(path))], class_names, "recording")
+    return Recordings(place, [Recording(path.name, place, number, FileContent(path))], class_names, "recording")
 
 
 PARTS = ("train", "test")
@@ -388,12 +388,12 @@ def labelled(
         raise EventFileError(where, f"no recordings with names that end in {tail}")
     classes_in_order = list(dict.fromkeys(item.label for item in items))
     items = _items_of_part(where, chosen, sorted(items, key=lambda item: natural(item.name)), part, whole)
-    present = {item.label for item in items}
-    present_classes = [c for c in classes_in_order if c in present]
+    labels = {item.label for item in items}
+    present_classes = [c for c in classes_in_order if c in labels]
     if classes is None:
         classes = present_classes
-    if missing := [c for c in present_classes if c not in classes]:
-        raise EventFileError(where, f"class {missing[0]!r} is new, expected one of {', '.join(classes)}")
+    if absent := [c for c in present_classes if c not in classes]:
+        raise EventFileError(where, f"class {absent[0]!r} is new, expected one of {', '.join(classes)}")
     index = {c: k for k, c in enumerate(classes)}
     size = chosen.sensor_size
     members = [Recording(i.name, f"{where}/{i.name}", index[i.label], files[i.file], i.span_us, size) for i in items]
@@ -401,7 +401,7 @@ def labelled(
 
 
 def _items_of_part(
-    where: str, layout: Layout, items: list[LayoutItem], part: str | None, whole: bool
+    place: str, layout: Layout, items: list[LayoutItem], part: str | None, is_whole: bool
 ) -> list[LayoutItem]:
     """Return the items of a part."""
     if part is None:
@@ -409,13 +409,13 @@ def _items_of_part(
     name_of_part = part.lower()
     if members := [item for item in items if layout.in_part(item, name_of_part)]:
         return members
-    by_part = {name: [item for item in items if layout.in_part(item, name)] for name in PARTS}
-    present = [name for name in PARTS if len(by_part[name]) == len(items)]
-    if present and whole:
-        warnings.warn(f"{where}: has only the part '{present[0]}', used as {part!r}", EventFileWarning, stacklevel=4)
+    lists = {name: [item for item in items if layout.in_part(item, name)] for name in PARTS}
+    matches = [name for name in PARTS if len(lists[name]) == len(items)]
+    if matches and is_whole:
+        warnings.warn(f"{place}: has only the part '{matches[0]}', used as {part!r}", EventFileWarning, stacklevel=4)
         return items
-    if any(by_part.values()):
-        raise EventFileError(where, f"no recordings in a folder {part!r}")
-    if whole or is_part(Path(where).resolve().stem, name_of_part):
+    if any(lists.values()):
+        raise EventFileError(place, f"no recordings in a folder {part!r}")
+    if is_whole or is_part(Path(place).resolve().stem, name_of_part):
         return items
-    raise EventFileError(where, f"has no parts, expected one named {part!r}; split() divides it")
+    raise EventFileError(place, f"has no parts, expected one named {part!r}; split() divides it")

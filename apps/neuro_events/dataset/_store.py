@@ -180,8 +180,8 @@ def _naming_file(holder: _File) -> Iterator[None]:
         holder.close()
         if isinstance(error, EventFileError):
             raise
-        what = error.what if isinstance(error, Damage) else f"not an intact HDF5 file: {one_line(error)}"
-        raise EventFileError(holder.path, what) from None
+        message = error.what if isinstance(error, Damage) else f"not an intact HDF5 file: {one_line(error)}"
+        raise EventFileError(holder.path, message) from None
 
 
 def _names(file: Any) -> Iterator[tuple[str, str]]:
@@ -323,7 +323,7 @@ def _result_of_file(path: Path, samples: Sequence[Any], plan: str, choice: str) 
                         str(path), "was made from samples that changed later, or by neuro 0.2.0; expected a new name"
                     )
                 count = sum(len(file[name]) for name in file)
-                return StoredDataSet(str(path), count, {samples[int(k)].path: what for k, what in damaged.items()})
+                return StoredDataSet(str(path), count, {samples[int(k)].path: damage for k, damage in damaged.items()})
     raise EventFileError(str(path), "exists with other content; expected a new name")
 
 

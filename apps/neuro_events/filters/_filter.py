@@ -190,7 +190,7 @@ def complete(kind: type[Filter]) -> type[Filter]:
     if missing := sorted(kind.__abstractmethods__):
         raise TypeError(f"filter '{kind.called()}' has no method '{missing[0]}'")
     parameters = {field.name for field in fields(kind)}
-    annotated = (name for name, what in get_annotations(kind).items() if "ClassVar" not in str(what))
+    annotated = (name for name, annotation in get_annotations(kind).items() if "ClassVar" not in str(annotation))
     if undeclared := [name for name in annotated if name not in parameters]:
         above = "expected @dataclass(frozen=True, eq=False) above the class"
         raise TypeError(f"filter '{kind.called()}': '{undeclared[0]}' is no parameter: {above}")
@@ -226,9 +226,9 @@ def selected_columns(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.N
     if n == len(events):
         return events._columns
     out = empty_columns(n + 1)
-    for column, to in zip(events._columns, out, strict=True):
-        kernels.compact(keep, column, to)
-    return tuple(to[:n] for to in out)
+    for column, target in zip(events._columns, out, strict=True):
+        kernels.compact(keep, column, target)
+    return tuple(target[:n] for target in out)
 
 
 def _quantity_of(entry: Field[Any]) -> Quantity | None:

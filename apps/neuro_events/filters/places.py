@@ -314,8 +314,8 @@ def stable_order(t: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         t: (n,) us, n > 0.
     """
     lowest = int(t.min())
-    order, other, counts = np.arange(t.size), np.empty(t.size, np.int64), np.empty(1 << kernels.DIGIT, np.int64)
+    order, buffer, counts = np.arange(t.size), np.empty(t.size, np.int64), np.empty(1 << kernels.DIGIT, np.int64)
     for shift in range(0, (int(t.max()) - lowest).bit_length(), kernels.DIGIT):
-        kernels.by_digit(t, lowest, shift, order, counts, other)
-        order, other = other, order
+        kernels.by_digit(t, lowest, shift, order, counts, buffer)
+        order, buffer = buffer, order
     return order

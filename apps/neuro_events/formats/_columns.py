@@ -188,7 +188,7 @@ def to_piece(columns: Mapping[str, Array], unit: int, first: int, place: int | N
         )
         if fault
     ]
-    end, what = min(faults, default=(len(columns["t"]), None))
+    end, message = min(faults, default=(len(columns["t"]), None))
     empty = np.zeros(0, np.uint8)  # a column of text cannot be converted to numbers, even if empty
     t, x, y, p = (columns[name][:end] if end else empty for name in "txyp")
     sign = p.astype(np.int8, copy=False) if p.dtype.kind != "u" else p
@@ -199,7 +199,7 @@ def to_piece(columns: Mapping[str, Array], unit: int, first: int, place: int | N
         np.ascontiguousarray(sign if sign.dtype.kind == "u" else sign > 0, EVENT["p"]),
         place=lambda event: place,
     )
-    return piece, None if what is None else f"event {first + end}: {what}"
+    return piece, None if message is None else f"event {first + end}: {message}"
 
 
 def _microseconds(t: Array, unit: int) -> npt.NDArray[np.int64]:

@@ -240,21 +240,21 @@ class WordReader:
         return self._pieces(block, self.decoder(), self.start)
 
     def _pieces(self, block: int, decoder: Decoder, start: int) -> Iterator[Piece]:
-        rest, end = np.zeros(0, np.uint8), start
-        for place, more in self.source.blocks(start, self.block(block, decoder), decoder.unit):
-            data = np.concatenate((rest, more)) if rest.size else more
-            begin, before = place - rest.size, decoder.copy()
+        leftover, end = np.zeros(0, np.uint8), start
+        for place, block_data in self.source.blocks(start, self.block(block, decoder), decoder.unit):
+            data = np.concatenate((leftover, block_data)) if leftover.size else block_data
+            begin, previous = place - leftover.size, decoder.copy()
 
-            def byte(event: int, begin: int = begin, data: Bytes = data, before: Decoder = before) -> int:
-                return begin + before.find(data, event)
+            def byte(event: int, begin: int = begin, data: Bytes = data, previous: Decoder = previous) -> int:
+                return begin + previous.find(data, event)
 
             piece = decoder.piece(data, byte)
             self.count(decoder.state)
             yield piece
-            rest, end = data[decoder.used :], begin + decoder.used
+            leftover, end = data[decoder.used :], begin + decoder.used
             if decoder.state[STOPPED]:
-                raise Damage(self.stop_reason(rest), end)
-        self.check_end(rest, end, decoder)
+                raise Damage(self.stop_reason(leftover), end)
+        self.check_end(leftover, end, decoder)
 
     def block(self, size: int, decoder: Decoder) -> int:
         """Return the size of a block, bytes, for a requested size."""
@@ -279,8 +279,8 @@ class WordReader:
             Damage: the file is incomplete.
         """
         if rest.size:
-            words = (end - self.start) // decoder.size
-            raise Damage(f"{rest.size} bytes left over after {words} {self.word_noun} of {decoder.size} bytes", end)
+            n_words = (end - self.start) // decoder.size
+            raise Damage(f"{rest.size} bytes left over after {n_words} {self.word_noun} of {decoder.size} bytes", end)
 
 
 class SeekingReader(WordReader):

@@ -276,7 +276,7 @@ class Aedat4:
         stream = streams[self._number]
         self.sensor_size: Size | None = (stream["width"], stream["height"]) if "width" in stream else None
         self._highest = np.iinfo(np.int16 if self.sensor_size is None else np.uint16).max
-        streams_by_name = {str(number): each for number, each in streams.items()}
+        streams_by_name = {str(number): entry for number, entry in streams.items()}
         self.metadata: dict[str, Any] = {"compression": packed, "streams": streams_by_name}
 
     def pieces(self, block: int) -> Iterator[Piece]:
@@ -285,11 +285,11 @@ class Aedat4:
         buffer.reserve(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
         counts = np.full(_NUMBERS, -1, np.int64)
         counts[[number for number in self._streams if 0 <= number < _NUMBERS]] = 0
-        others: Counter[str] = Counter()
+        other_streams: Counter[str] = Counter()
         damage: Damage | None = None
         begin = self._start
         try:
-            while self._add_next(cursor, buffer, others):
+            while self._add_next(cursor, buffer, other_streams):
                 self._add_similar(cursor, buffer, counts)
                 if cursor.at - begin >= block:
                     yield buffer.piece()
@@ -299,12 +299,12 @@ class Aedat4:
         yield buffer.piece()
         for number, stream in self._streams.items():
             if number != self._number and 0 <= number < _NUMBERS and counts[number]:
-                others[stream["type"]] += int(counts[number])
-        self.metadata["other_packets"] = dict(others)
+                other_streams[stream["type"]] += int(counts[number])
+        self.metadata["other_packets"] = dict(other_streams)
         if damage is not None:
             raise damage
 
-    def _add_next(self, cursor: Cursor, buffer: GrowingArray, others: Counter[str]) -> bool:
+    def _add_next(self, cursor: Cursor, buffer: GrowingArray, other_streams: Counter[str]) -> bool:
         """Process the next packet of any stream, and return False at the end."""
         place, end = cursor.at, self._table if self._table > 0 else None
         if end is not None and place >= end:
@@ -325,7 +325,7 @@ class Aedat4:
         if stream == self._number:
             self._add(buffer, place, *self._packets.events(data, place))
         else:
-            others[self._streams[stream]["type"]] += 1
+            other_streams[self._streams[stream]["type"]] += 1
         return True
 
     def _add(self, buffer: GrowingArray, place: int, plain: bytes, start: int, count: int) -> None:

@@ -139,44 +139,44 @@ def _read_generic(data: Source, strict: bool) -> list[tuple[int, bytes]]:
 
 
 def _generic_events(data: bytes) -> Iterator[tuple[int, bytes]]:
-    now, at = 0, HEADER
-    while at < len(data):
-        first = data[at]
+    time, offset = 0, HEADER
+    while offset < len(data):
+        first = data[offset]
         if first >= 0xFE:
-            now += GENERIC_OVERFLOW_US if first == 0xFF else 0
-            at += 1
+            time += GENERIC_OVERFLOW_US if first == 0xFF else 0
+            offset += 1
             continue
-        begin = at
-        size, shift, more = 0, 0, True
-        while more:
-            at += 1
-            if at >= len(data) or size > len(data):
+        begin = offset
+        size, shift, continues = 0, 0, True
+        while continues:
+            offset += 1
+            if offset >= len(data) or size > len(data):
                 raise Damage(f"the last event is cut after {len(data) - begin} bytes", begin)
-            size |= data[at] >> 1 << shift
-            shift, more = shift + 7, bool(data[at] & 1)
-        at += 1
-        if size > len(data) - at:
-            raise Damage(f"an event has {size} bytes, but only {len(data) - at} are left", begin)
-        now += first
-        yield now, data[at : at + size]
-        at += size
+            size |= data[offset] >> 1 << shift
+            shift, continues = shift + 7, bool(data[offset] & 1)
+        offset += 1
+        if size > len(data) - offset:
+            raise Damage(f"an event has {size} bytes, but only {len(data) - offset} are left", begin)
+        time += first
+        yield time, data[offset : offset + size]
+        offset += size
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Write a recording as Event Stream 2.0 of DVS events, without metadata."""
-    now = 0
+    time = 0
 
     def encode_part(n_before: int, events: Events) -> bytes:
-        nonlocal now
-        gaps = np.diff(events.t, prepend=now)
+        nonlocal time
+        gaps = np.diff(events.t, prepend=time)
         limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
         unsavable = (gaps < 0) | (gaps > LONGEST_GAP)
         # A filter can move the beginning of a recording, so the hint is useful there, but not at a gap within it.
         first_is_unsavable = not n_before and unsavable[:1].any()
         refuse(events, unsavable, n_before, limits, np.zeros(len(events), np.bool_) if first_is_unsavable else None)
         out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
-        word_kernels.encode_event_stream(events.t, events.x, events.y, events.p, now, out)
-        now = int(events.t[-1]) if len(events) else now
+        word_kernels.encode_event_stream(events.t, events.x, events.y, events.p, time, out)
+        time = int(events.t[-1]) if len(events) else time
         return out.tobytes()
 
     write_words(parts, path, _new_header, encode_part)

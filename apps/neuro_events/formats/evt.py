@@ -279,17 +279,17 @@ class Evt3(Evt):
         """
         begin = self.start
         high, kinds, previous = -1, 0, (begin, -1)
-        before = np.zeros(0, np.uint16)
+        previous_words = np.zeros(0, np.uint16)
         for place, data in self.source.blocks(begin, step, self.word):
             words = _uint16_words(data)
             at_begin, kinds_before = high, kinds
             high, kinds, latest = evt_kernels.track3(words, high, kinds)
             if latest >= start_us >> 12:
-                if previous[1] < 0 or not _states_everything(before, bool(kinds_before >> VECT_BASE_X & 1)):
+                if previous[1] < 0 or not _states_everything(previous_words, bool(kinds_before >> VECT_BASE_X & 1)):
                     return begin
                 decoder.state[STARTED], decoder.state[evt_kernels.TIME] = 1, previous[1] << 12
                 return previous[0]
-            previous, before = (place, at_begin), words
+            previous, previous_words = (place, at_begin), words
         return begin
 
 

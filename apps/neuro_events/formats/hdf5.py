@@ -60,10 +60,10 @@ class Hdf5:
             self._recording = find(self._file, where)
             self._bytes = source.all()
             self._heaps = heaps_are_intact(self._bytes)
-            of_node, of_file = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
-            self._sizes = of_node, of_file, _calibration(self._recording.node)
-            self.metadata: Mapping[str, Any] = metadata_of(of_node) | self._recording.column_order()
-            self.untested = "" if {"sensor_size", "metadata"} <= of_node.keys() else UNTESTED
+            local, shared = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
+            self._sizes = local, shared, _calibration(self._recording.node)
+            self.metadata: Mapping[str, Any] = metadata_of(local) | self._recording.column_order()
+            self.untested = "" if {"sensor_size", "metadata"} <= local.keys() else UNTESTED
         except Damage:
             self.close()
             raise
@@ -240,8 +240,8 @@ def _resolution(values: list[Any]) -> list[Any]:
 def metadata_of(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Convert attributes to metadata. Metadata that this library stored as JSON are restored."""
     text = facts.get("metadata", "{}")
-    others = {key: value for key, value in facts.items() if key not in ("sensor_size", "metadata")}
-    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in others.items()}
+    extra = {key: value for key, value in facts.items() if key not in ("sensor_size", "metadata")}
+    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in extra.items()}
     return plain | (from_json(text) if isinstance(text, str) else {})
 
 

@@ -78,11 +78,11 @@ class _Bag:
         """Yield the events; see `Reader`."""
         buffer, unpacker, n_bytes = GrowingArray(), PacketDecoder(), 0
         damage: Damage | None = None
-        others: set[str] = set()
+        other_topics: set[str] = set()
         try:
             for place, topic, kind, data in self.messages(block):
                 if topic != self._topic:
-                    others |= {topic} if kind.split("/")[-1] in KINDS else set()
+                    other_topics |= {topic} if kind.split("/")[-1] in KINDS else set()
                     continue
                 content = self._content(place, kind, data)
                 try:
@@ -96,7 +96,7 @@ class _Bag:
         except Damage as original:
             damage = Damage(original.what, original.offset)  # a copy without traceback, which would keep the file open
         yield buffer.piece()
-        self.metadata["topics"] = sorted(others)
+        self.metadata["topics"] = sorted(other_topics)
         if damage is not None:
             raise damage
 

@@ -107,26 +107,26 @@ class Table:
     def pieces(self, block: int) -> Iterator[Piece]:
         """Yield the events; see `Reader`."""
         line, at = self._layout.line, self._layout.start
-        rest = np.zeros(0, np.uint8)
+        leftover = np.zeros(0, np.uint8)
         for _, data in self._source.blocks(at, max(block, LINE_LIMIT)):
-            data = np.concatenate([rest, data]) if rest.size else data
+            data = np.concatenate([leftover, data]) if leftover.size else data
             end = _end_of_last_line(data)
-            rest = data[end:]
+            leftover = data[end:]
             if end:
                 line, at = yield from self._lines(data[:end], line, at)
-            if rest.size > LINE_LIMIT:
+            if leftover.size > LINE_LIMIT:
                 raise Damage(f"line {line + 1} is longer than {LINE_LIMIT} bytes", at)
-        if rest.size or at == self._layout.start:
-            yield from self._lines(rest, line, at)
+        if leftover.size or at == self._layout.start:
+            yield from self._lines(leftover, line, at)
 
     def _lines(self, data: Bytes, line: int, at: int) -> Generator[Piece, None, tuple[int, int]]:
         """Yield the events of complete lines, and return the line number and the byte after them."""
         layout = self._layout
         t, x, y, p = empty_columns(data.size // SHORTEST_ROW + 1)
-        where = np.array([layout.where[name] for name in "txyp"], np.int64)
+        columns = np.array([layout.where[name] for name in "txyp"], np.int64)
         if layout.commas and (commas := data == ord(",")).any():
             data = np.where(commas, np.uint8(ord(".")), data)
-        n, end, lines, fault, column = kernels.parse(data, layout.columns, where, layout.unit, t, x, y, p)
+        n, end, lines, fault, column = kernels.parse(data, layout.columns, columns, layout.unit, t, x, y, p)
 
         def begin(event: int) -> tuple[int, int]:
             place = np.zeros(2, np.int64)
@@ -278,8 +278,8 @@ def _order_of_rows(lines: list[list[str]], at: int) -> str:
         rows = np.array([[_float(value) for value in line] for line in lines], np.float64).reshape(-1, 4)
         return order_of(rows, _pointed(lines, range(4)))
     except Ambiguous as several:
-        first, *others = several.orders
-        text = f"columns without names may be {first}, where {several.why}, or {' or '.join(others)}"
+        first, *alternatives = several.orders
+        text = f"columns without names may be {first}, where {several.why}, or {' or '.join(alternatives)}"
         word = first.replace(" ", "")
         raise _AmbiguousOrder(f"{text}: expected the order, as --from csv:{word} or format='csv:{word}'", at) from None
 
@@ -299,7 +299,7 @@ def _unit_of_rows(lines: list[list[str]], where: Mapping[str, int]) -> int:
 def _pointed(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
     """Return for each column whether any of its numbers has a decimal point or an exponent."""
     texts = ([line[column] for line in lines] for column in columns)
-    return [any(not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) for text in each) for each in texts]
+    return [any(not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) for text in cells) for cells in texts]
 
 
 def _float(text: str) -> float:

@@ -52,11 +52,11 @@ class _Decaying(ABC):
         Raises:
             ModelError: the time is before the newest event.
         """
-        when: int = argument("t_us", t_us, kind="microseconds")
-        if self._newest is not None and when < self._newest:
-            raise ModelError(f"at {when} us: events up to {self._newest} us are already in the surface")
+        read_time: int = argument("t_us", t_us, kind="microseconds")
+        if self._newest is not None and read_time < self._newest:
+            raise ModelError(f"at {read_time} us: events up to {self._newest} us are already in the surface")
         out = np.empty(self._shape, float_type(dtype))
-        self._read(when, out.ravel())
+        self._read(read_time, out.ravel())
         return out if self._separate else out[0]
 
     @abstractmethod
@@ -64,7 +64,7 @@ class _Decaying(ABC):
         """Add events, at least one."""
 
     @abstractmethod
-    def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
+    def _read(self, read_time: int, out: npt.NDArray[np.floating]) -> None:
         """Write the value of each pixel at a time to `out`."""
 
 
@@ -99,9 +99,9 @@ def read(
     times = times.astype(np.int64)
     stops = np.searchsorted(events.t, times, side="right" if inclusive else "left")
     frames, begin = [], 0
-    for when, stop in zip(times.tolist(), stops.tolist(), strict=True):
+    for read_time, stop in zip(times.tolist(), stops.tolist(), strict=True):
         surface.add(events[begin:stop])
-        frames.append(surface.at(when, dtype))
+        frames.append(surface.at(read_time, dtype))
         begin = stop
     if np.ndim(at_us) == 0:
         return frames[0]
@@ -135,8 +135,8 @@ class TimeSurface(_Decaying):
     def _add(self, events: Events) -> None:
         kernels.mark(events.t, events.x, events.y, events.p, self._separate, self._last)
 
-    def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
-        kernels.ages(self._last.ravel(), when, self._tau, self._linear, out)
+    def _read(self, read_time: int, out: npt.NDArray[np.floating]) -> None:
+        kernels.ages(self._last.ravel(), read_time, self._tau, self._linear, out)
 
 
 def time_surface(
@@ -219,13 +219,13 @@ class LeakySurface(_Decaying):
         self._since = np.zeros(self._shape, np.int64)
 
     def _add(self, events: Events) -> None:
-        before = int(events.t[0]) if self._newest is None else self._newest
+        previous = int(events.t[0]) if self._newest is None else self._newest
         options = (self._separate, self._linear, self._increments_first)
         values = (self._tau, self._increment)
-        kernels.leak(events.t, events.x, events.y, events.p, before, options, values, self._value, self._since)
+        kernels.leak(events.t, events.x, events.y, events.p, previous, options, values, self._value, self._since)
 
-    def _read(self, when: int, out: npt.NDArray[np.floating]) -> None:
-        kernels.leaked(self._value.ravel(), self._since.ravel(), when, self._tau, self._linear, out)
+    def _read(self, read_time: int, out: npt.NDArray[np.floating]) -> None:
+        kernels.leaked(self._value.ravel(), self._since.ravel(), read_time, self._tau, self._linear, out)
 
 
 def leaky_surface(

@@ -122,14 +122,14 @@ def format_for(scheme: str, format: object, udp_formats: Iterable[str]) -> str:
     Raises:
         ModelError: unknown format, or a format of the other scheme.
     """
-    by_udp = tuple(udp_formats)
-    names = ("aedat4",) if scheme == "tcp" else by_udp
+    udp_names = tuple(udp_formats)
+    names = ("aedat4",) if scheme == "tcp" else udp_names
     if format is None:
         if scheme == "tcp":
             return "aedat4"
         raise ModelError(f"format is missing: expected one of {', '.join(names)}")
     if not isinstance(format, str) or format not in names:
-        if isinstance(format, str) and format in ("aedat4", *by_udp):
+        if isinstance(format, str) and format in ("aedat4", *udp_names):
             required = "tcp" if scheme == "udp" else "udp"
             raise ModelError(f"format '{format}' requires {required}://: found {scheme}://")
         raise unknown("format of a stream", format, names)
@@ -287,9 +287,9 @@ def _evt3() -> Encoder:
                     raise ModelError(f"format 'raw-evt3': found {silence}: expected at most {_LONGEST / 1e6:.0f} s")
                 beats = np.arange(first if last is None else last + _BEAT, first, _BEAT) >> 12
                 yield from _cut((evt_kernels.TIME_HIGH << 12 | beats & 0xFFF).astype("<u2"), size)
-                since = part.t - first // _PERIOD_3 * _PERIOD_3
-                words = np.empty(4 * len(part) + 2 * (int(since[-1]) // _PERIOD_3) + 1, "<u2")
-                n = evt_kernels.encode3(since, part.x, part.y, part.p, np.full(2, -1, np.int64), words)
+                offsets = part.t - first // _PERIOD_3 * _PERIOD_3
+                words = np.empty(4 * len(part) + 2 * (int(offsets[-1]) // _PERIOD_3) + 1, "<u2")
+                n = evt_kernels.encode3(offsets, part.x, part.y, part.p, np.full(2, -1, np.int64), words)
                 last = int(part.t[-1])
                 yield words[:n].data.cast("B")
 
@@ -397,7 +397,7 @@ class PacketDecoder:
                     self._skips_rest = True
                     self._buffer.clear()
                     self._on_damage()
-            n += sum(len(each[0]) for each in parts[n_parts:])
+            n += sum(len(part[0]) for part in parts[n_parts:])
             row[kernels.EVENTS] = n
         columns = parts[0] if len(parts) == 1 else joined_columns(parts)
         return n, columns, damaged

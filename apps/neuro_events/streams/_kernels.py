@@ -82,7 +82,7 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
     bytes_ = ring.size - LARGEST
     message[NAME + 2], message[NAME + 3] = words + 8 * PIECE, 1
     message[NAME + 4] = words + 8 * CONTROL
-    got = -1
+    n_received = -1
     while load_acquire(state, STOP) == 0:
         put = state[PUT, 0]
         at = place(state[AT, 0], put, load_acquire(state, TAKEN), index, bytes_)
@@ -90,14 +90,14 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
             return FULL
         message[_LENGTH], message[_LENGTH + 1] = _CONTROL_BYTES, 0
         message[PIECE], message[PIECE + 1] = address(ring) + (bytes_ if at < 0 else at), LARGEST
-        got = _recvmsg(calls[0], (descriptor, words, 0))
-        before = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
+        n_received = _recvmsg(calls[0], (descriptor, words, 0))
+        previous = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
         _clock_gettime(calls[1], (calls[3], words + 8 * TIMESPEC))
         received = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
-        if got < 0 and received - before > SOON:
+        if n_received < 0 and received - previous > SOON:
             continue
-        if got < 0 or (got == 0 and not datagrams):
-            return got
+        if n_received < 0 or (n_received == 0 and not datagrams):
+            return n_received
         if datagrams and message[_LENGTH] & 0xFFFFFFFF > 0:
             state[OVERFLOWN, 0] = message[CONTROL + 2] & 0xFFFFFFFF
         state[LAST, 0] = received
@@ -106,15 +106,15 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
             if at < 0:
                 state[REFUSED, 0] += 1
                 continue
-            for k in range(got):
+            for k in range(n_received):
                 ring[at + k] = ring[bytes_ + k]
         row = put % len(index)
-        index[row, START], index[row, SIZE], index[row, RECEIVED] = at, got, received
+        index[row, START], index[row, SIZE], index[row, RECEIVED] = at, n_received, received
         index[row, MISSING] = state[REFUSED, 0] + state[OVERFLOWN, 0]
-        state[AT, 0] = at + (got // ALIGNED + 1) * ALIGNED
+        state[AT, 0] = at + (n_received // ALIGNED + 1) * ALIGNED
         store_release(state, PUT, put + 1)
         _write(calls[2], (wake, words + 8 * BYTE, 1))
-    return got
+    return n_received
 
 
 @kernel

@@ -129,8 +129,8 @@ class Listener:
         _, columns, damaged = self._decoder(receiver.ring, receiver.index, first, last)
         now = receiver.received(last - 1) if last > first else self._last_ns
         forward = kernels.FORWARD + (now - self._last_ns) // 1000
-        words = *self.sensor_size, self._period, self.format == "aedat4", forward
-        n = kernels.settle(receiver.index, first, last, *words, self._facts, columns)
+        arguments = *self.sensor_size, self._period, self.format == "aedat4", forward
+        n = kernels.settle(receiver.index, first, last, *arguments, self._facts, columns)
         self._damaged += damaged
         if n:
             self._last_ns = now
@@ -278,10 +278,10 @@ def _connected(
 
     def reconnect() -> socket.socket | None:
         try:
-            sock, (other, *rest) = connect()
+            sock, (peer, *rest) = connect()
         except (OSError, ModelError):
             return None
-        if (other.compression, *rest) == (header.compression, number, sensor):
+        if (peer.compression, *rest) == (header.compression, number, sensor):
             return sock
         sock.close()
         return None

@@ -85,8 +85,8 @@ class Receiver:
             sock.setsockopt(socket.SOL_SOCKET, _OVERFLOW, 1)
 
     def _receive(self) -> int:
-        words = self._calls, self._sock.fileno(), self._wake, self._reconnect is None
-        return int(kernels.receive(*words, self.ring, self.index, self._state, self._message))
+        arguments = self._calls, self._sock.fileno(), self._wake, self._reconnect is None
+        return int(kernels.receive(*arguments, self.ring, self.index, self._state, self._message))
 
     def _run(self) -> None:
         while not self.closed:

@@ -123,10 +123,10 @@ def bytes_per_number(kind: str) -> int:
     return next(dtype.itemsize for dtype, name in TYPES.items() if name == kind)
 
 
-def _wrapped(words: Sequence[str]) -> list[str]:
+def _wrapped(texts: Sequence[str]) -> list[str]:
     """Return lines of words, each followed by a comma."""
     lines, line = list[str](), "   "
-    for word in words:
+    for word in texts:
         if len(line) + len(word) + 2 > _LINE:
             lines.append(line)
             line = "   "

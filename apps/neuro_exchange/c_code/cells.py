@@ -132,11 +132,11 @@ class PopulationCode:
         lines = function(f"static void reset_{k}(uint32_t i)", self._reset) if self._cells.competes else []
         reset = [f"reset_{k}(i);"] if self._cells.competes else self._reset
         lines += function(f"static void fire_{k}(uint32_t i)", [*reset, *emit_statements(self._cells, "1u")])
-        begins, at_threshold = [], f"fire_{k}(i);"
+        begins, on_spike = [], f"fire_{k}(i);"
         if self._cells.competes:
             fired = self._memory.state(f"fired_{k}", "uint8_t", size, f"{self._cells.fixed.name}: above threshold")
-            begins, at_threshold = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
-        text = [line.replace("fire(i);", at_threshold) for line in _loop(size, [*begins, *body])]
+            begins, on_spike = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
+        text = [line.replace("fire(i);", on_spike) for line in _loop(size, [*begins, *body])]
         lines += function(f"static void step_{k}(void)", [*before, *text])
         return StepCode(self._states, lines, self._init, threshold)
 
@@ -165,20 +165,20 @@ class PopulationCode:
 def loihi_lif(cells: Cells, memory: Memory) -> StepCode:
     """Compartments of Loihi 1, see `neuro.model.neurons.loihi_lif`."""
     registers, code = cells.fixed.registers, PopulationCode(cells, memory)
-    v, keep = code.state("v"), 4095 - registers["du"]
-    u = code.state("u") if keep.any() else ""
+    v, kept_share = code.state("v"), 4095 - registers["du"]
+    u = code.state("u") if kept_share.any() else ""
     hold = code.hold(registers["refractory"] - 1)
     code.reset_voltage(v, "0")
     lowest = number(shared(registers, "v_min") if "v_min" in registers else -(2**23) + 1)
     bias = code.text("bias", registers["bias_mant"] << registers["bias_exp"])
     leak = code.text("keep_v", 4096 - registers["dv"])
-    body = [f"int32_t u = next_u({u or '0'}, {code.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
+    body = [f"int32_t u = next_u({u or '0'}, {code.text('keep_u', kept_share)}, in[i]);", *([f"{u} = u;"] if u else [])]
     body += ["in[i] = 0;"]
-    free = [f"{v} = next_v({v}, {leak}, u, {bias}, {lowest});"]
+    updates = [f"{v} = next_v({v}, {leak}, u, {bias}, {lowest});"]
     threshold = code.text("threshold", registers["vth"] * 64)
-    free += [f"if ({v} > {threshold}) {{", "    fire(i);", "}"]
+    updates += [f"if ({v} > {threshold}) {{", "    fire(i);", "}"]
     return code.step_at_threshold(
-        [input_declaration(cells)], threshold, body + _if_refractory(hold, free, [f"{v} = 0;"])
+        [input_declaration(cells)], threshold, body + _if_refractory(hold, updates, [f"{v} = 0;"])
     )
 
 
@@ -190,14 +190,14 @@ def spinnaker_lif(cells: Cells, memory: Memory) -> StepCode:
     code.reset_voltage(v, code.text("v_reset", registers["v_reset"]))
     body, slots = [], ("in[i]", "below[i]" if cells.receptors == 2 else "0")
     for g, word, slot in ((exc, "exc", slots[0]), (inh, "inh", slots[1])):
-        decay, init = (code.text(f"{word}_{what}", registers[f"{word}_{what}"]) for what in ("decay", "init"))
+        decay, init = (code.text(f"{word}_{suffix}", registers[f"{word}_{suffix}"]) for suffix in ("decay", "init"))
         body += [f"{g} = next_g({g}, {decay}, {slot}, {registers[f'{word}_shift'][0]}, {init});"]
     body += [f"{slot} = 0;" for slot in slots[: cells.receptors]]
     drive = f"(int64_t){exc} - {inh} + {code.text('bias', registers['i_offset'])}"
-    words = (
+    arguments = (
         code.text(word, registers[name]) for word, name in (("r_m", "r_m"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
     )
-    body += _if_refractory(hold, [f"{v} = next_v({v}, {drive}, {', '.join(words)});"], [])
+    body += _if_refractory(hold, [f"{v} = next_v({v}, {drive}, {', '.join(arguments)});"], [])
     # A refractory neuron is compared as well, as in the machine's code.
     threshold = code.text("threshold", registers["v_thresh"])
     body += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
@@ -215,12 +215,12 @@ def spinnaker_delta(cells: Cells, memory: Memory) -> StepCode:
         for slot, word in zip(slots, ("exc", "inh"), strict=False)
     ]
     lowest = number(shared(registers, "v_min") if "v_min" in registers else -(2**31) + 1)
-    words = (
+    arguments = (
         code.text(word, registers[name])
         for word, name in (("bias", "i_offset"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
     )
     body = [f"int64_t input = {' - '.join(inputs)};", *(f"{slot} = 0;" for slot in slots)]
-    free = [f"{v} = next_v_delta({v}, input, {', '.join(words)}, {lowest});"]
+    free = [f"{v} = next_v_delta({v}, input, {', '.join(arguments)}, {lowest});"]
     threshold = code.text("threshold", registers["v_thresh"])
     free += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
     return code.step_at_threshold([input_declaration(cells)], threshold, body + _if_refractory(hold, free, []))
@@ -298,8 +298,8 @@ def loihi2_ternary_lif(cells: Cells, memory: Memory) -> StepCode:
 def _integrated(cells: Cells, code: PopulationCode) -> tuple[list[str], list[str]]:
     """Return the statements that update current and voltage of neuron i, and those before the loop over neurons."""
     registers = cells.fixed.registers
-    v, keep = code.state("v"), 4095 - registers["du"]
-    u = code.state("u") if keep.any() else ""
+    v, kept_share = code.state("v"), 4095 - registers["du"]
+    u = code.state("u") if kept_share.any() else ""
     begins, interval = [input_declaration(cells)], shared(registers, "reset_interval")
     if interval:
         arrays = [array.removesuffix("[i]") for array in (v, u) if array]
@@ -307,7 +307,7 @@ def _integrated(cells: Cells, code: PopulationCode) -> tuple[list[str], list[str
         begins += [test, *(f"    memset({array}, 0, sizeof {array});" for array in arrays), "}"]
     bias = code.text("bias", registers["bias_mant"] << registers["bias_exp"])
     leak = code.text("keep_v", 4096 - registers["dv"])
-    body = [f"int32_t u = next_u({u or '0'}, {code.text('keep_u', keep)}, in[i]);", *([f"{u} = u;"] if u else [])]
+    body = [f"int32_t u = next_u({u or '0'}, {code.text('keep_u', kept_share)}, in[i]);", *([f"{u} = u;"] if u else [])]
     return [*body, "in[i] = 0;", f"{v} = next_v({v}, {leak}, u, {bias});"], begins
 
 
@@ -330,8 +330,8 @@ def _encoding(cells: Cells, code: PopulationCode, body: Sequence[str]) -> StepCo
     registers = cells.fixed.registers
     states = ("act", "residue", *(["error"] if shared(registers, "cum_error") else []))
     places = [f"&{code.state(word)}" for word in states] + ["NULL"]
-    words = f"{', '.join(places[:3])}, y, {code.text('vth', registers['vth'])}, {shared(registers, 'state_exp')}u"
-    return code.step_that_sends([input_declaration(cells)], [*body, "in[i] = 0;"], f"encoded({words})")
+    arguments = f"{', '.join(places[:3])}, y, {code.text('vth', registers['vth'])}, {shared(registers, 'state_exp')}u"
+    return code.step_that_sends([input_declaration(cells)], [*body, "in[i] = 0;"], f"encoded({arguments})")
 
 
 def sigma_decoder(cells: Cells, memory: Memory) -> StepCode:
@@ -346,8 +346,8 @@ def graded_vector(cells: Cells, memory: Memory) -> StepCode:
     """Neurons that send every input above a threshold."""
     registers, code = cells.fixed.registers, PopulationCode(cells, memory)
     body = ["int32_t input = wrap32(in[i]);", "in[i] = 0;"]
-    words = f"input, {code.text('vth', registers['vth'])}, {int(not shared(registers, 'relu'))}"
-    return code.step_that_sends([input_declaration(cells)], body, f"passed({words})")
+    arguments = f"input, {code.text('vth', registers['vth'])}, {int(not shared(registers, 'relu'))}"
+    return code.step_that_sends([input_declaration(cells)], body, f"passed({arguments})")
 
 
 def graded_product(cells: Cells, memory: Memory) -> StepCode:
@@ -358,8 +358,8 @@ def graded_product(cells: Cells, memory: Memory) -> StepCode:
         f"int32_t product = wrap32((int64_t)({' * '.join([*slots, '0u'][:2])}));",
         *(f"{slot} = 0;" for slot in slots),
     ]
-    words = f"(int32_t)floor_shift(product, {shared(registers, 'exp')}u), {code.text('vth', registers['vth'])}, 1"
-    return code.step_that_sends([input_declaration(cells)], body, f"passed({words})")
+    arguments = f"(int32_t)floor_shift(product, {shared(registers, 'exp')}u), {code.text('vth', registers['vth'])}, 1"
+    return code.step_that_sends([input_declaration(cells)], body, f"passed({arguments})")
 
 
 def resonator(fires: Callable[[str, str, str], tuple[str, str]]) -> Callable[[Cells, Memory], StepCode]:
@@ -417,11 +417,11 @@ def decide(program: Program, index: int, cells: Cells, threshold: str, memory: M
         # A loop over the rivals of a single neuron makes compilers warn of an index out of range.
         lines += [] if is_single else _lateral_reset(cells, shape[choice.axis], math.prod(shape[choice.axis + 1 :]))
     else:
-        once = isinstance(choice, winner_take_all) and choice.first_to_fire
-        if once:
+        stops_after_spike = isinstance(choice, winner_take_all) and choice.first_to_fire
+        if stops_after_spike:
             closed = memory.variable(f"closed_{k}", "uint8_t", f"{group.name}: whether it has decided")
             opened = [f"{closed} = 0;"]
-        lines += _winner_take_all(cells, once)
+        lines += _winner_take_all(cells, stops_after_spike)
     fires = [f"    for (uint32_t i = 0; i < {cells.size}u; i++) {{", f"        if (fired_{k}[i]) fire_{k}(i);", "    }"]
     return [*lines, *fires, "}", ""], opened
 
@@ -431,15 +431,15 @@ def supports(choice: object) -> bool:
     return isinstance(choice, SUPPORTED)
 
 
-def _winner_take_all(cells: Cells, once: bool) -> list[str]:
+def _winner_take_all(cells: Cells, stops_after_spike: bool) -> list[str]:
     """Return the statements of winner take all. With `once`, losers are not reset, and the group closes."""
     k, size = cells.number, cells.size
     lines = [f"    uint32_t best = best_{k}(0, {size}u, 1);"]
-    lose = f"fired_{k}[i] = 0;" if once else f"fired_{k}[i] = 0, reset_{k}(i);"
-    closed = f" || closed_{k}" if once else ""
+    lose = f"fired_{k}[i] = 0;" if stops_after_spike else f"fired_{k}[i] = 0, reset_{k}(i);"
+    closed = f" || closed_{k}" if stops_after_spike else ""
     lines += [f"    for (uint32_t i = 0; i < {size}u; i++) {{", f"        if (fired_{k}[i] && (i != best{closed})) {{"]
     lines += [f"            {lose}", "        }", "    }"]
-    return [*lines, *([f"    if (best < {size}u) closed_{k} = 1;"] if once else [])]
+    return [*lines, *([f"    if (best < {size}u) closed_{k} = 1;"] if stops_after_spike else [])]
 
 
 def _lateral_reset(cells: Cells, rivals: int, stride: int) -> list[str]:

@@ -128,11 +128,11 @@ def _ties(n_scale: float, one: int, units: Sequence[int]) -> tuple[list[tuple[in
     near = np.flatnonzero((abs(doubled - np.rint(doubled)) < _APART) & (np.rint(doubled) % 2 == unit % 2))
     lower = np.arange(-levels, levels)
     ties = []
-    for value, at in zip(numbers[near].tolist(), np.rint(doubled[near]).astype(np.int64).tolist(), strict=True):
+    for value, nearest in zip(numbers[near].tolist(), np.rint(doubled[near]).astype(np.int64).tolist(), strict=True):
         # The floating-point expression of the emulator, for the present dopamine that makes the value a tie.
-        before = (at - (2 * lower + 1) * unit) // 2
-        upper = np.rint((value / one / n_scale - before) / unit) > lower
-        ties.append((value, at, sum(1 << k for k in np.flatnonzero(upper).tolist())))
+        lower_ties = (nearest - (2 * lower + 1) * unit) // 2
+        upper = np.rint((value / one / n_scale - lower_ties) / unit) > lower
+        ties.append((value, nearest, sum(1 << k for k in np.flatnonzero(upper).tolist())))
     return ties, largest, halves
 
 

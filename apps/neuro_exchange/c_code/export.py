@@ -161,11 +161,11 @@ def save_c(
     outputs = probed_neurons or tuple(name for name in neurons if name not in sending) or tuple(neurons)
     source = source_of(fixed, name, outputs)
     code = 400 + 16 * source.code.count(";")  # upper bound on a Cortex-M4
-    for what, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
+    for memory, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
         if limit is not None and size > limit:
             hint = "fewer neurons, shorter delays or shared kernels (grid) need less"
             raise ModelError(
-                f"{what}: network '{net.name}' needs {size:,} bytes: expected at most {limit:,}", hint=hint
+                f"{memory}: network '{net.name}' needs {size:,} bytes: expected at most {limit:,}", hint=hint
             )
     input_events, rewards = _check_given(given, source.signals)
     steps = _steps(program, check(_DURATION, duration, "duration"), input_events, rewards)
@@ -190,15 +190,15 @@ def save_c(
     graded = values["field"] == "payload"
     spikes = (run.input_spikes, run.output_spikes)
     input_spikes, output_spikes = (array.shape[1] if graded else int(array[2].sum()) for array in spikes)
-    sets = sum(when.size for when, _ in rewards.values())
+    sets = sum(reward_steps.size for reward_steps, _ in rewards.values())
     sizes = source.flash, code, source.ram
     return CCode(place, name, fixed.chip.title, *sizes, steps, random_input, input_spikes, output_spikes, sets)
 
 
-def _compile(net: Network, chip: Chip, words: dict[str, Any], signals: Any) -> tuple[Simulation, FixedProgram]:
+def _compile(net: Network, chip: Chip, settings: dict[str, Any], signals: Any) -> tuple[Simulation, FixedProgram]:
     """Compile and quantise a network. Values of signals are removed: they only set the scale of dopamine."""
     options: dict[str, Any] = {} if signals is None else {"signals": signals}
-    sim = compile(net, **words, **options)
+    sim = compile(net, **settings, **options)
     fixed, program = quantise(sim.program, chip, **options), sim.program
     refuse(fixed)
     if any(part.values is not None for part in program.signals):
@@ -207,7 +207,7 @@ def _compile(net: Network, chip: Chip, words: dict[str, Any], signals: Any) -> t
         net = copy.copy(net)
         net.signals = {name: replace(part, values=None) for name, part in net.signals.items()}
         with warnings.catch_warnings(action="ignore", category=ApproximationWarning):  # the first call has warned
-            sim = compile(net, **words, **options)
+            sim = compile(net, **settings, **options)
         fixed = quantise(sim.program, chip, **options)
     return sim, fixed
 
@@ -246,8 +246,8 @@ def _draw_rewards(signals: Mapping[str, Dopamine], steps: int) -> Rewards:
     """Draw random values of signals at random steps."""
     rng, rewards = np.random.default_rng(1), dict[str, tuple[Ints, Ints]]()
     for name, signal in signals.items():
-        when = np.flatnonzero(rng.random(steps) < _PROBABILITY)
-        rewards[name] = when, rng.integers(-signal.largest, signal.largest, (when.size, signal.size))
+        reward_steps = np.flatnonzero(rng.random(steps) < _PROBABILITY)
+        rewards[name] = reward_steps, rng.integers(-signal.largest, signal.largest, (reward_steps.size, signal.size))
     return rewards
 
 
@@ -259,8 +259,8 @@ def _steps(program: Program, duration: float | None, inputs: InputSpikes, reward
         return max(1, steps)
     spike_steps = [part.spike_steps for part in program.populations if part.kind == "listed"]
     spike_steps += [spikes[0] for spikes in (*inputs.values(), *rewards.values())]
-    last = max((int(steps.max()) for steps in spike_steps if steps.size), default=0)
-    return min(max(last + _AFTER, _SHORTEST), _LONGEST)
+    last_step = max((int(steps.max()) for steps in spike_steps if steps.size), default=0)
+    return min(max(last_step + _AFTER, _SHORTEST), _LONGEST)
 
 
 def _run(
@@ -269,10 +269,10 @@ def _run(
     """Record a run with the given input, else the network's own, else random input. Return whether it is random."""
     inputs = [part for part in sim.program.populations if part.kind in INPUTS]
     names = [part.name for part in inputs if part.kind == "listed"]
-    for name, (when, *rest) in input_spikes.items():
+    for name, (spike_steps, *ids) in input_spikes.items():
         if name not in names:
             raise unknown("input", name, [*names, *source.signals])
-        sim.inject(name, when * sim.program.resolution, *rest)
+        sim.inject(name, spike_steps * sim.program.resolution, *ids)
     run = record(sim, source, outputs, steps, rewards)
     if run.input_spikes.size or input_spikes or not inputs:
         return run, False
@@ -282,9 +282,9 @@ def _run(
         if part.kind == "poisson":
             sim.set(part.name, rate=1000.0 * _PROBABILITY / sim.program.resolution)
         else:
-            when, neurons = np.nonzero(rng.random((steps, part.size)) < _PROBABILITY)
+            spike_steps, neurons = np.nonzero(rng.random((steps, part.size)) < _PROBABILITY)
             payloads = [rng.integers(1, 128, neurons.size)] if part.model.graded else []
-            sim.inject(part.name, (when + 1) * sim.program.resolution, neurons, *payloads)
+            sim.inject(part.name, (spike_steps + 1) * sim.program.resolution, neurons, *payloads)
     return record(sim, source, outputs, steps, rewards), True
 
 
@@ -297,8 +297,8 @@ def _data(run: RecordedRun, name: str, signals: Mapping[str, Dopamine]) -> str:
         events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
         memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
     sets = ["(void)step;"]
-    for k, (signal, (when, values)) in enumerate(run.rewards.items()):
-        row_ends = np.searchsorted(when, np.arange(-1, run.steps), side="right")
+    for k, (signal, (steps, values)) in enumerate(run.rewards.items()):
+        row_ends = np.searchsorted(steps, np.arange(-1, run.steps), side="right")
         memory.table(f"reward_ends_{k}", row_ends, f"ends of the values of {signal} before each step", True)
         memory.constants(f"reward_values_{k}", "int32_t", [*(number(value) for value in values.ravel().tolist()), "0"])
         first_value = f"(reward_ends_{k}[step + 1u] - 1u) * {signals[signal].size}u"
@@ -355,17 +355,17 @@ def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OverflowWarning)  # the C code overflows in the same way
         for step in range(steps):
-            for name, (when, values) in rewards.items():
-                for value in values[when == step]:
+            for name, (spike_steps, values) in rewards.items():
+                for value in values[spike_steps == step]:
                     sim.signal(name, value / source.signals[name].one)
             sim.run(sim.program.resolution)
             digests[step] = _digest(sim, source)
     inputs = [part.name for part in sim.program.populations if part.kind in INPUTS]
     neurons = [part.name for part in sim.program.populations if part.kind == "neuron"]
-    when, ids, counts = _spikes(sim, source, neurons)
+    spike_steps, ids, counts = _spikes(sim, source, neurons)
     hashes = keyed_random.mix(ids.astype(np.uint64) << np.uint64(32) | (counts & 0xFFFFFFFF).astype(np.uint64))
     spike_digests = np.zeros(steps, dtype=np.uint64)
-    np.add.at(spike_digests, when - 1, hashes)
+    np.add.at(spike_digests, spike_steps - 1, hashes)
     input_spikes, output_spikes = _spikes(sim, source, inputs), _spikes(sim, source, outputs)
     return RecordedRun(steps, input_spikes, output_spikes, spike_digests, digests, rewards)
 
@@ -384,7 +384,7 @@ def with_recorded_spikes(net: Network, names: Container[str] = ()) -> Network:
 
 
 def _digest(sim: Simulation, source: Source) -> np.uint64:
-    values = [sim.get(name, word, raw=True) for name, words in source.states.items() for word in words]
+    values = [sim.get(name, word, raw=True) for name, state_names in source.states.items() for word in state_names]
     flat = np.concatenate(values).astype(np.int64) if values else np.zeros(0, dtype=np.int64)
     indices = np.arange(flat.size, dtype=np.uint64) << np.uint64(32)
     total: np.uint64 = keyed_random.mix(indices | (flat & 0xFFFFFFFF).astype(np.uint64)).sum(dtype=np.uint64)
@@ -465,9 +465,9 @@ def _projections(fixed: FixedProgram) -> Iterator[Problem]:
                 yield _problem(part, part.synapse.name, reason, "use shorter delays")
 
 
-def _problem(part: Population | Projection, what: str, why: str, way_out: str) -> Problem:
+def _problem(part: Population | Projection, subject: str, reason: str, way_out: str) -> Problem:
     kind = "population" if isinstance(part, Population) else "projection"
-    return Problem(True, f"{kind} '{part.name}': {what}", why, way_out, part.origin)
+    return Problem(True, f"{kind} '{part.name}': {subject}", reason, way_out, part.origin)
 
 
 def _groups(fixed: FixedProgram) -> Iterator[Problem]:
@@ -481,9 +481,9 @@ def _groups(fixed: FixedProgram) -> Iterator[Problem]:
 def _probes(fixed: FixedProgram) -> Iterator[Problem]:
     for probe in fixed.program.probes:
         if probe.record not in _READABLE or probe.mean:
-            what = f"probe '{probe.name}': {'mean ' * probe.mean}{probe.record}"
+            subject = f"probe '{probe.name}': {'mean ' * probe.mean}{probe.record}"
             way_out = "leave it out, or probe spikes; NAME_voltage() reads the voltage register"
-            yield Problem(True, what, _NO_RECORDS, way_out, probe.origin)
+            yield Problem(True, subject, _NO_RECORDS, way_out, probe.origin)
     for synapse_probe in fixed.program.synapse_probes:
-        what = f"probe '{synapse_probe.name}': {synapse_probe.record}"
-        yield Problem(True, what, _NO_RECORDS, "leave it out, or probe spikes of a population", synapse_probe.origin)
+        subject = f"probe '{synapse_probe.name}': {synapse_probe.record}"
+        yield Problem(True, subject, _NO_RECORDS, "leave it out, or probe spikes of a population", synapse_probe.origin)

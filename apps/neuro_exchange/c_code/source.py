@@ -209,8 +209,8 @@ class _Writer:
 
     def _sent_at_once(self, k: int) -> tuple[int, ...]:
         """Return the outgoing projections, except deferred projections, which learn before sending."""
-        at_once = (q for q in self._spiking if not isinstance(self._learning.get(q), Deferred))
-        return tuple(q for q in at_once if self._program.projections[q].source == k)
+        immediate = (q for q in self._spiking if not isinstance(self._learning.get(q), Deferred))
+        return tuple(q for q in immediate if self._program.projections[q].source == k)
 
     def _learning_statements(self, k: int) -> tuple[str, ...]:
         """Return the statements that report a spike of neuron i of a population to all plastic projections."""
@@ -337,7 +337,7 @@ class _Writer:
             first, last = self._firsts[k], self._firsts[k + 1]
             sends = [f"        send_{q}(i, times);" for q in self._sent_at_once(k)]
             sends = [f"        uint32_t i = neuron - {first}u;", "        (void)i;", *sends]
-            sends += [f"        {each.replace('TIMES', 'times')}" for each in self._learning_statements(k)]
+            sends += [f"        {statement.replace('TIMES', 'times')}" for statement in self._learning_statements(k)]
             name = comment(self._program.populations[k].name)
             lines += [f"    if ({_inside(first, last)}) {{ /* {name} */", *sends, "    }"]
         if not self._inputs:
@@ -353,7 +353,7 @@ class _Writer:
         functions = function("void NAME_init(void)", [*lines, *opening])
         if (trials := self._program.trials) is not None:
             names = names_of(self._program.populations[trials.output])
-            states = {register for state in trials.reset for each in names[state] for register in REGISTERS[each]}
+            states = {register for state in trials.reset for name in names[state] for register in REGISTERS[name]}
             resets = [line for register, line in stepped[trials.output].init.items() if register in states]
             functions += function("void NAME_trial(void)", [*clear, *resets, *opening])
         return functions
@@ -362,14 +362,14 @@ class _Writer:
         merge = arithmetic_of(self._fixed.chip).one_bit and bool(self._inputs)
         body = ["uint32_t neuron = events[e].neuron;"]
         times = f"events[e].{self._family.field}"
-        once = f"if ({times} != 0) input(neuron, spikes((uint32_t){times}));"
+        line = f"if ({times} != 0) input(neuron, spikes((uint32_t){times}));"
         lines = [*(["now++;"] if self._needs_step_number else []), "out_at = out;"]
         if merge:
             size = max(self._firsts[k + 1] for k in self._inputs)
             bits = self._memory.state("seen", "uint32_t", -(-size // 32), "bit set of inputs that spiked in this step")
             body += [f"if (neuron >= {size}u || ({bits}[neuron / 32u] >> neuron % 32u & 1u) != 0) continue;"]
-            once = f"if ({times} != 0) {bits}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
-        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*body, once]), "}", *self._pour_calls(*self._inputs)]
+            line = f"if ({times} != 0) {bits}[neuron / 32u] |= UINT32_C(1) << neuron % 32u, input(neuron, 1u);"
+        lines += ["for (uint32_t e = 0; e < n; e++) {", *indented([*body, line]), "}", *self._pour_calls(*self._inputs)]
         if merge:
             clear = f"if (events[e].neuron < {size}u) {bits}[events[e].neuron / 32u] = 0;"
             lines += [f"for (uint32_t e = 0; e < n; e++) {{ {clear} }}"]

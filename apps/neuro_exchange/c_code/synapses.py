@@ -68,11 +68,11 @@ class Delivery:
 
     def _static_word(self) -> str:
         """Return the text of the word of synapse e: a number if all are equal, else an entry of a table."""
-        words = scaled(np.atleast_1d(self._wires.words).astype(np.int64))
-        if np.all(words.stored == words.stored.flat[:1]):
-            return number(int(words.stored.flat[0]) * words.factor if words.stored.size else 0)
-        table = self._memory.table(f"words_{self._index}", words.stored, f"{self._part.name}: words")
-        return f"{table}[e]" if words.factor == 1 else f"{table}[e] * {number(words.factor)}"
+        mantissas = scaled(np.atleast_1d(self._wires.words).astype(np.int64))
+        if np.all(mantissas.stored == mantissas.stored.flat[:1]):
+            return number(int(mantissas.stored.flat[0]) * mantissas.factor if mantissas.stored.size else 0)
+        table = self._memory.table(f"words_{self._index}", mantissas.stored, f"{self._part.name}: words")
+        return f"{table}[e]" if mantissas.factor == 1 else f"{table}[e] * {number(mantissas.factor)}"
 
     @property
     def _has_lags_per_synapse(self) -> bool:
@@ -97,10 +97,10 @@ class Delivery:
         if self._sums is None:
             return []
         q, n, (first, last) = self._index, self._target.size, lags_of(self._wires)
-        words = f"{n}u, {int(self._wires.wraps)}, {self._wires.shift}u"
+        arguments = f"{n}u, {int(self._wires.wraps)}, {self._wires.shift}u"
         body = [f"if (full_{q} == 0) return;", f"full_{q} = 0;"]
         body += [f"for (uint32_t lag = {first}u; lag <= {last}u; lag++) {{"]
-        body += [f"    pour({self._ring('lag')}, sums + {self._sums}u + (lag - {first}u) * {n}u, {words});", "}"]
+        body += [f"    pour({self._ring('lag')}, sums + {self._sums}u + (lag - {first}u) * {n}u, {arguments});", "}"]
         return function(f"static void pour_{q}(void)", body)
 
     def _add(self, place: str) -> str:
@@ -271,17 +271,17 @@ class Learning:
         The emulator divides and rounds. Here a table has, for each value 1 to 127 of a trace, the smallest integer that
         is rounded to it, so no division is needed.
         """
-        scale, q, n, most = self._wires.n_scale, self._q, self._targets, loihi_rule.TRACE_MAX
-        units = np.rint(np.arange(math.ceil(most * scale * one) + 1) / one / scale)
-        smallest = np.searchsorted(units, np.arange(1, most + 1))
+        scale, q, n, trace_max = self._wires.n_scale, self._q, self._targets, loihi_rule.TRACE_MAX
+        units = np.rint(np.arange(math.ceil(trace_max * scale * one) + 1) / one / scale)
+        smallest = np.searchsorted(units, np.arange(1, trace_max + 1))
         about = f"{self._part.name}: the least dopamine of each value of a trace"
         name = self._memory.table(f"levels_{q}", smallest, about, True)
-        at = f"[(uint32_t)((now + {self.rule.epoch - 1}u) % {self.rule.epoch}u) * {n}u + i]"
+        index = f"[(uint32_t)((now + {self.rule.epoch - 1}u) % {self.rule.epoch}u) * {n}u + i]"
         return [
             "uint32_t size = values[i] < 0 ? 0u - (uint32_t)values[i] : (uint32_t)values[i], level = 0;",
             f"for (uint32_t bit = 64u; bit != 0; bit /= 2u) level += size >= {name}[level + bit - 1u] ? bit : 0;",
-            f"r1_{q}{at} = (uint8_t)(values[i] > 0 ? level : 0);",
-            f"r2_{q}{at} = (uint8_t)(values[i] < 0 ? level : 0);",
+            f"r1_{q}{index} = (uint8_t)(values[i] > 0 ? level : 0);",
+            f"r2_{q}{index} = (uint8_t)(values[i] < 0 ? level : 0);",
         ]
 
     def lines(self) -> list[str]:
@@ -351,8 +351,8 @@ class Learning:
             body += [f"for (uint32_t i = 0; i < {size}u; i++) {{", f"    if ({side}_fired_{q}[i] != 0) {{"]
             for name in names:
                 if name in self.rule.traces:
-                    at = f"{name}_{q}[slot * {size}u + i]"
-                    body += [f"        {at} = raised({at}, {self.rule.traces[name].impulse}u);"]
+                    element = f"{name}_{q}[slot * {size}u + i]"
+                    body += [f"        {element} = raised({element}, {self.rule.traces[name].impulse}u);"]
             body += [f"        {side}_last_{q}[i] = (uint8_t)(slot + 1u);", f"        {side}_fired_{q}[i] = 0;"]
             body += ["    }", "}"]
         body += [f"if (slot == {epoch - 1}u) {{", *indented(self._visit()), "}"]
@@ -373,7 +373,7 @@ class Learning:
         if (
             ungated
             and self.rule.dt
-            and all(any(each.name == "t" and not each.add for each in term.factors) for term in ungated)
+            and all(any(factor.name == "t" and not factor.add for factor in term.factors) for term in ungated)
         ):
             acts = f"(t_{q}[e] != 0 && ({acts}))"
         lines = [f"uint32_t number = (uint32_t)(now / {epoch}u);"]

@@ -95,9 +95,9 @@ class Cell:
 class Unsupported(Exception):
     """Raised for a node that a convention lacks. `why` is the reason, `way_out` the advice to the user."""
 
-    def __init__(self, why: str, way_out: str) -> None:
-        self.why, self.way_out = why, way_out
-        super().__init__(why)
+    def __init__(self, reason: str, way_out: str) -> None:
+        self.why, self.way_out = reason, way_out
+        super().__init__(reason)
 
 
 def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
@@ -174,10 +174,10 @@ def _reset_value(node: Node) -> Floats:
     return np.zeros(node.shape) if node.fields.get("v_reset") is None else node.array("v_reset")
 
 
-def _synaptic(node: Node, lost: Floats, i_lost: Floats, how: str, **words: Any) -> Cell:
+def _synaptic(node: Node, lost: Floats, i_lost: Floats, note: str, **words: Any) -> Cell:
     """Return the cell of CubaLIF or CubaLI. A state loses the share `lost` per step, which is also its gain."""
     gain, i_gain = lost * node.array("r"), i_lost * node.array("w_in")
-    return Cell(1.0 - lost, words.pop("rest"), gain, how, i_keep=1.0 - i_lost, i_gain=i_gain, **words)
+    return Cell(1.0 - lost, words.pop("rest"), gain, note, i_keep=1.0 - i_lost, i_gain=i_gain, **words)
 
 
 def _firing(node: Node, cell: Cell, spikes: str, **rule: Any) -> Cell:
@@ -189,12 +189,12 @@ def _firing(node: Node, cell: Cell, spikes: str, **rule: Any) -> Cell:
 
 def _norse(node: Node, step: float) -> Cell:
     """Norse 1.1: `lif_box`, `iaf`, `leaky_integrator_box`, and the module that its importer builds for CubaLIF."""
-    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    ones, zero = np.ones(node.shape), np.zeros(node.shape)
     match node.kind:
         case "IF":
-            cell = Cell(one, zero, one, "Norse: V grows by the input, r is not used")
+            cell = Cell(ones, zero, ones, "Norse: V grows by the input, r is not used")
         case "I":
-            cell = Cell(one, zero, one, "V grows by the input")
+            cell = Cell(ones, zero, ones, "V grows by the input")
         case "LIF" | "LI":
             a = _euler(node, "tau", step)
             cell = Cell(1.0 - a, node.array("v_leak"), a, "Norse: Euler, r is not used")
@@ -206,26 +206,26 @@ def _norse(node: Node, step: float) -> Cell:
 
 def _snntorch(node: Node, step: float) -> Cell:
     """SnnTorch 1.0: `Leaky` and `Synaptic` as built by the importer, which has a fixed step of 1e-4 s."""
-    one, zero = np.ones(node.shape), np.zeros(node.shape)
-    how = "snnTorch: Euler with its step of 1e-4 s"
+    ones, zero = np.ones(node.shape), np.zeros(node.shape)
+    note = "snnTorch: Euler with its step of 1e-4 s"
     match node.kind:
         case "IF":
             if np.any(node.array("r") != 1.0):
                 raise Unsupported("r is not 1, which snnTorch does not have", "read it with from_='nir'")
-            cell = Cell(0.9 * one, zero, one, "snnTorch 1.0 reads IF as Leaky with beta = 0.9", rises=True)
+            cell = Cell(0.9 * ones, zero, ones, "snnTorch 1.0 reads IF as Leaky with beta = 0.9", rises=True)
             return _firing(node, cell, FALLS_AND_RISES, strict=True)
         case "I":
-            return Cell(one, zero, node.array("r"), "V grows by r times the input")
+            return Cell(ones, zero, node.array("r"), "V grows by r times the input")
         case "LIF" | "LI":
             a = _euler(node, "tau", SNNTORCH_STEP)
             gain = a * node.array("r")
             if node.kind == "LIF" and np.unique(gain).size > 1:
                 gain = np.full(node.shape, np.unique(gain)[0])
-                how += ", the smallest r dt / tau of the node for all its neurons"
-            cell = Cell(1.0 - a, zero, gain, how)
+                note += ", the smallest r dt / tau of the node for all its neurons"
+            cell = Cell(1.0 - a, zero, gain, note)
         case _:
             a, b = (_euler(node, word, SNNTORCH_STEP) for word in ("tau_mem", "tau_syn"))
-            cell = _synaptic(node, a, b, f"{how}, the current first, then V with it", rest=zero)
+            cell = _synaptic(node, a, b, f"{note}, the current first, then V with it", rest=zero)
     hold = int(node.kind == "CubaLIF" and node.recurrent)
     fires = "fires at V > V_th, then V = 0 in the same step"
     if hold:
@@ -235,19 +235,19 @@ def _snntorch(node: Node, step: float) -> Cell:
 
 def _sinabs(node: Node, step: float) -> Cell:
     """Sinabs 3.1: `IAF`, `LIF` and `ExpLeak` as built by the importer, with tau in steps."""
-    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    ones, zero = np.ones(node.shape), np.zeros(node.shape)
     if node.kind == "IF":
         threshold = node.array("v_threshold")
-        how = f"Sinabs: V grows by the input, r is not used; {FIRES_AND_FALLS}; then V >= -V_th"
-        return Cell(one, zero, one, how, threshold=threshold, several=True, lowest=-threshold)
+        note = f"Sinabs: V grows by the input, r is not used; {FIRES_AND_FALLS}; then V >= -V_th"
+        return Cell(ones, zero, ones, note, threshold=threshold, several=True, lowest=-threshold)
     if node.kind == "I":
-        return Cell(one, zero, one, "V grows by the input")
+        return Cell(ones, zero, ones, "V grows by the input")
     tau = _positive(node, "tau")
     if np.all(tau < 1.0):
-        how = "Sinabs: exact decay, the input times dt / tau; tau in seconds, since it is below one step"
-        cell = Cell(np.exp(-step / tau), zero, step / tau, how)
+        note = "Sinabs: exact decay, the input times dt / tau; tau in seconds, since it is below one step"
+        cell = Cell(np.exp(-step / tau), zero, step / tau, note)
     else:
-        cell = Cell(np.exp(-1.0 / tau), zero, one, "Sinabs: exact decay, tau in steps, the input as it is")
+        cell = Cell(np.exp(-1.0 / tau), zero, ones, "Sinabs: exact decay, tau in steps, the input as it is")
     return _firing(node, cell, FIRES_AND_FALLS, several=True)
 
 
@@ -256,8 +256,8 @@ def _spikingjelly(node: Node, step: float) -> Cell:
     reset = _reset_value(node)
     match node.kind:
         case "IF":
-            how = "spikingjelly: V grows by r dt times the input"
-            cell = Cell(np.ones(node.shape), reset, step * node.array("r"), how)
+            note = "spikingjelly: V grows by r dt times the input"
+            cell = Cell(np.ones(node.shape), reset, step * node.array("r"), note)
         case "LIF":
             a = _euler(node, "tau", step)
             if np.any(node.array("v_leak") != reset):
@@ -267,43 +267,43 @@ def _spikingjelly(node: Node, step: float) -> Cell:
             if np.any(node.array("v_leak") != 0.0):
                 raise Unsupported("v_leak is not 0, which spikingjelly does not have", "read it with from_='nir'")
             a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
-            how = "spikingjelly: Euler, the current first, then V with it"
-            cell = _synaptic(node, a, b, how, rest=np.zeros(node.shape), start=reset)
+            note = "spikingjelly: Euler, the current first, then V with it"
+            cell = _synaptic(node, a, b, note, rest=np.zeros(node.shape), start=reset)
     return _firing(node, cell, "fires at V >= V_th, then V = v_reset in the same step", reset=reset)
 
 
 def _spyx(node: Node, step: float) -> Cell:
     """Spyx 1.0: `IF`, `LIF` and `CuBaLIF`. A spike follows one step after the potential crosses the threshold."""
-    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    ones, zero = np.ones(node.shape), np.zeros(node.shape)
     match node.kind:
         case "IF":
-            cell = Cell(one, zero, one, "Spyx: V grows by the input")
+            cell = Cell(ones, zero, ones, "Spyx: V grows by the input")
         case "LIF":
             a = _euler(node, "tau", step)
             # Spyx 1.0 writes r = 1 - dt / tau and ignores r on import, so a file with this r has a gain of 1.
-            by_spyx = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)
-            gain = one if by_spyx else a * node.array("r")
-            how = "Spyx: Euler, the input as it is" if by_spyx else "Spyx: Euler, the input times r dt / tau"
+            is_spyx = np.allclose(node.array("r"), 1.0 - a, rtol=1e-4)
+            gain = ones if is_spyx else a * node.array("r")
+            note = "Spyx: Euler, the input as it is" if is_spyx else "Spyx: Euler, the input times r dt / tau"
             fall = node.array("v_threshold") / np.maximum(1.0 - a, 1e-9)
-            cell = Cell(1.0 - a, zero, gain, how, fall=fall)
+            cell = Cell(1.0 - a, zero, gain, note, fall=fall)
         case _:
             a, b = (_euler(node, word, step) for word in ("tau_mem", "tau_syn"))
-            how = "Spyx: Euler, the current first, then V with it, the input as it is"
-            cell = Cell(1.0 - a, zero, one, how, i_keep=1.0 - b, i_gain=one)
+            note = "Spyx: Euler, the current first, then V with it, the input as it is"
+            cell = Cell(1.0 - a, zero, ones, note, i_keep=1.0 - b, i_gain=ones)
     return _firing(node, cell, "fires a step after V > V_th, and falls by V_th then", strict=True, spike_delay=1)
 
 
 def _rockpool(node: Node, step: float) -> Cell:
     """Rockpool 3.1: `LIFNeuronTorch` and `LIFTorch`. Input decays already in the step in which it arrives."""
-    one, zero = np.ones(node.shape), np.zeros(node.shape)
+    ones, zero = np.ones(node.shape), np.zeros(node.shape)
     if node.kind == "LIF":
         tau = _positive(node, "tau")
-        how = "Rockpool: exact decay, the input times r dt / tau"
-        cell = Cell(np.exp(-step / tau), zero, node.array("r") * step / tau, how)
+        note = "Rockpool: exact decay, the input times r dt / tau"
+        cell = Cell(np.exp(-step / tau), zero, node.array("r") * step / tau, note)
     else:
-        keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
-        how = "Rockpool: exact decay, also of the input in its first step, the current first"
-        cell = Cell(keep, zero, one, how, i_keep=i_keep, i_gain=i_keep)
+        kept_share, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
+        note = "Rockpool: exact decay, also of the input in its first step, the current first"
+        cell = Cell(kept_share, zero, ones, note, i_keep=i_keep, i_gain=i_keep)
     return _firing(node, cell, FIRES_AND_FALLS, several=True)
 
 
@@ -313,14 +313,14 @@ def _nir(node: Node, step: float) -> Cell:
         case "IF" | "I":
             cell = Cell(np.ones(node.shape), np.zeros(node.shape), step * node.array("r"), "NIR: V' = r I")
         case "LIF" | "LI":
-            keep = np.exp(-step / _positive(node, "tau"))
-            how = "NIR: solved exactly, the input held for a step"
-            cell = Cell(keep, node.array("v_leak"), (1.0 - keep) * node.array("r"), how)
+            kept_share = np.exp(-step / _positive(node, "tau"))
+            note = "NIR: solved exactly, the input held for a step"
+            cell = Cell(kept_share, node.array("v_leak"), (1.0 - kept_share) * node.array("r"), note)
         case _:
-            keep, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
-            how = "NIR: exact decay, the current first, then V with it"
-            gain, i_gain = (1.0 - keep) * node.array("r"), (1.0 - i_keep) * node.array("w_in")
-            cell = Cell(keep, node.array("v_leak"), gain, how, i_keep=i_keep, i_gain=i_gain)
+            kept_share, i_keep = (np.exp(-step / _positive(node, word)) for word in ("tau_mem", "tau_syn"))
+            note = "NIR: exact decay, the current first, then V with it"
+            gain, i_gain = (1.0 - kept_share) * node.array("r"), (1.0 - i_keep) * node.array("w_in")
+            cell = Cell(kept_share, node.array("v_leak"), gain, note, i_keep=i_keep, i_gain=i_gain)
     return _firing(node, cell, "fires at V >= V_th, then V = v_reset in the same step", reset=_reset_value(node))
 
 

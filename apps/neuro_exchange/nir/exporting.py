@@ -76,16 +76,16 @@ def find_sheets(export: Export, spiking: Sequence[Projection]) -> None:
     for _ in range(len(export.sheets)):
         export.sheets -= {p.target for p in spiking if p.grid is None or p.source not in export.sheets}
     convolutions = [p for p in grids if is_convolution(export, p)]
-    in_rows = [
+    row_convolutions = [
         p
         for p in convolutions
         if p.grid is not None
         and (p.grid.height == p.grid.rows == 1 and p.grid.top < p.grid.kernel_height)
         and _pool(export, p) is None
     ]
-    export.lines = {index for p in in_rows for index in (p.source, p.target)}
+    export.lines = {index for p in row_convolutions for index in (p.source, p.target)}
     for _ in range(len(export.lines)):
-        remaining = [p for p in convolutions if p not in in_rows or not {p.source, p.target} <= export.lines]
+        remaining = [p for p in convolutions if p not in row_convolutions or not {p.source, p.target} <= export.lines]
         export.lines -= {index for p in remaining for index in (p.source, p.target)}
 
 
@@ -170,11 +170,11 @@ def convolution(export: Export, part: Projection, bias: Floats | None) -> tuple[
     else:
         border = (g.top, g.left) if has_even_border(g) else "same"
         node = nir.Conv2d((g.height, g.width), kernel, g.stride, border, 1, groups, bias)
-    how = type(node).__name__
+    description = type(node).__name__
     has_valid_shape = np.array_equal(node.input_type["input"], export.shapes[part.source])
     if not (has_valid_shape and np.array_equal(node.output_type["output"], export.shapes[part.target])):
-        how += "; the package nir computes a wrong shape: nir.read opens the graph with type_check=False only"
-    return {part.name: node}, how
+        description += "; the package nir computes a wrong shape: nir.read opens the graph with type_check=False only"
+    return {part.name: node}, description
 
 
 READERS = ("norse", "snntorch", "sinabs", "spikingjelly", "nir")
@@ -358,8 +358,8 @@ def _add_population(export: Export, index: int, part: Population) -> None:
                 part, REFUSED, "receives no spikes: a graph has no such node", "connect it, or leave it out"
             )
         elif node.bias.any() and depth:
-            how = f"{node.how}; its constant current begins {some(depth, 'step')} later in the tool"
-            export.add_verdict(part, APPROXIMATE, how, "send the current by a dc_generator with that delay")
+            note = f"{node.how}; its constant current begins {some(depth, 'step')} later in the tool"
+            export.add_verdict(part, APPROXIMATE, note, "send the current by a dc_generator with that delay")
         else:
             export.add_verdict(part, EXACT, f"{node.how}; {some(depth, 'step')} later here")
 
@@ -469,7 +469,7 @@ def _add_projection(export: Export, part: Projection) -> None:
         chain[f"{part.name}.delay"] = export.nir.Delay(lags.reshape(export.shapes[part.source]) * export.step)
     if not convolves and len(export.shapes[part.source]) > 1:
         chain[f"{part.name}.flatten"] = export.nir.Flatten({"input": np.array(export.shapes[part.source])}, 0, -1)
-    weights, how = convolution(export, part, bias) if convolves else _weights(export, part, bias)
+    weights, note = convolution(export, part, bias) if convolves else _weights(export, part, bias)
     chain |= weights
     export.nodes |= chain
     export.edges += pairwise((source.name, *chain, target.name))
@@ -482,10 +482,10 @@ def _add_projection(export: Export, part: Projection) -> None:
         reason = f"its delay exceeds one step per layer by {some(int(lags.max()), 'step')}: {export.tool} has no Delay"
         export.add_verdict(part, REFUSED, reason, f"give it a delay of {export.program.resolution:g} ms")
     elif part.source == part.target and export.tool == "snntorch":
-        how += "; snnTorch 1.0's importer fails with nirtorch 2.6, or sends the input through it, too"
-        export.add_verdict(part, APPROXIMATE, how)
+        note += "; snnTorch 1.0's importer fails with nirtorch 2.6, or sends the input through it, too"
+        export.add_verdict(part, APPROXIMATE, note)
     else:
-        export.add_verdict(part, EXACT, how)
+        export.add_verdict(part, EXACT, note)
 
 
 def _weights(export: Export, part: Projection, bias: Floats | None) -> tuple[dict[str, Any], str]:

@@ -130,14 +130,14 @@ def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | N
     note = f"{path}: assuming {'; '.join(assumptions)}."
     if tool is not None or analysis.table().refused:
         return analysis, note
-    others: dict[str, Analysis | str] = {}
+    other_analyses: dict[str, Analysis | str] = {}
     for name in TOOLS:
         if name != analysis.tool:
             try:
-                others[name] = judge(graph, step, name, reset)
+                other_analyses[name] = judge(graph, step, name, reset)
             except ModelError as error:
-                others[name] = error.message
-    return analysis, f"{note}\n{differences(analysis, others)}"
+                other_analyses[name] = error.message
+    return analysis, f"{note}\n{differences(analysis, other_analyses)}"
 
 
 def _network(analysis: Analysis) -> Network:

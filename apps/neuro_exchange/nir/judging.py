@@ -177,15 +177,15 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
 
 def _judge(analysis: Analysis, node: Node, reset: str | None) -> None:
     """Add the verdict of a node, regardless of connections."""
-    how = _HOW.get(node.kind, "")
-    analysis.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, how)
+    note = _HOW.get(node.kind, "")
+    analysis.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, note)
     if node.kind in LACKS.get(str(analysis.tool), ()):
         behaviour = "runs only a part of the graph" if analysis.tool in BY_GRAPH_EXECUTOR else "refuses the file"
-        how = f"{how or 'as NIR defines it'}; {analysis.tool}'s own importer has no {node.kind}, and {behaviour}"
-        analysis.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how, measured=NO_RUN)
+        note = f"{note or 'as NIR defines it'}; {analysis.tool}'s own importer has no {node.kind}, and {behaviour}"
+        analysis.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, note, measured=NO_RUN)
     elif analysis.tool == "norse" and node.kind == "SumPool2d" and np.any(np.asarray(node.fields["padding"]) != 0):
-        how = f"{how}; Norse's own importer ignores its padding, so the nodes behind it have other shapes"
-        analysis.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, how, measured=NO_RUN)
+        note = f"{note}; Norse's own importer ignores its padding, so the nodes behind it have other shapes"
+        analysis.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE, note, measured=NO_RUN)
     if node.kind != "Identity" and node.kind not in FIELDS:
         analysis.refuse(node.name, f"{node.kind} has no counterpart here", "replace it in the tool that wrote the file")
     elif node.problem[0]:
@@ -198,9 +198,9 @@ def _judge(analysis: Analysis, node: Node, reset: str | None) -> None:
             analysis.refuse(node.name, error.why, error.way_out)
             return
         analysis.cells[node.name] = cell
-        how = cell.how + (f"; {cell.differs}" if cell.differs else "")
+        note = cell.how + (f"; {cell.differs}" if cell.differs else "")
         if analysis.verdicts[node.name].verdict == EXACT:
-            analysis.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, how)
+            analysis.verdicts[node.name] = Verdict(node.name, node.kind, APPROXIMATE if cell.differs else EXACT, note)
     elif node.kind == "Delay":
         steps = node.array("delay") / analysis.step
         if np.any(steps < 0):
@@ -231,16 +231,16 @@ def _find_links(analysis: Analysis) -> None:
             analysis.verdicts[name] = Verdict(name, node.kind, EXACT, f"a probe of {cell.how}")
     for name, node in graph.nodes.items():
         prefix = name.rpartition(".")[0]
-        in_subgraph = prefix and any(
+        is_inner = prefix and any(
             n.kind == "Identity" and n.name.rpartition(".")[0] == prefix for n in graph.nodes.values()
         )
         # snnTorch writes recurrent weights as a subgraph, and interprets them differently outside a subgraph.
-        if analysis.tool == "snntorch" and node.recurrent and node.kind in ("Linear", "Affine") and not in_subgraph:
-            how = (
+        if analysis.tool == "snntorch" and node.recurrent and node.kind in ("Linear", "Affine") and not is_inner:
+            note = (
                 "recurrent weights, as in RLeaky and RSynaptic; snnTorch 1.0's importer fails with nirtorch 2.6,"
                 " or sends the input of the neurons through them, too"
             )
-            analysis.verdicts[name] = Verdict(name, node.kind, APPROXIMATE, how)
+            analysis.verdicts[name] = Verdict(name, node.kind, APPROXIMATE, note)
     for link in analysis.links:
         silent = link.source in analysis.cells and analysis.cells[link.source].threshold is None
         if silent and link.target in analysis.cells:
@@ -303,10 +303,10 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
         values = spread(bias, target[:1] if convolves else target[-1:], f"node '{node.name}': bias")
         values = values.reshape(-1, *[1] * (len(target) - 1)) if convolves else values
         full = np.broadcast_to(values, target).astype(np.float64)
-        for later in nodes[k + 2 : -1]:
-            if later.kind == "Delay" and later.array("delay").any() and full.any():
-                how = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step here, in the tool later"
-                analysis.verdicts[later.name] = Verdict(later.name, "Delay", APPROXIMATE, how, measured=FIRST_STEPS)
+        for other in nodes[k + 2 : -1]:
+            if other.kind == "Delay" and other.array("delay").any() and full.any():
+                note = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step here, in the tool later"
+                analysis.verdicts[other.name] = Verdict(other.name, "Delay", APPROXIMATE, note, measured=FIRST_STEPS)
         # Recurrent input is that of the step before. The GraphExecutor has none in the first step, so no bias either.
         is_late = path[0] == path[-1] and analysis.tool in BY_GRAPH_EXECUTOR
         (analysis.late_bias if is_late else analysis.bias)[path[-1]] += compose([*maps[k + 1 :], identity])(full)
@@ -336,10 +336,10 @@ def _find_depths(analysis: Analysis) -> None:
     links = [(x, 1 - round(x.lag.min() / analysis.step)) for x in analysis.links if x.target in analysis.cells]
     for _ in depths:
         too_shallow = {
-            x.target for x, least in links if depths[x.source] + least - (x.source == x.target) > depths[x.target]
+            x.target for x, delay in links if depths[x.source] + delay - (x.source == x.target) > depths[x.target]
         }
         for name in too_shallow:
-            depths[name] = max(depths[x.source] + least for x, least in links if x.target == name and x.source != name)
+            depths[name] = max(depths[x.source] + delay for x, delay in links if x.target == name and x.source != name)
         if not too_shallow:
             break
     else:
@@ -348,9 +348,9 @@ def _find_depths(analysis: Analysis) -> None:
             way_out = "delay the way back in the tool, too, or leave out all but one layer of the loop"
             analysis.refuse(name, reason, way_out)
     for name in analysis.cells:
-        old, later = analysis.verdicts[name], depths[name] - analysis.cells[name].spike_delay
+        old, extra_delay = analysis.verdicts[name], depths[name] - analysis.cells[name].spike_delay
         if old.verdict != REFUSED:
-            analysis.verdicts[name] = replace(old, how=f"{old.how}; {some(later, 'step')} later here")
+            analysis.verdicts[name] = replace(old, how=f"{old.how}; {some(extra_delay, 'step')} later here")
 
 
 def grid_of(part: Map) -> grid | None:

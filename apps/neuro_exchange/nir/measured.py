@@ -55,8 +55,8 @@ def measure(
         counts_here = run_here(net, spikes, depths)
     except ModelError as error:
         return f"not measured: the network does not run: {error.message}"
-    there = run_there(layers, {name: counts_here[name] for name in inputs})
-    pairs = [(there[layer.name], counts_here[layer.name]) for layer in layers]
+    counts_there = run_there(layers, {name: counts_here[name] for name in inputs})
+    pairs = [(counts_there[layer.name], counts_here[layer.name]) for layer in layers]
     counts = [sum(int(array.sum()) for array in side) for side in zip(*pairs, strict=True)]
     if not any(counts):
         return f"not measured: no neuron fires in {STEPS} steps of random input"
@@ -73,13 +73,13 @@ def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str
         others: by tool, the graph under its convention, or the reason why the tool cannot read the graph.
     """
     refused = {
-        tool: other
-        if isinstance(other, str)
-        else next((f"node '{verdict.node}' ({verdict.kind}): {verdict.how}" for verdict in other.table().refused), "")
-        for tool, other in others.items()
+        tool: reader
+        if isinstance(reader, str)
+        else next((f"node '{verdict.node}' ({verdict.kind}): {verdict.how}" for verdict in reader.table().refused), "")
+        for tool, reader in others.items()
     }
-    readers = {tool: other for tool, other in others.items() if isinstance(other, Analysis) and not refused[tool]}
-    lines = [f"{tool} refuses it: {why}" for tool, why in refused.items() if why]
+    readers = {tool: reader for tool, reader in others.items() if isinstance(reader, Analysis) and not refused[tool]}
+    lines = [f"{tool} refuses it: {reason}" for tool, reason in refused.items() if reason]
     if sum(_weights(link.map) for link in analysis.links) > MOST:
         return "\n".join(["The network is too large for a short run: other tools may have other spikes.", *lines])
     rng = np.random.default_rng(SEED)
@@ -91,8 +91,8 @@ def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str
     expected = _spikes_of(analysis, inputs)
     total = sum(int(counts.sum()) for counts in expected.values())
     runs = []
-    for tool, other in readers.items():
-        spikes = _spikes_of(other, inputs)
+    for tool, reader in readers.items():
+        spikes = _spikes_of(reader, inputs)
         n_same = sum(int(np.minimum(counts, spikes[name]).sum()) for name, counts in expected.items())
         runs.append(
             f"{tool} {sum(int(counts.sum()) for counts in spikes.values()):,} spikes, {n_same:,} at the same step"

@@ -118,7 +118,7 @@ def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNod
     """Return the node of neurons without a synapse: IF or LIF, or I or LI if they never fire."""
     step, ones = h / 1e3, np.ones(p["tau_m"].size)
     endless = np.isinf(p["tau_m"])
-    keep = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
+    kept_share = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
     finite = np.where(endless, 1.0, p["tau_m"])
     push = np.where(endless, h, -finite * np.expm1(-h / finite)) / p["C_m"]  # mV in a step per pA
     fields = _spike(p, tool) if fires else {}
@@ -126,13 +126,13 @@ def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNod
         r = ones if tool in ("norse", "sinabs") else ones / step
         kind = "IF" if fires else "I"
         return ScaledNode(kind, {"r": r, **fields}, ones, push * p["I_e"], push, f"{kind}, as {_reader(tool)} reads it")
-    share = _share(keep, tool, step)
+    share = _share(kept_share, tool, step)
     r = ones if tool in ("norse", "sinabs") else share.unity
     factor = 1.0 / (share.gain * r)
     fields = {"tau": share.tau, "r": r, "v_leak": p["E_L"] - _zero(p, tool), **fields}
     kind = "LIF" if fires else "LI"
-    how = f"{kind}, as {_reader(tool)} reads it"
-    return ScaledNode(kind, fields, factor, push * p["I_e"] * factor, push * factor, how)
+    note = f"{kind}, as {_reader(tool)} reads it"
+    return ScaledNode(kind, fields, factor, push * p["I_e"] * factor, push * factor, note)
 
 
 def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNode:
@@ -156,12 +156,12 @@ def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledN
     return ScaledNode(kind, fields, factor, 0.0 * ones, None, f"{kind}, as {_reader(tool)} reads it")
 
 
-def _share(keep: Floats, tool: str, step: float) -> Share:
+def _share(kept_share: Floats, tool: str, step: float) -> Share:
     """Return the state of which the share `keep` is left after a step, in the tool's arithmetic. `step` is in s."""
-    ones, endless = np.ones(keep.shape), keep >= 1.0
-    loss = np.where(endless, 1.0, 1.0 - keep)
+    ones, endless = np.ones(kept_share.shape), kept_share >= 1.0
+    loss = np.where(endless, 1.0, 1.0 - kept_share)
     with np.errstate(divide="ignore"):
-        exact = np.where(endless, ENDLESS, -1.0 / np.log(keep))  # in steps
+        exact = np.where(endless, ENDLESS, -1.0 / np.log(kept_share))  # in steps
     if tool == "sinabs":
         return Share(exact, ones, ones)
     if tool == "nir":

@@ -146,8 +146,8 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
                 nodes[full_name].shape = sizes
     names = {str(name) for name in graph.nodes}
     for a, b in ((str(a), str(b)) for a, b in graph.edges):
-        if missing := [end for end in (a, b) if end not in names]:
-            raise ModelError(f"edge '{prefix}{a}' -> '{prefix}{b}': there is no node '{prefix}{missing[0]}'")
+        if unknown_names := [end for end in (a, b) if end not in names]:
+            raise ModelError(f"edge '{prefix}{a}' -> '{prefix}{b}': there is no node '{prefix}{unknown_names[0]}'")
         edges.append((ends[a][1] if a in ends else prefix + a, ends[b][0] if b in ends else prefix + b))
 
 
@@ -187,10 +187,10 @@ def _find_shapes(graph: Graph) -> None:
                 if min(shape, default=0) < 1 or math.prod(shape) > LARGEST:
                     raise ModelError(f"{graph.source}: node '{node.name}': shape {list(shape)}: expected {SIZES}")
                 node.shape = shape
-        remaining = [n for n in pending if not graph.nodes[n].shape]
-        if not remaining or len(remaining) == len(pending):
+        unresolved = [n for n in pending if not graph.nodes[n].shape]
+        if not unresolved or len(unresolved) == len(pending):
             break
-        pending = remaining
+        pending = unresolved
     for node in graph.nodes.values():
         if not node.shape:
             reason = "is not reached from an Input" if graph.before(node.name) else "receives nothing"

@@ -124,8 +124,9 @@ def _snntorch_reset(part: Any) -> str:
     if part.reset_mechanism == "none":
         raise ModelError("from_torch: reset_mechanism 'none'", hint="choose 'subtract' or 'zero'")
     if part.reset_mechanism == "zero":
-        later = getattr(part, "reset_delay", True) and hasattr(part, "alpha")  # Leaky resets before it integrates
-        return "to_value_next" if later else "to_value"
+        # Leaky resets before it integrates.
+        resets_later = getattr(part, "reset_delay", True) and hasattr(part, "alpha")
+        return "to_value_next" if resets_later else "to_value"
     return "subtract_next" if getattr(part, "reset_delay", True) else "subtract"
 
 

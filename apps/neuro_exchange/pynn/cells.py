@@ -129,8 +129,8 @@ SPIKES, RATE, SEED = 200, 20.0, 0
 def difference(U: float, tau_rec: float, tau_fac: float, tau_syn: float) -> str:
     """Describe the difference in short-term plasticity, measured with random spikes. Times are in ms."""
     intervals = np.random.default_rng(SEED).exponential(1000.0 / RATE, SPIKES)
-    here, in_pynn = effects(intervals.tolist(), U, tau_rec, tau_fac, tau_syn)
-    percent = 100.0 * np.abs(here - in_pynn).sum() / in_pynn.sum() if in_pynn.any() else 0.0
+    here_effects, pynn_effects = effects(intervals.tolist(), U, tau_rec, tau_fac, tau_syn)
+    percent = 100.0 * np.abs(here_effects - pynn_effects).sum() / pynn_effects.sum() if pynn_effects.any() else 0.0
     return (
         f"resources recover from the spike on, and in PyNN only after they were active for {tau_syn:.4g} ms: "
         f"{SPIKES} random spikes at {RATE:g} Hz differ in effect by {percent:.1f} %"
@@ -161,5 +161,5 @@ def effects(
         shares.append((u * resources, u * pynn_resources))
         active = active * decayed + u * pynn_resources
         resources, pynn_resources = resources * (1.0 - u), pynn_resources * (1.0 - u)
-    here, in_pynn = np.array(shares).T
-    return here, in_pynn
+    here_shares, pynn_shares = np.array(shares).T
+    return here_shares, pynn_shares

@@ -51,7 +51,7 @@ def main() -> None:
     script = Path(job["script"])
     outcome = session.SESSION
     outcome.begin(folder / "networks", script, folder / "files", gathered.NetworkBuilder)
-    here = folder / "files" / script.name
+    script_copy = folder / "files" / script.name
     code = _compile(script, outcome)
     if code is not None:
         stand_in.install()
@@ -59,7 +59,7 @@ def main() -> None:
         sys.argv, sys.path[0:0] = [script.name, *job["arguments"]], [str(folder / "files")]
         _limit(job["memory"], job["seconds"])
         _confine(folder)
-        _run(code, here, outcome)
+        _run(code, script_copy, outcome)
     outcome.report().write(job["report"])
     os._exit(0)  # without waiting for threads and exit functions of the script
 
@@ -72,9 +72,9 @@ def _compile(script: Path, outcome: Any) -> CodeType | None:
         return None
 
 
-def _run(code: CodeType, here: Path, outcome: Any) -> None:
+def _run(code: CodeType, script_copy: Path, outcome: Any) -> None:
     module = sys.modules["__main__"] = ModuleType("__main__")
-    module.__file__ = here.name
+    module.__file__ = script_copy.name
     try:
         exec(code, vars(module))
     except SystemExit as error:

@@ -127,7 +127,7 @@ class NetworkBuilder:
         self._try_all((bundle.projection.where, self._learning, bundle) for bundle in self.bundles)
         self._try_all((part.where, self._population, part) for part in experiment.populations)
         self._try_all((bundle.projection.where, self._projection, bundle) for bundle in self.bundles)
-        self._try_all((where, self._current, (source, ids)) for source, ids, where in experiment.currents)
+        self._try_all((place, self._current, (source, ids)) for source, ids, place in experiment.currents)
         self._try_all((part.where, self._probes, part) for part in experiment.populations)
 
     def close(self) -> Network:
@@ -148,15 +148,15 @@ class NetworkBuilder:
         return self.net
 
     def _try_all(self, parts: Iterable[tuple[Where | None, Callable[[Any], None], Any]]) -> None:
-        for where, add, part in parts:
-            self.net.place = where
+        for place, add, part in parts:
+            self.net.place = place
             try:
                 add(part)
             except Incomplete as error:
                 if str(error):
-                    self.experiment.problems.setdefault((where, str(error)))
+                    self.experiment.problems.setdefault((place, str(error)))
             except ModelError as error:
-                self.experiment.problems.setdefault((where, error.message))
+                self.experiment.problems.setdefault((place, error.message))
 
     def _note(self, message: str) -> None:
         self.experiment.notes.setdefault((self.net.place, message))
@@ -196,12 +196,12 @@ class NetworkBuilder:
                 self._note(f"the initial value of '{variable}' has no counterpart")
         return states
 
-    def _rounded(self, times: Any, what: str, least: float = 0.0) -> Any:
+    def _rounded(self, times: Any, subject: str, smallest: float = 0.0) -> Any:
         """Round times in ms to steps as NEST does. `least` is the smallest number of steps."""
-        steps = np.maximum(np.floor(np.asarray(times) / self.step + 0.5 + _ALMOST), least)
+        steps = np.maximum(np.floor(np.asarray(times) / self.step + 0.5 + _ALMOST), smallest)
         error = np.max(np.abs(steps * self.step - times), initial=0.0)
         if error > _ALMOST * self.step:
-            self._note(f"{what} are rounded to steps of {self.step:g} ms, by {error:.2g} ms at most")
+            self._note(f"{subject} are rounded to steps of {self.step:g} ms, by {error:.2g} ms at most")
         rounded = np.round(steps * self.step, 9)
         return rounded if np.ndim(times) else float(rounded)
 
@@ -222,7 +222,7 @@ class NetworkBuilder:
             )
         return spike_generator(spike_times=rows)
 
-    def _source(self, kind: str, values: dict[str, Any], what: str) -> Any:
+    def _source(self, kind: str, values: dict[str, Any], subject: str) -> Any:
         """Return the generator of a spike source of PyNN."""
         match kind:
             case "SpikeSourceArray":
@@ -242,7 +242,7 @@ class NetworkBuilder:
                     raise Incomplete("SpikeSourcePoissonVariable: rates change at different times")
                 grid = np.maximum(self._rounded(times[0], "times", 0), self.step)
                 return inhomogeneous_poisson_generator(rate_times=grid, rate_values=rates)
-        raise Incomplete(f"{what}: {kind} has no counterpart")
+        raise Incomplete(f"{subject}: {kind} has no counterpart")
 
     def _window(self, values: dict[str, Any]) -> dict[str, float]:
         start, duration = shared(values["start"]), shared(values["duration"])
@@ -347,15 +347,15 @@ class NetworkBuilder:
         mechanism = bundle.projection.synapse_type
         timing, dependence = type(mechanism.timing_dependence).__name__, type(mechanism.weight_dependence).__name__
         modulators = [m for m in self.modulators if m.target is bundle.target]
-        least = bundle.number("w_min")
+        smallest = bundle.number("w_min")
         if modulators and factor > 0:
             rewards = len(modulators) == 1 and modulators[0].projection.receptor_type == "reward"
-            if (timing, dependence, least) == ("SpikePairRule", "AdditiveWeightDependence", 0.0) and rewards:
+            if (timing, dependence, smallest) == ("SpikePairRule", "AdditiveWeightDependence", 0.0) and rewards:
                 return self._dopamine(bundle, modulators, factor)
             return self._machine_rule(bundle, modulators, factor)
-        if timing == "RecurrentRule" or (least != 0.0 and self.experiment.spinnaker):
+        if timing == "RecurrentRule" or (smallest != 0.0 and self.experiment.spinnaker):
             return self._machine_rule(bundle, (), factor)
-        if least != 0.0:
+        if smallest != 0.0:
             raise Incomplete("'w_min' is not 0: plastic weights here have the bound 0")
         if timing == "Vogels2011Rule" and dependence == "AdditiveWeightDependence":
             return self._vogels(bundle, factor)
@@ -380,14 +380,14 @@ class NetworkBuilder:
             plus, minus = bundle.number("mu_plus"), bundle.number("mu_minus")
         else:
             raise Incomplete(f"{dependence} has no counterpart")
-        up, down = bundle.number("A_plus"), bundle.number("A_minus")
-        if up == 0.0 and down != 0.0:
+        ltp, ltd = bundle.number("A_plus"), bundle.number("A_minus")
+        if ltp == 0.0 and ltd != 0.0:
             raise Incomplete("'A_plus' is 0 and 'A_minus' is not: depression here is relative to potentiation")
         # Since October 2021 sPyNNaker's additive steps are weights instead of shares of the largest weight.
         share = (
             bundle.number("w_max") if self.experiment.spinnaker and dependence == "AdditiveWeightDependence" else 1.0
         )
-        rule = {"lambda_": up / share, "alpha": down / up if up else 1.0, "mu_plus": plus, "mu_minus": minus}
+        rule = {"lambda_": ltp / share, "alpha": ltd / ltp if ltp else 1.0, "mu_plus": plus, "mu_minus": minus}
         rule |= {"tau_plus": bundle.number("tau_plus"), "Wmax": bundle.number("w_max") * factor}
         return stdp_nn_symm(pre_at_start=True, **rule) if nearest else stdp(**rule)
 
@@ -437,18 +437,18 @@ class NetworkBuilder:
             raise Incomplete("'dual_fsm' = False: expected True, the program with two state machines")
         parameters: dict[str, Any] = {w: bundle.number(w) for w in spinnaker_learning.numbers() if w in names}
         parameters |= {word: int(parameters[word]) for word in parameters if word.startswith("accumulator")}
-        largest, least = bundle.number("w_max"), bundle.number("w_min")
+        largest, smallest = bundle.number("w_max"), bundle.number("w_min")
         if "tau" in names:
             parameters["tau_plus"] = bundle.number("tau")
         if dependence == "additive" and timing != "triplet":
             parameters |= {word: parameters[word] / largest for word in ("A_plus", "A_minus")}
-        parameters |= {"Wmin": least * factor, "Wmax": largest * factor}
+        parameters |= {"Wmin": smallest * factor, "Wmax": largest * factor}
         if modulators:
             modulator, dopamine = self._dopamine_source(modulators, factor)
             sign = 1.0 if modulator.projection.receptor_type == "reward" else -1.0
             parameters |= dopamine | {
                 "concentration": sign * modulator.number("weight"),
-                "c_min": least * factor,
+                "c_min": smallest * factor,
                 "c_max": largest * factor,
             }
         return spinnaker_learning(timing=timing, dependence=dependence, **parameters)
@@ -482,9 +482,9 @@ class NetworkBuilder:
         """Return the generator of a current source of PyNN, whose amplitudes are in nA."""
         if kind == "StepCurrentSource":
             times = np.maximum([self._start_of_current(time) for time in values["times"]], self.step)
-            last = np.flatnonzero(np.diff(times, append=np.inf) > 0)
+            ends = np.flatnonzero(np.diff(times, append=np.inf) > 0)
             amplitudes = np.asarray(values["amplitudes"], dtype=float) * 1000.0
-            steps: dict[str, Any] = {"amplitude_times": times[last], "amplitude_values": amplitudes[last]}
+            steps: dict[str, Any] = {"amplitude_times": times[ends], "amplitude_values": amplitudes[ends]}
             return step_current_generator(**steps)
         window: dict[str, Any] = {"start": self._start_of_current(values["start"])}
         window |= {"stop": self._start_of_current(values["stop"])} if values["stop"] < _NEVER else {}

@@ -96,9 +96,9 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         raise ModelError(f"network = {number}: expected at most {len(networks)}, the networks of {path.name}")
     built = networks[-1 if number is None else number - 1]
     if built.problems:
-        others = tuple(ModelError(remark.message, where=remark.where) for remark in built.problems)
-        count = f"{len(others)} problem" + "s" * (len(others) > 1)
-        raise ModelError(f"{path.name}: the network cannot be converted ({count})", others=others)
+        other_errors = tuple(ModelError(remark.message, where=remark.where) for remark in built.problems)
+        count = f"{len(other_errors)} problem" + "s" * (len(other_errors) > 1)
+        raise ModelError(f"{path.name}: the network cannot be converted ({count})", others=other_errors)
     if not _are_plain_files(folder):
         raise ModelError(f"{path.name}: the script fails: it replaced the files of its network")
     net = load(folder / built.file)
@@ -109,8 +109,8 @@ def _network(path: Path, report: Report, folder: Path, number: int | None) -> Ne
         heading.append(f"runs for {sum(runs):g} ms" + (f" ({times})" if len(runs) > 1 else ""))
     if len(networks) > 1:
         lines = ", ".join(str(entry.line) for entry in networks)
-        which = "the last" if number is None else f"number {number}"
-        heading.append(f"builds {len(networks)} networks, at lines {lines}: this is {which}")
+        network_text = "the last" if number is None else f"number {number}"
+        heading.append(f"builds {len(networks)} networks, at lines {lines}: this is {network_text}")
     if built.notes:
         heading.append("spikes are not compared, since the script is not simulated")
     notes = [(f"{note.file}:{note.line}" if note.file else path.name, note.message) for note in built.notes]
@@ -250,13 +250,13 @@ def _report_of_exit(code: int, output: BinaryIO, seconds: float) -> Report:
     if code == -signal.SIGXCPU:
         return _failed(f"exceeds the limit of {seconds:g} s", "time")
     names = {s.value: s.name for s in signal.Signals}
-    how = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
+    ending = f"is ended by {names.get(-code, f'signal {-code}')}" if code < 0 else f"ends with {code}"
     size = os.fstat(output.fileno()).st_size
     printed = os.pread(output.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace")
     text = printable(printed.strip().rpartition("\n")[2])
     if "MemoryError" in text:
         return _failed("exceeds the memory limit", "memory")
-    return _failed(f"its process {how} before its network is complete" + (f": {text[:200]}" if text else ""), "")
+    return _failed(f"its process {ending} before its network is complete" + (f": {text[:200]}" if text else ""), "")
 
 
 def _failed(message: str, kind: str) -> Report:

@@ -147,5 +147,5 @@ def _decoded(kind: Any, value: Any, place: str) -> Any:
     if not fits:
         raise Damaged(f"{place}: expected {expected}")
     if get_origin(kind) is tuple:
-        return tuple(_decoded(get_args(kind)[0], each, f"{place}[{k}]") for k, each in enumerate(value))
+        return tuple(_decoded(get_args(kind)[0], item, f"{place}[{k}]") for k, item in enumerate(value))
     return printable(value) if kind is str else kind(value)

@@ -60,8 +60,8 @@ class Experiment:
         """Return the entry of the report; `file` has the network, "" if the network cannot be converted."""
         problems, notes = (
             tuple(
-                Remark(where.file if where else "", where.line if where else 0, message[:LONGEST])
-                for where, message in remarks
+                Remark(place.file if place else "", place.line if place else 0, message[:LONGEST])
+                for place, message in remarks
             )
             for remarks in (self.problems, self.notes)
         )
@@ -172,8 +172,8 @@ class Session(mock_simulator.State):
             delays = [part.column("delay").min() for part in experiment.projections if len(part)]
             self.min_delay = min(delays, default=self.dt)
         if tstop > self.t:
-            for where, what in experiment.live:
-                experiment.problems.setdefault((where, f"{what} while the network runs"))
+            for place, call in experiment.live:
+                experiment.problems.setdefault((place, f"{call} while the network runs"))
             experiment.live.clear()
             experiment.runs.append(tstop - self.t)
         super().run_until(tstop)

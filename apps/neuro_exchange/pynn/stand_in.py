@@ -45,7 +45,7 @@ def list_standard_models() -> list[str]:
 def public_names() -> dict[str, Any]:
     """Return the parts of PyNN's module for a simulator by name."""
     queries = common.build_state_queries(SIMULATOR)
-    words = ("get_current_time", "get_time_step", "get_min_delay", "get_max_delay", "num_processes", "rank")
+    names = ("get_current_time", "get_time_step", "get_min_delay", "get_max_delay", "num_processes", "rank")
     kinds = {name: kind for name, kind in vars(connectors).items() if name.endswith("Connector")}
     parts = (
         *(setup, end, run, run_until, reset, list_standard_models),
@@ -54,7 +54,7 @@ def public_names() -> dict[str, Any]:
     return {
         **kinds,
         **{part.__name__: part for part in parts},
-        **dict(zip(words, queries, strict=True)),
+        **dict(zip(names, queries, strict=True)),
         **{"run_for": run, "initialize": common.initialize, "set": common.set},
         "create": common.build_create(Population),
         "connect": common.build_connect(Projection, connectors.FixedProbabilityConnector, SYNAPSES["StaticSynapse"]),
@@ -122,10 +122,10 @@ class Finder(MetaPathFinder, Loader):
         Raises:
             ImportError: the module is a simulator's own package.
         """
-        first, _, rest = fullname.partition(".")
+        first, _, submodule = fullname.partition(".")
         if first in _SIMULATORS:
             raise ImportError(f"'{first}' is imported directly, and its networks cannot be recorded", name=fullname)
-        is_backend = first == "pyNN" and rest.partition(".")[0] not in ("", *_GENERAL)
+        is_backend = first == "pyNN" and submodule.partition(".")[0] not in ("", *_GENERAL)
         is_replaced = first in (*_SPINNAKER, *_OTHERS) or is_backend
         return ModuleSpec(fullname, self, is_package=True) if is_replaced else None
 

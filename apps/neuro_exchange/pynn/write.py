@@ -108,7 +108,7 @@ def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, durati
         if arrays:
             with output(file.with_suffix(".npz"), _ARRAYS) as part, part.open("wb") as stream:
                 np.savez(stream, allow_pickle=False, written_by_neuro=np.zeros(0), **arrays)
-    notes = (Verdict(part, kind, APPROXIMATE, how) for part, kind, how in builder.notes)
+    notes = (Verdict(part, kind, APPROXIMATE, note) for part, kind, note in builder.notes)
     return Verdicts(f"{net.name} for PyNN", tuple(notes))
 
 
@@ -161,21 +161,21 @@ class _Script:
         )
         return text, self.arrays
 
-    def _try(self, where: Where | None, what: str, add: Any, part: Any) -> None:
+    def _try(self, place: Where | None, subject: str, add: Any, part: Any) -> None:
         try:
             add(part)
         except ModelError as error:
-            self.problems.append(error.at(where, what))
+            self.problems.append(error.at(place, subject))
 
-    def _note(self, part: str, kind: str, how: str) -> None:
-        self.notes.append((part, kind, how))
+    def _note(self, part: str, kind: str, note: str) -> None:
+        self.notes.append((part, kind, note))
 
-    def _call(self, head: str, words: Iterable[str], tail: str = ")") -> None:
+    def _call(self, head: str, arguments: Iterable[str], tail: str = ")") -> None:
         """Add a call, on one line or with an argument per line."""
-        words = list(words)
-        line = f"{head}{', '.join(words)}{tail}"
+        arguments = list(arguments)
+        line = f"{head}{', '.join(arguments)}{tail}"
         if len(line) > _WIDTH:
-            line = head + "".join(f"\n    {word}," for word in words) + "\n" + tail
+            line = head + "".join(f"\n    {word}," for word in arguments) + "\n" + tail
         self.lines.append(line)
 
     def _value(self, name: str, values: Any) -> str:
@@ -216,11 +216,11 @@ class _Script:
             cell, values = self._cell(part)
         else:
             cell, values = self._source(part)
-        words = [f"{word}={value}" for word, value in values.items()]
+        arguments = [f"{word}={value}" for word, value in values.items()]
         options = [*self._initial(part), f'label="{part.name}"']
         self._call(
             f'populations["{part.name}"] = sim.Population(',
-            [f"{part.size}", f"sim.{cell}({', '.join(words)})", *options],
+            [f"{part.size}", f"sim.{cell}({', '.join(arguments)})", *options],
         )
 
     def _cell(self, part: Population) -> tuple[str, dict[str, str]]:
@@ -267,11 +267,11 @@ class _Script:
 
     def _spike_lists(self, part: Population, steps: Any, ids: Any) -> tuple[str, dict[str, str]]:
         if n_lost := int(np.count_nonzero(np.asarray(steps) == 1)):
-            how = f"pyNN.nest loses the {some(n_lost, 'spike')} of the first step, of {len(ids):,} spikes"
-            self._note(part.name, "population", how)
+            note = f"pyNN.nest loses the {some(n_lost, 'spike')} of the first step, of {len(ids):,} spikes"
+            self._note(part.name, "population", note)
         if extra := len(ids) - np.unique(np.column_stack((steps, ids)), axis=0).shape[0]:
-            how = f"pyNN.brian2 refuses several spikes of a neuron in a step: {some(extra, 'spike')} beyond the first"
-            self._note(part.name, "population", how)
+            note = f"pyNN.brian2 refuses several spikes of a neuron in a step: {some(extra, 'spike')} beyond the first"
+            self._note(part.name, "population", note)
         self.arrays[f"{part.name}.times"] = (np.asarray(steps, dtype=float) - _EARLY) * self.step
         self.arrays[f"{part.name}.ids"] = np.asarray(ids)
         return "SpikeSourceArray", {"spike_times": f'trains("{part.name}", {part.size})'}
@@ -301,11 +301,11 @@ class _Script:
         negative = weights < 0.0 if largest is None else np.full(pre.size, np.max(largest) < 0)
         if self.spinnaker:
             weights = abs(weights)  # the receptor determines the sign
-        for receptor, of_receptor in (("excitatory", ~negative), ("inhibitory", negative)):
-            if of_receptor.any():
+        for receptor, selected in (("excitatory", ~negative), ("inhibitory", negative)):
+            if selected.any():
                 sign = -1.0 if receptor == "inhibitory" and cell.conductance and not self.spinnaker else 1.0
-                columns = (pre[of_receptor], post[of_receptor], weights[of_receptor] * sign, delays[of_receptor])
-                name = part.name if of_receptor.all() else f"{part.name}.{receptor}"
+                columns = (pre[selected], post[selected], weights[selected] * sign, delays[selected])
+                name = part.name if selected.all() else f"{part.name}.{receptor}"
                 for layer, rows in enumerate(_unique_pairs(columns[0], columns[1])):
                     label = f"{name}.{layer + 1}" if layer else name
                     self._connect(part, label, receptor, tuple(column[rows] for column in columns), synapse)
@@ -322,7 +322,7 @@ class _Script:
             self.arrays[name] = np.column_stack((pre, post, weights, delays))
             connector = f'FromListConnector(data["{name}"], column_names=["weight", "delay"])'
         numbers = f"weight={float(weights[0])!r}, delay={float(delays[0])!r}"
-        words = [
+        arguments = [
             f'populations["{source.name}"]',
             f'populations["{target.name}"]',
             f"sim.{connector}",
@@ -330,7 +330,7 @@ class _Script:
             f'receptor_type="{receptor}"',
             f'label="{name}"',
         ]
-        self._call("sim.Projection(", words)
+        self._call("sim.Projection(", arguments)
 
     def _synapse_call(self, part: Projection, target: Population, cell: Cell) -> str:
         """Return the call that makes the synapse, up to weight and delay."""
@@ -374,15 +374,15 @@ class _Script:
         dependence = next((name for name, mus in DEPENDENCES.items() if mus == (plus, minus)), "GutigWeightDependence")
         if dependence == "GutigWeightDependence":
             bounds |= {"mu_plus": plus, "mu_minus": minus}
-        words = _words(pair)
+        arguments = _words(pair)
         if dependence == "AdditiveWeightDependence":
             steps = (f"A_{side}=additive({pair[f'A_{side}']!r}, {bounds['w_max']!r})" for side in ("plus", "minus"))
-            words = ", ".join((_words({word: pair[word] for word in ("tau_plus", "tau_minus")}), *steps))
+            arguments = ", ".join((_words({word: pair[word] for word in ("tau_plus", "tau_minus")}), *steps))
         if isinstance(rule, stdp_nn_symm):
             if plus != minus or plus not in (0.0, 1.0) or not rule.pre_at_start:
                 raise ModelError("stdp_nn_symm: expected mu_plus and mu_minus both 0 or both 1, and pre_at_start: true")
-            return f"{_EXTRA}.SpikeNearestPairRule({words}), sim.{dependence}({_words(bounds)})"
-        return f"sim.SpikePairRule({words}), sim.{dependence}({_words(bounds)})"
+            return f"{_EXTRA}.SpikeNearestPairRule({arguments}), sim.{dependence}({_words(bounds)})"
+        return f"sim.SpikePairRule({arguments}), sim.{dependence}({_words(bounds)})"
 
     def _spinnaker_rule(self, part: Projection, p: dict[str, float], cell: Cell) -> str:
         """Return timing and weight dependence of a rule that only sPyNNaker has, and add its source of dopamine."""
@@ -408,8 +408,8 @@ class _Script:
                 bounds = {"w_min": p["c_min"] / unit, "w_max": p["c_max"] / unit}
             if not multiplicative and timing != "triplet":
                 p |= {word: p[word] * bounds["w_max"] for word in ("A_plus", "A_minus")}
-        name, words = _TIMINGS[timing]
-        values = {word: int(p[own]) if word.startswith("acc") else p[own] for word, own in words.items()}
+        name, keys = _TIMINGS[timing]
+        values = {word: int(p[key]) if word.startswith("acc") else p[key] for word, key in keys.items()}
         dependence = "sim.MultiplicativeWeightDependence" if multiplicative else "sim.AdditiveWeightDependence"
         if timing == "triplet":
             dependence = f"{_EXTRA}.WeightDependenceAdditiveTriplet"
@@ -426,8 +426,8 @@ class _Script:
         share = max(p["A_plus"], p["A_minus"]) / (p["tau_n"] * abs(p["Wmax"]))
         step = min(max(_PAIRS * share, 1.0 / 32.0), 1.0)
         if share > step / _PAIRS:
-            how = f"in sPyNNaker the eligibility saturates after {step / share:.2g} pairs of spikes, at w_max"
-            self._note(part.name, "stdp_dopa", how)
+            note = f"in sPyNNaker the eligibility saturates after {step / share:.2g} pairs of spikes, at w_max"
+            self._note(part.name, "stdp_dopa", note)
         return step
 
     def _dopamine_call(self, part: Projection) -> str:

@@ -78,7 +78,7 @@ class Boxes:
 
     def __getitem__(self, index: slice | Array) -> Boxes:
         """Return some of the rows."""
-        return Boxes(*(getattr(self, one.name)[index] for one in fields(self)))
+        return Boxes(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def spans(self) -> Ints:
         """Return start and stop of all spans in the order of time, (spans, 2)."""
@@ -95,9 +95,9 @@ class Boxes:
         rows = []
         for identity in np.unique(self.identity[visible]):
             rows_of_identity = np.flatnonzero((self.identity == identity) & visible)
-            most = rows_of_identity[shared[rows_of_identity].argmax()]
+            top = rows_of_identity[shared[rows_of_identity].argmax()]
             box = np.average(self.box[rows_of_identity], axis=0, weights=shared[rows_of_identity])
-            rows.append((start, stop, int(identity), int(self.label[most]), float(self.score[most]), box.tolist()))
+            rows.append((start, stop, int(identity), int(self.label[top]), float(self.score[top]), box.tolist()))
         return Boxes.of(rows)
 
 
@@ -109,8 +109,8 @@ def iou(a: Floats, b: Floats) -> Floats:
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=2)
     areas = [np.prod(np.maximum(box[:, 2:] - box[:, :2], 0.0), axis=1) for box in (a, b)]
-    both = areas[0][:, None] + areas[1] - shared
-    return np.asarray(np.divide(shared, both, out=np.zeros_like(shared), where=both > 0))
+    union = areas[0][:, None] + areas[1] - shared
+    return np.asarray(np.divide(shared, union, out=np.zeros_like(shared), where=union > 0))
 
 
 def suppressed(box: Floats, score: Floats, most: float) -> Ints:
@@ -140,8 +140,8 @@ def write_boxes(path: Path, boxes: Boxes, classes: Sequence[str]) -> None:
     table.writerow(COLUMNS)
     for k in range(len(boxes)):
         name = "" if boxes.label[k] == UNKNOWN else classes[boxes.label[k]]
-        when = boxes.start[k], boxes.stop[k], boxes.identity[k]
-        table.writerow((*when, name, f"{boxes.score[k]:.6g}", *(f"{side:.2f}" for side in boxes.box[k])))
+        times = boxes.start[k], boxes.stop[k], boxes.identity[k]
+        table.writerow((*times, name, f"{boxes.score[k]:.6g}", *(f"{side:.2f}" for side in boxes.box[k])))
     write_text(path, out.getvalue(), TABLE)
 
 
@@ -210,11 +210,11 @@ def precision(pairs: Sequence[Pair], classes: int, at_least: float = AT_LEAST) -
         classes: number of classes.
         at_least: smallest IoU of a correct box.
     """
-    by_label = ([(a[a.label == label], b[b.label == label]) for a, b in pairs] for label in range(classes))
-    of_class = tuple(_precision_of(each, at_least) for each in by_label)
-    finite = [one for one in of_class if not np.isnan(one)]
+    pairs_by_label = ([(a[a.label == label], b[b.label == label]) for a, b in pairs] for label in range(classes))
+    precisions = tuple(_precision_of(label_pairs, at_least) for label_pairs in pairs_by_label)
+    finite = [precision for precision in precisions if not np.isnan(precision)]
     return Precision(
-        of_class, float(np.mean(finite)) if finite else float("nan"), _precision_of(pairs, at_least), len(pairs)
+        precisions, float(np.mean(finite)) if finite else float("nan"), _precision_of(pairs, at_least), len(pairs)
     )
 
 
@@ -246,9 +246,9 @@ def _precision_of(pairs: Iterable[Pair], at_least: float) -> float:
         # In descending order of score, each box is matched to the true box with the largest IoU.
         # A true box can be matched only once.
         for k in np.argsort(-detections.score, kind="stable") if len(true_boxes) else ():
-            best = int(shared[k].argmax())
-            if shared[k, best] >= at_least and not is_matched[best]:
-                hits[k] = is_matched[best] = True
+            best_row = int(shared[k].argmax())
+            if shared[k, best_row] >= at_least and not is_matched[best_row]:
+                hits[k] = is_matched[best_row] = True
         scores.append(detections.score)
         right.append(hits)
         true += len(true_boxes)
@@ -283,24 +283,24 @@ def identity_switches(pairs: Sequence[Pair], at_least: float = AT_LEAST) -> Swit
     Source: Bernardin and Stiefelhagen, EURASIP J. Image Video Processing 2008:246309, section 2.1: a match is kept
         while it is valid; the others are matched so that the total IoU is largest.
     """
-    before: dict[int, int] = {}
+    previous: dict[int, int] = {}
     switches = missed = boxes = 0
     for true_boxes, detections in pairs:
-        matched = _matched(true_boxes, detections, before, at_least)
-        switches += sum(who in before and before[who] != by for who, by in matched.items())
-        before |= matched
+        matched = _matched(true_boxes, detections, previous, at_least)
+        switches += sum(a in previous and previous[a] != b for a, b in matched.items())
+        previous |= matched
         missed += len(true_boxes) - len(matched)
         boxes += len(true_boxes)
-    return Switches(switches, len(before), missed, boxes)
+    return Switches(switches, len(previous), missed, boxes)
 
 
-def _matched(true_boxes: Boxes, detections: Boxes, before: dict[int, int], at_least: float) -> dict[int, int]:
+def _matched(true_boxes: Boxes, detections: Boxes, previous: dict[int, int], at_least: float) -> dict[int, int]:
     """Return the detected identity of each true object in a picture."""
     from scipy.optimize import linear_sum_assignment
 
     shared = iou(true_boxes.box, detections.box)
-    same = np.array([[before.get(int(who)) == by for by in detections.identity] for who in true_boxes.identity], bool)
-    weight = np.where(shared >= at_least, shared + 2.0 * same.reshape(shared.shape), 0.0)
+    is_same = np.array([[previous.get(int(a)) == b for b in detections.identity] for a in true_boxes.identity], bool)
+    weight = np.where(shared >= at_least, shared + 2.0 * is_same.reshape(shared.shape), 0.0)
     rows, columns = linear_sum_assignment(weight, maximize=True)
     is_match = weight[rows, columns] > 0
     return dict(

@@ -111,15 +111,15 @@ class Tracks:
         distance = np.sqrt(((middles[:, None] - expected) ** 2).sum(axis=2))
         # Distances beyond the reach cost equally much, so that far regions do not affect the assignment of near ones.
         pairs = zip(*linear_sum_assignment(np.minimum(distance, tracking.reach)), strict=True)
-        by_region = {int(i): self.live[j] for i, j in pairs if distance[i, j] < tracking.reach}
+        tracks_by_region = {int(i): self.live[j] for i, j in pairs if distance[i, j] < tracking.reach}
         tracks = []
         for i, middle in enumerate(middles):
-            if i not in by_region:
-                by_region[i] = Track(self._following, middle, t)
+            if i not in tracks_by_region:
+                tracks_by_region[i] = Track(self._following, middle, t)
                 self._following += 1
-                self.live.append(by_region[i])
-            by_region[i].move(middle, t, tracking.gain)
-            tracks.append(by_region[i])
+                self.live.append(tracks_by_region[i])
+            tracks_by_region[i].move(middle, t, tracking.gain)
+            tracks.append(tracks_by_region[i])
         return tracks
 
 
@@ -185,7 +185,7 @@ class Piece:
     @property
     def regions(self) -> list[Region]:
         """The region of each detection."""
-        return [one.region for one in self.detections]
+        return [detection.region for detection in self.detections]
 
     def takes(self, one: Seen, memory: float) -> bool:
         """Return whether the piece stays within `memory` after adding a detection.
@@ -202,11 +202,11 @@ def pieces(events: Events, settings: Detecting, finder: Finder | None = None) ->
     view, latest = WindowView(settings, events.sensor_size, finder), dict[int, Piece]()
     result: list[Piece] = []
     for segment in (*view.segments(events), *view.rest()):
-        for one in view.look(segment):
-            if one.number not in latest or not latest[one.number].takes(one, settings.memory):
-                latest[one.number] = Piece()
-                result.append(latest[one.number])
-            latest[one.number].detections.append(one)
+        for proposal in view.look(segment):
+            if proposal.number not in latest or not latest[proposal.number].takes(proposal, settings.memory):
+                latest[proposal.number] = Piece()
+                result.append(latest[proposal.number])
+            latest[proposal.number].detections.append(proposal)
     return result
 
 
@@ -246,16 +246,16 @@ class WindowView:
     def rest(self) -> Iterator[Events]:
         """End the stream: yield the segments that are complete then, and the remaining events."""
         yield from self._until(self._cutter.end())
-        if self._pending and len(remaining := joined_parts(self._pending)):
-            yield remaining
+        if self._pending and len(pending := joined_parts(self._pending)):
+            yield pending
 
     def _until(self, cuts: Ints) -> Iterator[Events]:
         if not len(cuts):
             return
-        whole, ends = joined_parts(self._pending), (cuts - self._cut).tolist()
-        self._cut, self._pending = int(cuts[-1]), [whole[ends[-1] :]]
+        pending, ends = joined_parts(self._pending), (cuts - self._cut).tolist()
+        self._cut, self._pending = int(cuts[-1]), [pending[ends[-1] :]]
         for start, stop in zip([0, *ends[:-1]], ends, strict=True):
-            yield whole[start:stop]
+            yield pending[start:stop]
 
     def look(self, segment: Events) -> list[Seen]:
         """Detect the objects in a segment."""
@@ -289,7 +289,7 @@ def crop(regions: Sequence[Region], size: tuple[int, int], scale: float = 1.0) -
     parts = [region.events for region in regions]
     t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
     axes = zip((x, y), middles.T, size, strict=True)  # positions are relative to the centre of the field
-    x, y = (np.rint((at - middle) / scale + (side - 1) / 2.0).astype(np.int64) for at, middle, side in axes)
+    x, y = (np.rint((pixel - middle) / scale + (side - 1) / 2.0).astype(np.int64) for pixel, middle, side in axes)
     inside = np.flatnonzero((x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1]))
     if scale > 1.0:
         inside = inside[np.floor(np.arange(0.0, len(inside), scale**2)).astype(np.int64)]
@@ -318,7 +318,7 @@ class Detector:
     ) -> None:
         if way not in WAYS:
             raise ModelError(f"way = '{way}': expected one of {', '.join(WAYS)}")
-        self.recogniser, self.settings, self.backend, self.way = recogniser, settings or Detecting(), backend, way
+        self.recogniser, self.settings, self.backend, self.way = (recogniser, settings or Detecting(), backend, way)
         self._sliding: dict[tuple[int, int], Sliding] = {}
         self._view: WindowView | None = None
         self._known: dict[int, _Known] = {}
@@ -337,9 +337,9 @@ class Detector:
         for piece, scores in zip(all_pieces, self._scores(all_pieces), strict=True):
             objects.setdefault(piece.detections[0].number, _Known()).judge(piece, scores)
         detections = sorted(
-            (one for piece in all_pieces for one in piece.detections), key=lambda one: (one.start, one.number)
+            (box for piece in all_pieces for box in piece.detections), key=lambda box: (box.start, box.number)
         )
-        return Boxes.of(_row(one, objects[one.number].total) for one in detections)
+        return Boxes.of(_row(box, objects[box.number].total) for box in detections)
 
     def feed(self, events: Events) -> Boxes:
         """Process the next events of a stream.
@@ -369,13 +369,13 @@ class Detector:
     def _boxes_of(self, view: WindowView, segments: Iterable[Events]) -> Boxes:
         rows = []
         for segment in segments:
-            detections = sorted(view.look(segment), key=lambda one: one.number)
+            detections = sorted(view.look(segment), key=lambda box: box.number)
             current = [
-                self._known.setdefault(one.number, _Known()).add(one, self.settings.memory) for one in detections
+                self._known.setdefault(box.number, _Known()).add(box, self.settings.memory) for box in detections
             ]
-            for one, piece, scores in zip(detections, current, self._scores(current), strict=True):
-                self._known[one.number].judge(piece, scores)
-                rows.append(_row(one, self._known[one.number].total))
+            for box, piece, scores in zip(detections, current, self._scores(current), strict=True):
+                self._known[box.number].judge(piece, scores)
+                rows.append(_row(box, self._known[box.number].total))
             live = view.live
             self._known = {number: entry for number, entry in self._known.items() if number in live}
         return Boxes.of(rows)
@@ -394,10 +394,10 @@ class Detector:
         if not object_pieces:
             return np.zeros((0, len(self.recogniser.classes)))
         if self.way == "dense":
-            by_piece = [
+            tables = [
                 [region.scores for region in piece.regions if region.scores is not None] for piece in object_pieces
             ]
-            return np.array([np.sum(scores, axis=0) for scores in by_piece])
+            return np.array([np.sum(scores, axis=0) for scores in tables])
         size, proposals = self.recogniser.method.size, self.settings.proposals
         crops = [crop(piece.regions, size, proposals.scale_of(piece.regions)) for piece in object_pieces]
         return self.recogniser.scores(crops, self.backend)
@@ -428,12 +428,12 @@ class _Known:
         return np.sum(finite, axis=0) if finite else next(iter(self.scores.values()))
 
 
-def _row(one: Seen, scores: Floats) -> tuple[int, int, int, int, float, Sequence[float]]:
+def _row(detection: Seen, scores: Floats) -> tuple[int, int, int, int, float, Sequence[float]]:
     """Return a row of boxes; its score is the best class's lead over the second, 0 without evidence."""
     label = UNKNOWN if np.isnan(scores).all() else int(np.nanargmax(scores))
     ordered = np.sort(scores[~np.isnan(scores)])
     lead = float(ordered[-1] - ordered[-2]) if len(ordered) > 1 else 0.0
-    return one.start, one.stop, one.number, label, lead, one.region.box.tolist()
+    return detection.start, detection.stop, detection.number, label, lead, detection.region.box.tolist()
 
 
 def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[tuple[int, Events]]:
@@ -446,9 +446,9 @@ def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[
     """
     for piece in pieces(scene.events, settings):
         labels: list[int] = []
-        for one in piece.detections:
-            true_boxes = scene.boxes.within(one.start, one.stop)
-            overlaps = iou(one.region.box[None], true_boxes.box)[0]
+        for detection in piece.detections:
+            true_boxes = scene.boxes.within(detection.start, detection.stop)
+            overlaps = iou(detection.region.box[None], true_boxes.box)[0]
             labels += (
                 [int(true_boxes.label[overlaps.argmax()])] if len(true_boxes) and overlaps.max() >= AT_LEAST else []
             )
@@ -463,7 +463,7 @@ def write_crops(
     settings: Detecting,
     *,
     before: str = "",
-    report: Callable[[int, int], None] = lambda done, total: None,
+    report: Callable[[int, int], None] = lambda n_done, total: None,
 ) -> int:
     """Write crops of all scenes, in one folder per class; equal calls write equal files.
 
@@ -484,11 +484,11 @@ def write_crops(
         make_folder(folder / name)
     size = settings.proposals.field
     written = 0
-    for done, scene in enumerate(scenes, 1):
+    for n_done, scene in enumerate(scenes, 1):
         for k, (label, events) in enumerate(crops(scene, settings, size)):
             save(events, folder / scenes.classes[label] / f"{before}{scene.name}-{k}.npz", replace=True)
             written += 1
-        report(done, len(scenes))
+        report(n_done, len(scenes))
     return written
 
 
@@ -512,19 +512,19 @@ class DetectionTrial:
 
     def as_words(self, classes: tuple[str, ...]) -> dict[str, Any]:
         """Return the measures as plain data, for JSON."""
-        of_class = zip(classes, self.precision.of_class, strict=True)
+        class_precisions = zip(classes, self.precision.of_class, strict=True)
         return {
             "scenes": self.scenes,
             "map": self.precision.mean,
             "box_ap": self.precision.box,
-            "ap": {name: None if np.isnan(ap) else ap for name, ap in of_class},
+            "ap": {name: None if np.isnan(ap) else ap for name, ap in class_precisions},
             **asdict(self.switches),
             "ms": self.ms,
         }
 
 
 def try_out(
-    detector: Detector, scenes: Iterable[Scene], report: Callable[[int], None] = lambda done: None
+    detector: Detector, scenes: Iterable[Scene], report: Callable[[int], None] = lambda n_done: None
 ) -> DetectionTrial:
     """Run a detector on scenes, and measure its quality.
 
@@ -534,16 +534,16 @@ def try_out(
         report: function that is called with the number of finished scenes.
     """
     pairs, switches, ms = list[tuple[Boxes, Boxes]](), list[Switches](), list[float]()
-    for done, scene in enumerate(scenes, 1):
+    for n_done, scene in enumerate(scenes, 1):
         began = time.process_time()
         boxes = detector.detect(scene.events)
         ms.append(1000.0 * (time.process_time() - began))
         pictures = in_pictures(scene, boxes)
         pairs += pictures
         switches.append(identity_switches(pictures))
-        report(done)
+        report(n_done)
     names = ("switches", "objects", "missed", "boxes")
-    totals = Switches(*(sum(getattr(one, name) for one in switches) for name in names))
+    totals = Switches(*(sum(getattr(counts, name) for counts in switches) for name in names))
     average = precision(pairs, len(detector.recogniser.classes))
     typical = float(np.median(ms[1:] or ms)) if ms else float("nan")
     return DetectionTrial(len(ms), average, totals, typical, tuple(pairs))

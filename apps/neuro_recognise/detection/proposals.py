@@ -136,16 +136,16 @@ class Proposals(Part):
     def _cut(self, part: Blob) -> list[Blob]:
         """Cut a part recursively as long as a cut reduces the cost."""
         cost_before = float(self._cost(part.larger))
-        best, gain = None, 0.0
+        best_cut, gain = None, 0.0
         for angle in ANGLES if cost_before > 1.0 and part.larger > self.side * min(self.scales) else ():
             cut = part.cuts(angle)
             cost = self._cost(cut.larger_before) + self._cost(cut.larger_after) + self.cut * cut.share + self.more
             k = int(cost.argmin())
             if cost_before - float(cost[k]) > gain:
-                best, gain = (cut, k), cost_before - float(cost[k])
-        if best is None:
+                best_cut, gain = (cut, k), cost_before - float(cost[k])
+        if best_cut is None:
             return [part]
-        cut, k = best
+        cut, k = best_cut
         first, second = cut.at(k)
         return [*self._cut(first), *self._cut(second)]
 
@@ -243,9 +243,9 @@ class Cuts:
 
     def at(self, k: int) -> tuple[Blob, Blob]:
         """Return both pieces of a cut."""
-        before = self._column <= k
+        is_first = self._column <= k
         blob = self._blob
-        first, second = (Blob(blob.x[of], blob.y[of], blob.weight[of]) for of in (before, ~before))
+        first, second = (Blob(blob.x[chosen], blob.y[chosen], blob.weight[chosen]) for chosen in (is_first, ~is_first))
         return first, second
 
 
@@ -321,8 +321,8 @@ class Sliding:
         _, rows, columns = self._method.inputs.shape
         field = self._layer.field
         if min(rows, columns) < field:
-            least = field * method.pool.side
-            raise ModelError(f"a sensor of {sensor[0]}x{sensor[1]} px: expected at least {least} px each, a field")
+            smallest = field * method.pool.side
+            raise ModelError(f"a sensor of {sensor[0]}x{sensor[1]} px: expected at least {smallest} px each, a field")
         self._shape = (self._classes * self._layer.per_class, rows - field + 1, columns - field + 1)
         net = self._layer.network(self._method.inputs, self._classes)
         net.projections["c1_s2"] = replace(net.projections["c1_s2"], weight=self._learnt["c1_s2"])
@@ -391,13 +391,13 @@ class Sliding:
     def _objects(self, label: Array, middle: Array, weight: Array) -> Iterator[tuple[Floats, Floats]]:
         """Yield centre and scores of each object: groups of winners at one position, in descending order of weight."""
         near = np.abs(middle[:, None] - middle).max(axis=2) <= self._dense.same
-        remaining = np.ones(len(label), bool)
-        while remaining.any():
-            support = np.where(remaining, near @ (weight * remaining), -1.0)
-            best = int(support.argmax())
-            if support[best] < self._dense.winners:
+        is_free = np.ones(len(label), bool)
+        while is_free.any():
+            support = np.where(is_free, near @ (weight * is_free), -1.0)
+            strongest = int(support.argmax())
+            if support[strongest] < self._dense.winners:
                 return
-            group = np.flatnonzero(near[best] & remaining)
+            group = np.flatnonzero(near[strongest] & is_free)
             scores: Floats = np.bincount(label[group], weight[group], self._classes).astype(np.float64)
             yield np.average(middle[group], axis=0, weights=weight[group]), scores
-            remaining[group] = False
+            is_free[group] = False

@@ -44,9 +44,9 @@ def watch_objects(
 
     def make() -> tuple[str, str]:
         events = watchable(recording)
-        there = Boxes.of([]) if table is None else read_boxes(table, recogniser.classes)
+        truth = Boxes.of([]) if table is None else read_boxes(table, recogniser.classes)
         boxes = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
-        return page(events, boxes, recogniser.classes, recording.name, there), ", ".join(_summary(boxes, there))
+        return page(events, boxes, recogniser.classes, recording.name, truth), ", ".join(_summary(boxes, truth))
 
     return write(out, make)
 
@@ -61,51 +61,51 @@ def page(events: Events, detections: Boxes, classes: Sequence[str], title: str, 
         title: name of the recording.
         others: other boxes, drawn dashed.
     """
-    there = Boxes.of([]) if others is None else others
+    true_boxes = Boxes.of([]) if others is None else others
     first, end = int(events.t[0]) if len(events) else 0, max(1.0, length_ms(events))
-    boxes = [*_rows(detections, classes, first, end, ""), *_rows(there, classes, first, end, "given")]
-    data, about = event_track(events, end, 6, 50.0)
+    boxes = [*_rows(detections, classes, first, end, ""), *_rows(true_boxes, classes, first, end, "given")]
+    data, notes = event_track(events, end, 6, 50.0)
     track = player.Track("objects", "events", "events of the sensor", {**data, "boxes": boxes, "colours": COLOURS}, 520)
     heads = ("", "class", "score", "left, top, right, bottom, px")
-    head = html.tag("thead", html.tag("tr", *(html.tag("th", each) for each in heads)))
+    head = html.tag("thead", html.tag("tr", *(html.tag("th", head_text) for head_text in heads)))
     objects = html.tag("table", head, html.tag("tbody", id="rows"))
     top = [
         player.Panel("Events", [track], span_note(data["span"])),
         player.Panel("Objects", [], "in view now", content=objects),
     ]
-    moments = np.unique([one["start"] for one in boxes])
+    moments = np.unique([box["start"] for box in boxes])
     script = files("neuro_recognise.detection").joinpath("objects.js").read_text("utf-8")
     columns = "minmax(0, 2fr) minmax(0, 1fr)"
-    words, controls = [*_summary(detections, there), *about], player.Panel("", [], controls=True)
-    return played(title, words, end, moments, top, controls, columns, script=script)
+    texts, controls = [*_summary(detections, true_boxes), *notes], player.Panel("", [], controls=True)
+    return played(title, texts, end, moments, top, controls, columns, script=script)
 
 
-def _summary(detections: Boxes, others: Boxes) -> list[str]:
-    texts = [_count_text(detections, "found")] if len(detections) or not len(others) else []
-    return [*texts, _count_text(others, "given")] if len(others) else texts
+def _summary(detections: Boxes, true_boxes: Boxes) -> list[str]:
+    texts = [_count_text(detections, "found")] if len(detections) or not len(true_boxes) else []
+    return [*texts, _count_text(true_boxes, "given")] if len(true_boxes) else texts
 
 
-def _count_text(boxes: Boxes, how: str) -> str:
+def _count_text(boxes: Boxes, adjective: str) -> str:
     if not len(boxes):
-        return f"no objects {how}"
+        return f"no objects {adjective}"
     objects = len(np.unique(boxes.identity))
-    return f"{objects} {'object' if objects == 1 else 'objects'} in {len(boxes)} boxes {how}"
+    return f"{objects} {'object' if objects == 1 else 'objects'} in {len(boxes)} boxes {adjective}"
 
 
 def _rows(boxes: Boxes, classes: Sequence[str], first: int, end: float, kind: str) -> list[dict[str, Any]]:
     """Return boxes with times in ms since the first event; a box stays until the next, except before a long pause."""
     starts, stops = (boxes.start - first) / 1000.0, (boxes.stop - first) / 1000.0
-    later = np.append(np.unique(starts), 1e12)
-    following = later[np.searchsorted(later[:-1], stops - 1e-6, "right")]
-    until = np.where((stops >= end) | (following - stops <= stops - starts), following, stops)
+    following_starts = np.append(np.unique(starts), 1e12)
+    following = following_starts[np.searchsorted(following_starts[:-1], stops - 1e-6, "right")]
+    shown_stops = np.where((stops >= end) | (following - stops <= stops - starts), following, stops)
     return [
         {
-            "start": start, "until": last, "id": identity, "kind": kind,
+            "start": start, "until": shown_stop, "id": identity, "kind": kind,
             "name": "?" if label == UNKNOWN else classes[label], "score": round(score, 3),
             "box": [round(side, 2) for side in box],
         }
-        for start, last, identity, label, score, box in zip(
-            starts.tolist(), until.tolist(), boxes.identity.tolist(), boxes.label.tolist(), boxes.score.tolist(),
+        for start, shown_stop, identity, label, score, box in zip(
+            starts.tolist(), shown_stops.tolist(), boxes.identity.tolist(), boxes.label.tolist(), boxes.score.tolist(),
             boxes.box.tolist(), strict=True,
         )
     ]  # fmt: skip
@@ -177,11 +177,11 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     rows = []
     for number in np.unique(boxes.identity):
         track = boxes[boxes.identity == number]
-        when = f"{track.start[0] / 1000:.0f} to {track.stop[-1] / 1000:.0f} ms"
+        interval = f"{track.start[0] / 1000:.0f} to {track.stop[-1] / 1000:.0f} ms"
         middles = (track.box[[0, -1], :2] + track.box[[0, -1], 2:]) / 2
-        way = " to ".join(f"{x:.0f}, {y:.0f}" for x, y in middles)
+        path_text = " to ".join(f"{x:.0f}, {y:.0f}" for x, y in middles)
         name = "unknown" if track.label[-1] == UNKNOWN else classes[track.label[-1]]
-        rows.append((f"#{number}", name, f"{track.score[-1]:.2f}", when, len(track), way))
+        rows.append((f"#{number}", name, f"{track.score[-1]:.2f}", interval, len(track), path_text))
     console().print(table(("object", "class", ">score", ">seen", ">boxes", "middle, px"), rows))
 
 
@@ -201,7 +201,7 @@ def show_tried(detector: Detector, result: DetectionTrial, as_json: bool) -> Non
         ("processor time per scene", f"{result.ms:.0f} ms"),
     ]
     console().print(table(("all scenes", ">"), rows, title=f"{result.scenes} scenes"))
-    of_class = [
+    class_rows = [
         (name, "-" if np.isnan(ap) else f"{ap:.3f}") for name, ap in zip(classes, average.of_class, strict=True)
     ]
-    console().print(table(("class", ">AP"), of_class))
+    console().print(table(("class", ">AP"), class_rows))

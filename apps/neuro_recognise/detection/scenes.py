@@ -123,8 +123,8 @@ class _Object:
     def boxes_at(self, t: Floats) -> Floats:
         """Return the box at several times, us, (n, 4)."""
         middle = self.start + self.velocity * t[:, None]
-        half = (self.box[2:] - self.box[:2]) / 2.0
-        return np.concatenate([middle - half, middle + half], axis=1)
+        half_size = (self.box[2:] - self.box[:2]) / 2.0
+        return np.concatenate([middle - half_size, middle + half_size], axis=1)
 
 
 def compose(
@@ -148,11 +148,11 @@ def compose(
             raise ModelError(f"{name}: a recording of {len(events)} events has no box: expected more events")
     objects = [_Object(e, b, np.zeros(2), np.zeros(2)) for e, b in zip(recordings, boxes, strict=True) if b is not None]
     placed_objects = _place(name, objects, scenery, rng)
-    moved = [_moved(one, scenery) for one in placed_objects]
+    moved = [_moved(object_, scenery) for object_ in placed_objects]
     rows = [
-        (start, stop, who, label, 1.0, box.tolist())
+        (start, stop, identity, label, 1.0, box.tolist())
         for start, stop in scenery.slices()
-        for who, (events, label) in enumerate(zip(moved, labels, strict=True))
+        for identity, (events, label) in enumerate(zip(moved, labels, strict=True))
         if (box := _box(_supported(events, scenery).between(start, stop), scenery)) is not None
     ]
     t, x, y, p = (np.concatenate([getattr(part, word) for part in moved]) for word in "txyp")
@@ -187,16 +187,16 @@ def _place(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.G
         else:
             starts = rng.uniform(0, scenery.sensor, (len(objects), 2))
             candidates = [
-                replace(one, start=start, velocity=_velocity(scenery, rng))
-                for one, start in zip(objects, starts, strict=True)
+                replace(candidate, start=start, velocity=_velocity(scenery, rng))
+                for candidate, start in zip(objects, starts, strict=True)
             ]
-        boxes = [one.boxes_at(times) for one in candidates]
+        boxes = [candidate.boxes_at(times) for candidate in candidates]
         inside = all((box[:, :2] >= 0).all() and (box[:, 2:] <= scenery.sensor).all() for box in boxes)
         gap = 0.0 if scenery.touching else scenery.gap
         pairs = ((a, b) for k, a in enumerate(boxes) for b in boxes[:k])
         # the least distance of two boxes at any time is negative if they overlap
-        between = (np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:]).max(axis=1).min() for a, b in pairs)
-        if inside and all(distance >= gap - 1e-9 for distance in between):
+        distances = (np.maximum(a[:, :2] - b[:, 2:], b[:, :2] - a[:, 2:]).max(axis=1).min() for a, b in pairs)
+        if inside and all(distance >= gap - 1e-9 for distance in distances):
             return candidates
     width, height = scenery.sensor
     raise ModelError(
@@ -209,13 +209,13 @@ def _touching(objects: list[_Object], scenery: Scenery, rng: np.random.Generator
     """Place each object next to an earlier one in a random direction, so that their boxes touch."""
     velocity = _velocity(scenery, rng)
     objects_so_far = [replace(objects[0], start=rng.uniform(0, scenery.sensor), velocity=velocity)]
-    for one in objects[1:]:
+    for object_ in objects[1:]:
         neighbour = objects_so_far[rng.integers(len(objects_so_far))]
         angle = rng.uniform(0, 2 * np.pi)
         direction = np.array([np.cos(angle), np.sin(angle)])
-        half_sides = (one.box[2:] - one.box[:2] + neighbour.box[2:] - neighbour.box[:2]) / 2.0
+        half_sides = (object_.box[2:] - object_.box[:2] + neighbour.box[2:] - neighbour.box[:2]) / 2.0
         distance = np.min(half_sides / np.maximum(np.abs(direction), 1e-9))
-        objects_so_far.append(replace(one, start=neighbour.start + distance * direction, velocity=velocity))
+        objects_so_far.append(replace(object_, start=neighbour.start + distance * direction, velocity=velocity))
     return objects_so_far
 
 
@@ -224,13 +224,13 @@ def _velocity(scenery: Scenery, rng: np.random.Generator) -> Floats:
     return np.asarray(scenery.speed * 1e-6 * np.array([np.cos(angle), np.sin(angle)]))
 
 
-def _moved(one: _Object, scenery: Scenery) -> Events:
+def _moved(object_: _Object, scenery: Scenery) -> Events:
     """Return the object's events on the sensor of the scene, for its whole duration."""
-    events, middle = one.events, (one.box[:2] + one.box[2:]) / 2.0
-    since = events.t - events.t[0]
-    rounds = -(-scenery.length_us // (int(since[-1]) + 1))
-    t = np.concatenate([since + k * (int(since[-1]) + 1) for k in range(rounds)])
-    shift = np.rint(one.start - middle + one.velocity * t[:, None]).astype(np.int64)
+    events, middle = object_.events, (object_.box[:2] + object_.box[2:]) / 2.0
+    elapsed = events.t - events.t[0]
+    rounds = -(-scenery.length_us // (int(elapsed[-1]) + 1))
+    t = np.concatenate([elapsed + k * (int(elapsed[-1]) + 1) for k in range(rounds)])
+    shift = np.rint(object_.start - middle + object_.velocity * t[:, None]).astype(np.int64)
     x, y = np.tile(events.x, rounds) + shift[:, 0], np.tile(events.y, rounds) + shift[:, 1]
     width, height = scenery.sensor
     inside = (t < scenery.length_us) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
@@ -266,10 +266,10 @@ class Scenes(Lazy[Scene]):
     """
 
     def __init__(self, folder: Path) -> None:
-        about = folder / ABOUT
-        if not about.is_file() or not _is_ours(about):
+        facts_file = folder / ABOUT
+        if not facts_file.is_file() or not _is_ours(facts_file):
             raise ModelError(f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled")
-        facts = json.loads(about.read_text())
+        facts = json.loads(facts_file.read_text())
         super().__init__(int(facts["count"]), self._read)
         self._folder = folder
         self.classes: tuple[str, ...] = tuple(facts["classes"])
@@ -315,7 +315,7 @@ def write_scenes(
     if len(indices) < scenery.objects[1]:
         raise ModelError(f"scenes of up to {scenery.objects[1]} objects from {len(indices)} recordings: too few")
     make_folder(folder)
-    about = folder / ABOUT
+    facts_file = folder / ABOUT
     facts = {
         "format": FORMAT,
         "scenery": scenery.as_words(),
@@ -325,13 +325,13 @@ def write_scenes(
         "data": data.fingerprint(),
         "recordings": [data[int(k)].name for k in indices],
     }
-    if about.exists() and _is_ours(about) and any(_file(folder, k, "csv").exists() for k in range(count)):
-        existing = json.loads(about.read_text())
+    if facts_file.exists() and _is_ours(facts_file) and any(_file(folder, k, "csv").exists() for k in range(count)):
+        existing = json.loads(facts_file.read_text())
         grown = count >= int(existing.get("count", 0))  # a scene does not depend on the count
-        other = [name for name in facts if existing.get(name) != facts[name] and not (grown and name == "count")]
-        if other:
-            raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="use a new folder")
-    write_text(about, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
+        differing = [name for name in facts if existing.get(name) != facts[name] and not (grown and name == "count")]
+        if differing:
+            raise ModelError(f"{folder}: has scenes with another {differing[0]}", hint="use a new folder")
+    write_text(facts_file, json.dumps(facts, indent=1) + "\n", ABOUT_KIND)
     for k in range(count):
         if not _file(folder, k, "csv").is_file():
             scene = scene_of(data, indices, scenery, seed, k)

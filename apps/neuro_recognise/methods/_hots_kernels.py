@@ -63,12 +63,12 @@ def closest(products, first, scale, squares):
     products: float64[...], inner product of S and centre k at first + k, to be multiplied by scale; squares:
     float64[centres].
     """
-    best, least = 0, squares[0] - 2.0 * scale * products[first]
+    nearest, smallest = 0, squares[0] - 2.0 * scale * products[first]
     for k in range(1, squares.size):
         distance = squares[k] - 2.0 * scale * products[first + k]
-        if distance < least:
-            best, least = k, distance
-    return best
+        if distance < smallest:
+            nearest, smallest = k, distance
+    return nearest
 
 
 @kernel
@@ -85,13 +85,13 @@ def find(t, x, y, channel, layer, products, turned, squares, out):
     stride, span = (width + 2 * radius) * n, side * n
     begin = float(t[0]) if t.size else 0.0
     for e in range(t.size):
-        now = float(t[e])
-        if now - begin > LONGEST * tau:
-            factor = exp((begin - now) / tau)
+        time = float(t[e])
+        if time - begin > LONGEST * tau:
+            factor = exp((begin - time) / tau)
             shrink(surface_map, factor)
             shrink(products, factor)
-            begin = now
-        growth = exp((now - begin) / tau)
+            begin = time
+        growth = exp((time - begin) / tau)
         place = (y[e] * width + x[e]) * channels + channel[e]
         change = growth - surface_map[place]
         surface_map[place] = growth
@@ -157,9 +157,9 @@ def learn(t, x, y, channel, layer, centres, squares, products, wins, rates):
     stride, span = (width + 2 * radius) * channels, side * channels
     begin = float(t[0]) if t.size else 0.0
     for e in range(t.size):
-        now = float(t[e])
-        begin = counted_from(begin, now, tau, surface_map)
-        growth = exp((now - begin) / tau)
+        time = float(t[e])
+        begin = counted_from(begin, time, tau, surface_map)
+        growth = exp((time - begin) / tau)
         corner = y[e] * stride + x[e] * channels
         surface_map[corner + radius * (stride + channels) + channel[e]] = growth
         scale = 1.0 / growth
@@ -182,9 +182,9 @@ def surfaces(t, x, y, channel, layer, indices, out):
     stride, span = (width + 2 * radius) * channels, side * channels
     begin, column = float(t[0]) if t.size else 0.0, 0
     for e in range(t.size):
-        now = float(t[e])
-        begin = counted_from(begin, now, tau, surface_map)
-        growth = exp((now - begin) / tau)
+        time = float(t[e])
+        begin = counted_from(begin, time, tau, surface_map)
+        growth = exp((time - begin) / tau)
         corner = y[e] * stride + x[e] * channels
         surface_map[corner + radius * (stride + channels) + channel[e]] = growth
         if column < indices.size and indices[column] == e:

@@ -98,8 +98,8 @@ class Hats(Descriptor):
     def fit(self, features: Features, course: Course) -> Learnt:
         """Train the readout, and store the ``averages`` (classes, values) of the vectors for pictures."""
         sums = np.zeros((len(features.classes), len(features.evidence[0]["vector"])))
-        for label, one in zip(features.labels.tolist(), features.evidence, strict=True):
-            sums[label] += one["vector"]
+        for label, item in zip(features.labels.tolist(), features.evidence, strict=True):
+            sums[label] += item["vector"]
         counts = np.bincount(features.labels, minlength=len(sums))[:, None]
         return {**super().fit(features, course), "averages": sums / np.maximum(counts, 1)}
 
@@ -107,9 +107,9 @@ class Hats(Descriptor):
         """Draw the average of each class, summed over polarities."""
         from neuro_recognise.telling.pictures import images
 
-        sheets = [_sheet(one) for one in np.asarray(learnt["averages"]).reshape(-1, *self.grown().histograms().shape)]
-        about = "average time surface of the events in each cell, mean over recordings"
-        return {"averages": images(np.array(sheets), classes, "The time surfaces of the classes", about)}
+        sheets = [_sheet(mean) for mean in np.asarray(learnt["averages"]).reshape(-1, *self.grown().histograms().shape)]
+        caption = "average time surface of the events in each cell, mean over recordings"
+        return {"averages": images(np.array(sheets), classes, "The time surfaces of the classes", caption)}
 
     def observer(self) -> Observer:
         """Return an observer that updates sums and counts."""
@@ -240,9 +240,9 @@ class Boe(Method):
     def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
         """Average the readout's scores over the segments."""
         shares, recording = self._shares(features)
-        by_segment = self.readout.scores(learnt, self._weighed(shares, learnt["speciality"]))
+        segment_scores = self.readout.scores(learnt, self._weighed(shares, learnt["speciality"]))
         sums: Floats = np.zeros((len(features), len(features.classes)))
-        np.add.at(sums, recording, by_segment)
+        np.add.at(sums, recording, segment_scores)
         segments = np.bincount(recording, minlength=len(features))[:, None]
         return Answer(np.divide(sums, segments, out=np.full_like(sums, np.nan), where=segments > 0))
 
@@ -252,8 +252,8 @@ class Boe(Method):
         images = np.zeros((len(bounds) - 1, height, width), np.int64)
         for image, begin, end in zip(images, bounds[:-1], bounds[1:], strict=True):
             np.add.at(image, (filtered.y[begin:end], filtered.x[begin:end]), 1)
-        at_ms = (filtered.t[bounds[1:] - 1] - events.t[0]) / 1000.0
-        return [Pictures("Segments", at_ms, images)]
+        end_ms = (filtered.t[bounds[1:] - 1] - events.t[0]) / 1000.0
+        return [Pictures("Segments", end_ms, images)]
 
     def _weighed(self, shares: csr_matrix, special: Any) -> Any:
         """Return the weighted shares, as a sparse matrix if the readout supports it."""

@@ -214,8 +214,8 @@ class MasquelierThorpe(Framewise):
         from neuro_recognise.telling.pictures import images
 
         kernels = self.images(np.asarray(learnt["c1_s2"]))
-        about = "one image per map: the bank's filters, scaled by the weights"
-        return {"features": images(kernels, [""] * len(kernels), "Learnt kernels of the maps", about)}
+        caption = "one image per map: the bank's filters, scaled by the weights"
+        return {"features": images(kernels, [""] * len(kernels), "Learnt kernels of the maps", caption)}
 
 
 def features_of(results: neuro.TrialResults, frames: Frames, recordings: int) -> Floats:
@@ -331,10 +331,10 @@ class Must(Framewise):
         pictures = np.zeros((len(classes), TOP, *self.images(weights[:1]).shape[1:]))
         for k, row in enumerate(rows):
             pictures[k, : len(row)] = self.images(weights[row])
-        about = f"the {TOP} neurons per class with the highest thresholds; the bank's filters, scaled by the weights"
+        caption = f"the {TOP} neurons per class with the highest thresholds; the bank's filters, scaled by the weights"
         heads = [name if k == 0 else "" for name in classes for k in range(TOP)]
         title = "Learnt weights of the neurons"
-        return {"features": images(pictures.reshape(-1, *pictures.shape[2:]), heads, title, about, TOP)}
+        return {"features": images(pictures.reshape(-1, *pictures.shape[2:]), heads, title, caption, TOP)}
 
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"

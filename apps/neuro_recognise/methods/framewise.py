@@ -118,8 +118,8 @@ class Layer(Part):
     def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
         """Return the parameters that follow from the input and the classes."""
         channels, rows, columns = inputs.shape
-        words = {"orientations": channels, "rows": rows, "columns": columns}
-        return words | {"window": inputs.window, "resolution": inputs.resolution}
+        sizes = {"orientations": channels, "rows": rows, "columns": columns}
+        return sizes | {"window": inputs.window, "resolution": inputs.resolution}
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
         """Prepare the network for an epoch; the default does nothing.
@@ -347,9 +347,9 @@ class Framewise(Method):
         """
         if self.segmenter.tentative:
             return super().observe_until(events, times_us)
-        whole = self.observe(events)
+        observation = self.observe(events)
         ends = np.searchsorted(events.t, np.asarray(times_us) + (events.t[0] if len(events) else 0), "right")
-        return [{**ended_by(whole, us), "events": np.array([n])} for us, n in zip(times_us, ends, strict=True)]
+        return [{**ended_by(observation, us), "events": np.array([n])} for us, n in zip(times_us, ends, strict=True)]
 
     def fit(self, features: Features, course: Course) -> Learnt:
         """Train the network.
@@ -370,7 +370,7 @@ class Framewise(Method):
         silent_epochs = 0
         if state := course.resume():
             pairs = zip(state["history"].tolist(), state["mistakes"].tolist(), strict=True)
-            shares = [Shares(*each) for each in pairs]
+            shares = [Shares(*pair) for pair in pairs]
             restore(sim, state["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
@@ -395,7 +395,7 @@ class Framewise(Method):
         self, sim: neuro.Simulation, frames: Frames, labels: Ints, codes: Learnt, epoch: int, course: Course
     ) -> Shares:
         """Present all recordings once. Return the shares of right and wrong decisions, NaN without labels."""
-        presented, right, wrong = 0, 0, 0
+        presented, n_right, n_wrong = 0, 0, 0
         rng = np.random.default_rng([course.seed, epoch])
         if self.order == "frames":
             turn = rng.permutation(len(frames))
@@ -415,13 +415,13 @@ class Framewise(Method):
             presented += len(results)
             if targets is not None:
                 decided = self.layer.decided(results)
-                right += int(np.count_nonzero(decided == targets))
-                wrong += int(np.count_nonzero((decided != targets) & (decided >= 0)))
-            share = None if targets is None else right / presented
+                n_right += int(np.count_nonzero(decided == targets))
+                n_wrong += int(np.count_nonzero((decided != targets) & (decided >= 0)))
+            share = None if targets is None else n_right / presented
             course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", presented, len(frames), share))
         if not self.layer.supervised:
             return Shares(right=float("nan"), wrong=float("nan"))
-        return Shares(right=right / len(frames), wrong=wrong / len(frames))
+        return Shares(right=n_right / len(frames), wrong=n_wrong / len(frames))
 
     def network(self, learnt: Learnt) -> neuro.Network | None:
         """Return the learnt network; None if several networks decide one after the other."""
@@ -492,9 +492,9 @@ class Framewise(Method):
         bank, pixels = self.bank, int(np.prod(self.size))
         size = FrameSize(pixels, bank.sizes, len(bank.orientations), self.pool.side, rows * columns)
         parts = {name: getattr(self, name) for name in FRONT_END if name != "representation" or bank.framewise}
-        works = {f"{name} {one.called()}": one.work(size) for name, one in parts.items()}
+        works = {f"{name} {part.called()}": part.work(size) for name, part in parts.items()}
         works[f"vote {self.vote}"] = self.vote_work(learnt, neurons, len(features.classes))
-        frames = float(sum(len(one["lengths"]) for one in features.evidence))
+        frames = float(sum(len(item["lengths"]) for item in features.evidence))
         uses = {"event": features.total("events"), "pixel": features.total("pixels"), "frame": frames}
         return mean_work(works, uses | {"recording": float(len(features))}, len(features))
 
@@ -517,8 +517,8 @@ class Framewise(Method):
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
         """Return the pixel values of each frame, and the network's input spikes with the winner."""
         inside, evidence = self.inside(events), self.observe(events)
-        at_ms = evidence["ends"] / 1000.0
-        if not len(at_ms):
+        ends = evidence["ends"] / 1000.0
+        if not len(ends):
             return []
         bounds = self.segmenter.bounds(inside.t)
         features = self.entering(learnt)(unlabelled([evidence], tuple(classes)))
@@ -531,8 +531,8 @@ class Framewise(Method):
         times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
         bands = self.encoder.bands(self.bank.sizes, self.bank.orientations) if self.inputs == self.front_end else ()
         return [
-            Pictures("Frame", at_ms, self.representation.pixels(inside, bounds).pictures(self.size)),
-            TrialView("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, labels, bands),
+            Pictures("Frame", ends, self.representation.pixels(inside, bounds).pictures(self.size)),
+            TrialView("Its spikes", ends, self.encoder.window, size, frames.offsets, times, frames.ids, labels, bands),
         ]
 
     def images(self, kernels: Floats) -> Floats:
@@ -588,7 +588,7 @@ def frames_to_learn_from(features: Features, segmenter: Segmenter) -> Frames:
 
 def curves_of(shares: Sequence[Shares]) -> dict[str, Array]:
     """Return the learning curves: ``history``, shares of right decisions by epoch, and ``mistakes``, of wrong ones."""
-    return {"history": np.array([one.right for one in shares]), "mistakes": np.array([one.wrong for one in shares])}
+    return {"history": np.array([s.right for s in shares]), "mistakes": np.array([s.wrong for s in shares])}
 
 
 def state_of(sim: neuro.Simulation) -> Array:

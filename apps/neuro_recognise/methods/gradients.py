@@ -85,8 +85,8 @@ class Gradients(Method):
 
     def observe(self, events: Events) -> Evidence:
         """Return the spikes of the pixels, ``step`` and ``neuron`` (spikes,), and the number of ``events`` (1,)."""
-        words: Any = {"shape": self.pixels, "step": self.step, "duration": self.duration, "scale": self.scale}
-        train = Spikes.of_recordings([self.inside(events)], INPUT, **words).trains[INPUT]
+        parameters: Any = {"shape": self.pixels, "step": self.step, "duration": self.duration, "scale": self.scale}
+        train = Spikes.of_recordings([self.inside(events)], INPUT, **parameters).trains[INPUT]
         end = np.searchsorted(events.t, (events.t[0] if len(events) else 0) + 1000.0 * self.duration)
         step, neuron = train.step.astype(np.uint16), train.neuron.astype(np.uint32)
         return {"step": step, "neuron": neuron, "events": np.array([end], np.int64)}
@@ -108,16 +108,16 @@ class Gradients(Method):
 
         from neuro_train.trainer import learn
 
-        before = self.before(len(features.classes))
-        words: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
+        untrained = self.before(len(features.classes))
+        names: Any = ("duration", "scale", "epochs", "batch", "rate", "temperature", "slope", "shift", "warp", "mirror")
         plan = TrainingPlan(
             input=INPUT,
             output=OUTPUT,
-            trainable=tuple(f"{name}={','.join(each)}" for name, each in self.learns.items()),
+            trainable=tuple(f"{name}={','.join(parameter_names)}" for name, parameter_names in self.learns.items()),
             decay=self.weight_decay,
             bits=self.bits or None,
             seed=course.seed,
-            **{word: getattr(self, word) for word in words},
+            **{word: getattr(self, word) for word in names},
         )
 
         def report(epoch: int, values: Mapping[str, float]) -> None:
@@ -126,7 +126,7 @@ class Gradients(Method):
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            trained = learn(before, self._batch_data(features), plan, course.checkpoint, report)
+            trained = learn(untrained, self._batch_data(features), plan, course.checkpoint, report)
         finally:
             torch.set_num_threads(threads)
         return self.learnt_of(trained.net) | {"history": trained.curves["right"]}
@@ -138,9 +138,9 @@ class Gradients(Method):
             classes: number of output neurons.
         """
         _, height, width = self.pixels
-        words = {name: getattr(self, name) for name in self.of_network}
-        words |= {"height": height, "width": width, "classes": classes, "resolution": self.step}
-        return neuro.load(path(self.file), params=words)
+        parameters = {name: getattr(self, name) for name in self.of_network}
+        parameters |= {"height": height, "width": width, "classes": classes, "resolution": self.step}
+        return neuro.load(path(self.file), params=parameters)
 
     def learnt_of(self, net: neuro.Network) -> dict[str, Array | str]:
         """Split a trained network into text and arrays, as returned by `fit`."""
@@ -179,9 +179,9 @@ class Gradients(Method):
 
         def ask(features: Features) -> Answer:
             scores, counts = [], []
-            for one in features.evidence:
+            for item in features.evidence:
                 sim.reset()
-                sim.inject(INPUT, (one["step"] + 1.0) * h, one["neuron"].astype(np.int64))
+                sim.inject(INPUT, (item["step"] + 1.0) * h, item["neuron"].astype(np.int64))
                 sim.run(end)
                 scores.append(_scores(*sim.spikes(OUTPUT), len(features.classes), end))
                 counts.append(sim.taken())

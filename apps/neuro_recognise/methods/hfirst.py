@@ -84,10 +84,10 @@ class HFirstSettings(Settings):
             templates: (classes, C1 neurons) in mV; None before they are learnt.
         """
         names = ("orientations", "field", "s1_threshold", "s1_leak", "pool", "s2_threshold", "s2_leak", "t_ref")
-        own = {name: getattr(self, name) for name in names}
+        base = {name: getattr(self, name) for name in names}
         width, height = self.size
         sizes = {"height": height, "width": width, "classes": classes, "resolution": self.resolution}
-        return own | sizes | {"gabors": self.gabors, "templates": self.unseen if templates is None else templates.T}
+        return base | sizes | {"gabors": self.gabors, "templates": self.unseen if templates is None else templates.T}
 
 
 class LayerSpikes(NamedTuple):
@@ -126,8 +126,8 @@ def input_spikes(settings: HFirstSettings, events: Events) -> dict[str, LayerSpi
     events = _without_noise(events, settings)
     steps = 1 + np.rint((events.t - (events.t[0] if len(events) else 0)) / (1000.0 * settings.resolution))
     places = events.y.astype(np.int64) * settings.size[0] + events.x
-    which = {"on_events": events.p == 1, "off_events": events.p == 0}
-    return {name: LayerSpikes(steps[some] * settings.resolution, places[some]) for name, some in which.items()}
+    masks = {"on_events": events.p == 1, "off_events": events.p == 0}
+    return {name: LayerSpikes(steps[mask] * settings.resolution, places[mask]) for name, mask in masks.items()}
 
 
 def s1_spikes(settings: HFirstSettings, inputs: dict[str, LayerSpikes]) -> dict[str, LayerSpikes]:
@@ -190,43 +190,43 @@ def first_spikes(
     side, orientations = bank.shape[0], bank.shape[2]
     half = side // 2
     v = np.zeros((height, width, orientations))
-    since = np.zeros((height, width), np.int64)
-    free = np.zeros((height, width), np.int64)
+    updated = np.zeros((height, width), np.int64)
+    end_of_rest = np.zeros((height, width), np.int64)
     reached = np.empty((height * width, 2), np.int64)
     spikes = np.empty((2, 256), np.int64)
     n, k = 0, 0
     while k < steps.size:
-        now, touched = steps[k], 0
-        while k < steps.size and steps[k] == now:
+        step, touched = steps[k], 0
+        while k < steps.size and steps[k] == step:
             y, x = rows[k], columns[k]
             for r in range(max(0, y - half), min(height, y + half + 1)):
                 for c in range(max(0, x - half), min(width, x + half + 1)):
-                    if now < free[r, c]:
+                    if step < end_of_rest[r, c]:
                         continue
-                    here, taps = v[r, c], bank[half + y - r, half + x - c]
-                    if since[r, c] != now:
-                        lost = leak * (now - since[r, c])
+                    neuron, taps = v[r, c], bank[half + y - r, half + x - c]
+                    if updated[r, c] != step:
+                        lost = leak * (step - updated[r, c])
                         for o in range(orientations):
-                            here[o] -= min(max(here[o], -lost), lost)
-                        since[r, c] = now
+                            neuron[o] -= min(max(neuron[o], -lost), lost)
+                        updated[r, c] = step
                         reached[touched, 0], reached[touched, 1] = r, c
                         touched += 1
                     for o in range(orientations):
-                        here[o] += taps[o]
+                        neuron[o] += taps[o]
             k += 1
         for place in range(touched):
             r, c = reached[place]
-            best = v[r, c].argmax()
-            if v[r, c, best] < threshold:
+            winner = v[r, c].argmax()
+            if v[r, c, winner] < threshold:
                 continue
             if n == spikes.shape[1]:
-                more = np.empty((2, 2 * n), np.int64)
-                more[:, :n] = spikes
-                spikes = more
-            spikes[0, n], spikes[1, n] = now, (best * height + r) * width + c
+                larger = np.empty((2, 2 * n), np.int64)
+                larger[:, :n] = spikes
+                spikes = larger
+            spikes[0, n], spikes[1, n] = step, (winner * height + r) * width + c
             n += 1
             v[r, c] = 0.0
-            free[r, c] = now + refractory + 1
+            end_of_rest[r, c] = step + refractory + 1
     return spikes[:, :n].copy()
 
 
@@ -306,12 +306,12 @@ def show(sim: neuro.Simulation, settings: HFirstSettings, inputs: Mapping[str, L
         inputs: spikes by the name of the population.
     """
     sim.reset()
-    last = 0.0
+    last_time = 0.0
     for name, spikes in inputs.items():
         sim.inject(name, spikes.times, spikes.ids)
-        last = max(last, spikes.times.max(initial=0.0))
+        last_time = max(last_time, spikes.times.max(initial=0.0))
     layers = len(sim.network().populations)  # each layer adds a delay of one step
-    sim.run(last + layers * settings.resolution)
+    sim.run(last_time + layers * settings.resolution)
 
 
 def c1_spikes(sim: neuro.Simulation, settings: HFirstSettings, s1: Mapping[str, LayerSpikes]) -> LayerSpikes:
@@ -359,8 +359,8 @@ def _behind(net: neuro.Network, shapes: Mapping[str, tuple[int, ...]], layer: st
     }
     alone = neuro.Network(f"{net.name}_{layer}", resolution=net.resolution)
     alone.populations.update({**sources, layer: net.populations[layer]})
-    alone.projections.update({name: one for name, one in net.projections.items() if one.target == layer})
-    alone.groups.update({name: one for name, one in net.groups.items() if one.choice.of == layer})
+    alone.projections.update({name: part for name, part in net.projections.items() if part.target == layer})
+    alone.groups.update({name: part for name, part in net.groups.items() if part.choice.of == layer})
     return alone
 
 
@@ -450,7 +450,7 @@ class HFirst(Method, HFirstSettings):
 
     def fit(self, features: Features, course: Course) -> Learnt:
         """Compute the templates from the summed C1 spikes of each class."""
-        counts = c1_counts(self, [LayerSpikes(one["times"], one["ids"]) for one in features.evidence])
+        counts = c1_counts(self, [LayerSpikes(item["times"], item["ids"]) for item in features.evidence])
         return {"templates": templates(self, counts, features.labels, len(features.classes))}
 
     def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
@@ -462,10 +462,10 @@ class HFirst(Method, HFirstSettings):
         sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
 
         def ask(features: Features) -> Answer:
-            responses = [s2_heard(sim, self, LayerSpikes(one["times"], one["ids"])) for one in features.evidence]
-            votes = {reading: np.stack([decisive(one, reading) for one in responses]) for reading in READINGS}
+            responses = [s2_heard(sim, self, LayerSpikes(item["times"], item["ids"])) for item in features.evidence]
+            votes = {reading: np.stack([decisive(item, reading) for item in responses]) for reading in READINGS}
             run = partial(self.run_whole, learnt, features, backend)
-            host = self.host(features, sum(one.spikes.ids.size for one in responses))
+            host = self.host(features, sum(item.spikes.ids.size for item in responses))
             return Answer(votes[self.reading], votes, run, None, features.duration_s(), host)
 
         return ask
@@ -481,15 +481,15 @@ class HFirst(Method, HFirstSettings):
             features: evidence of the recordings.
             spikes: S2 spikes in all recordings.
         """
-        classes, by_spikes = len(features.classes), self.reading != "potentials"
+        classes, counting = len(features.classes), self.reading != "potentials"
         works: dict[str, Works] = {"noise filter": {"event": on_numbers(7 + 2 + 3, 14)}}
-        ties = classes * (2 + math.ceil(math.log2(max(1, classes)))) * by_spikes + classes * (self.reading == "soft")
+        ties = classes * (2 + math.ceil(math.log2(max(1, classes)))) * counting + classes * (self.reading == "soft")
         works[f"reading {self.reading}"] = {
             "c1": on_numbers(classes, 2 * classes),
-            "s2": on_numbers(1, 2) if by_spikes else Work(),
+            "s2": on_numbers(1, 2) if counting else Work(),
             "recording": on_numbers(classes + ties, 2 * classes),
         }
-        c1 = float(sum(len(one["ids"]) for one in features.evidence))
+        c1 = float(sum(len(item["ids"]) for item in features.evidence))
         uses = {"event": features.total("events"), "c1": c1, "s2": float(spikes), "recording": float(len(features))}
         return mean_work(works, uses, len(features))
 
@@ -497,9 +497,9 @@ class HFirst(Method, HFirstSettings):
         """Run the network with all its layers on recordings, and return the simulation and its counts."""
         sim = neuro.compile(self.network(learnt), backend=backend)
         counts = []
-        for one in features.evidence:
-            steps = {name: (one[name][:, 0], one[name][:, 1].astype(np.int64)) for name in INPUTS}
-            show(sim, self, {name: LayerSpikes(at * self.resolution, ids) for name, (at, ids) in steps.items()})
+        for item in features.evidence:
+            steps = {name: (item[name][:, 0], item[name][:, 1].astype(np.int64)) for name in INPUTS}
+            show(sim, self, {name: LayerSpikes(k * self.resolution, ids) for name, (k, ids) in steps.items()})
             counts.append(sim.taken())
         return sim, reduce(add, counts)
 
@@ -514,8 +514,8 @@ class HFirst(Method, HFirstSettings):
 
         learnt_templates = np.asarray(learnt["templates"])
         pictures = reconstructed(learnt_templates.reshape(len(learnt_templates), *self.shape), self.gabors, self.pool)
-        about = "one image per class: the filters of S1, scaled by the weights"
-        return {"templates": images(pictures, classes, "The templates of S2", about)}
+        caption = "one image per class: the filters of S1, scaled by the weights"
+        return {"templates": images(pictures, classes, "The templates of S2", caption)}
 
 
 @lru_cache(maxsize=1)

@@ -152,11 +152,11 @@ class Layers:
         """
         from neuro_recognise.methods._hots_kernels import count
 
-        last = self.settings.layers - 1 if layer is None else layer
+        last_layer = self.settings.layers - 1 if layer is None else layer
         side = check(WHOLE, cell, "cell") or max(self.sensor_size)
         columns, rows = (-(-length // side) for length in self.sensor_size)
-        out = np.zeros((rows * columns, self.settings.centres_of(last)), np.int64)
-        count(events.x, events.y, self.assigned(events, last), side, columns, out)
+        out = np.zeros((rows * columns, self.settings.centres_of(last_layer)), np.int64)
+        count(events.x, events.y, self.assigned(events, last_layer), side, columns, out)
         return out.reshape(rows, columns, -1)
 
     def assigned(self, events: Events, layer: int) -> Ints:
@@ -232,12 +232,12 @@ class Layers:
         if self.settings.first == "drawn":
             rng = np.random.default_rng([self.seed, layer, 1])
             chosen = np.sort(rng.choice(sum(lengths), n, replace=False))
-        surfaces, before = [], 0
+        surfaces, begin = [], 0
         for k, length in zip(sources, lengths, strict=False):
-            own = chosen[(chosen >= before) & (chosen < before + length)] - before
-            if own.size:
-                surfaces.append(self._surfaces(recordings[k], layer, own))
-            before += length
+            own_events = chosen[(chosen >= begin) & (chosen < begin + length)] - begin
+            if own_events.size:
+                surfaces.append(self._surfaces(recordings[k], layer, own_events))
+            begin += length
         self.centres.append(np.concatenate(surfaces, axis=1).reshape(self._shape(layer)))
         self.wins.append(np.ones(n, np.int64))
 
@@ -342,12 +342,12 @@ class Hots(Method):
         for layer in range(self.hierarchy.layers):
             centres = np.asarray(learnt[f"centres_{layer}"]).transpose(3, 2, 0, 1)
             if layer == 0 and self.hierarchy.polarity:
-                shades, about = centres[:, 1] - centres[:, 0], "blue ON, orange OFF"
+                shades, caption = centres[:, 1] - centres[:, 0], "blue ON, orange OFF"
             else:
-                shades, about = centres.max(axis=1), "in any channel"
+                shades, caption = centres.max(axis=1), "in any channel"
             title = f"The time surfaces of layer {layer + 1}"
-            about = f"one image per prototype; darker pixels had a later event: {about}"
-            figures[f"layer-{layer + 1}"] = images(shades, [""] * len(shades), title, about)
+            caption = f"one image per prototype; darker pixels had a later event: {caption}"
+            figures[f"layer-{layer + 1}"] = images(shades, [""] * len(shades), title, caption)
         return figures
 
     def _histograms(self, layers: Layers, features: Features) -> Floats:
@@ -360,7 +360,7 @@ class Hots(Method):
         """Convert evidence to events, one recording at a time."""
 
         def item(k: int) -> Events:
-            one = features.evidence[k]
-            return Events(one["t"], one["x"], one["y"], one["p"], self.size)
+            item = features.evidence[k]
+            return Events(item["t"], item["x"], item["y"], item["p"], self.size)
 
         return Lazy(len(features), item)

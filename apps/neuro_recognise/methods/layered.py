@@ -66,16 +66,16 @@ class Layered(Framewise):
         """Fill in the sensor's size, and check that the features' receptive field fits into the front end."""
         settled = super().fitting(size)
         if min(settled.places) < 1:
-            most, field = min(settled.front_end.shape[1:]), self.features.as_words()["field"]
-            expected = f"expected at most {most}, the cells of the front end"
+            side, field = min(settled.front_end.shape[1:]), self.features.as_words()["field"]
+            expected = f"expected at most {side}, the cells of the front end"
             raise ModelError(f"{self.place()}: features.field = {field}: {expected}")
         return settled
 
     @property
     def places(self) -> tuple[int, int, int]:
         """Maps, rows and columns of the features."""
-        words, (_, rows, columns) = self.features.as_words(), self.front_end.shape
-        return words["maps"], rows - words["field"] + 1, columns - words["field"] + 1
+        settings, (_, rows, columns) = self.features.as_words(), self.front_end.shape
+        return settings["maps"], rows - settings["field"] + 1, columns - settings["field"] + 1
 
     @property
     def inputs(self) -> Inputs:
@@ -98,8 +98,8 @@ class Layered(Framewise):
 
         # No checkpoint: the short pass is repeated after an interruption, and gives the same bits.
         learning = below.fit(features.take(chosen), replace(course, checkpoint=None, report=tell))
-        words: Learnt = {"features": learning["c1_s2"], "below": learning["network"], "seed": learning["seed"]}
-        return {**super().fit(self.entering(words, course.backend)(features), course), **words}
+        arrays: Learnt = {"features": learning["c1_s2"], "below": learning["network"], "seed": learning["seed"]}
+        return {**super().fit(self.entering(arrays, course.backend)(features), course), **arrays}
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
         """Return a function from the front end's spikes to the spikes of the pooled features."""
@@ -115,9 +115,9 @@ class Layered(Framewise):
                 frame, codes, ids = self._pooled(results)
                 lengths, following = np.bincount(frame, minlength=len(frames)), np.arange(1, len(batch))
                 parts = (np.split(part, np.searchsorted(frames.recording[frame], following)) for part in (codes, ids))
-                of_frames = np.split(lengths, np.searchsorted(frames.recording, following))
-                each = zip(batch.evidence, *parts, of_frames, strict=True)
-                evidence += [dict(one, codes=c, ids=i, lengths=n) for one, c, i, n in each]
+                frame_lengths = np.split(lengths, np.searchsorted(frames.recording, following))
+                rows = zip(batch.evidence, *parts, frame_lengths, strict=True)
+                evidence += [dict(item, codes=c, ids=i, lengths=n) for item, c, i, n in rows]
             return replace(features, evidence=evidence)
 
         return enter
@@ -144,6 +144,6 @@ class Layered(Framewise):
         from neuro_recognise.telling.pictures import history, images
 
         pictures = self.images(np.asarray(learnt["features"]))
-        about = "one image per feature: the bank's filters, scaled by the weights"
-        features = images(pictures, [""] * len(pictures), "Learnt features", about)
+        caption = "one image per feature: the bank's filters, scaled by the weights"
+        features = images(pictures, [""] * len(pictures), "Learnt features", caption)
         return {"features": features, "learning": history(np.asarray(learnt["history"]), len(classes))}

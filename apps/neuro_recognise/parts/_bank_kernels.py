@@ -46,10 +46,10 @@ def largest_responses(x, y, values, bounds, bank, sizes, height, width, cell, ou
             for k in range(active):
                 pixel = value[rows[k], columns[k]]
                 for i in range(first, last):
-                    to = response[rows[k] + i, (columns[k] + first) * many : (columns[k] + last) * many]
+                    target = response[rows[k] + i, (columns[k] + first) * many : (columns[k] + last) * many]
                     taps = turned[s, i, first * many : last * many]
                     for j in range(len(taps)):
-                        to[j] += pixel * taps[j]
+                        target[j] += pixel * taps[j]
             for i in range(out.shape[3]):
                 tallest[:] = 0.0
                 for a in range(half + cell * i, half + cell * (i + 1)):
@@ -58,10 +58,10 @@ def largest_responses(x, y, values, bounds, bank, sizes, height, width, cell, ou
                         tallest[b] = answered[b] if answered[b] > tallest[b] else tallest[b]
                 for j in range(out.shape[4]):
                     for o in range(many):
-                        best = 0.0
+                        largest = 0.0
                         for b in range(cell * j, cell * (j + 1)):
-                            best = tallest[b * many + o] if tallest[b * many + o] > best else best
-                        out[frame, s, o, i, j] = best
+                            largest = tallest[b * many + o] if tallest[b * many + o] > largest else largest
+                        out[frame, s, o, i, j] = largest
         for k in range(active):
             value[rows[k], columns[k]] = 0.0
 
@@ -79,15 +79,15 @@ def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cel
     side = bank.shape[2]
     half = side // 2
     response = np.zeros((bank.shape[0], bank.shape[1], height, width))
-    since = np.zeros((bank.shape[0], height, width), np.int64)
+    updated = np.zeros((bank.shape[0], height, width), np.int64)
     for frame in range(out.shape[0]):
         for k in range(bounds[frame], bounds[frame + 1]):
             for s in range(bank.shape[0]):
                 reach = sizes[s] // 2
                 for i in range(max(0, y[k] - reach), min(height, y[k] + reach + 1)):
                     for j in range(max(0, x[k] - reach), min(width, x[k] + reach + 1)):
-                        leaked = leak * (t[k] - since[s, i, j])
-                        since[s, i, j] = t[k]
+                        leaked = leak * (t[k] - updated[s, i, j])
+                        updated[s, i, j] = t[k]
                         for o in range(bank.shape[1]):
                             tap = bank[s, o, half + i - y[k], half + j - x[k]]
                             response[s, o, i, j] = _leaked(response[s, o, i, j], leaked) + sign[k] * tap
@@ -96,12 +96,12 @@ def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cel
             for o in range(bank.shape[1]):
                 for i in range(out.shape[3]):
                     for j in range(out.shape[4]):
-                        best = 0.0
+                        largest = 0.0
                         for a in range(cell * i, cell * (i + 1)):
                             for b in range(cell * j, cell * (j + 1)):
-                                now = abs(_leaked(response[s, o, a, b], leak * (last - since[s, a, b])))
-                                best = max(best, now)
-                        out[frame, s, o, i, j] = best
+                                value = abs(_leaked(response[s, o, a, b], leak * (last - updated[s, a, b])))
+                                largest = max(largest, value)
+                        out[frame, s, o, i, j] = largest
 
 
 @subkernel

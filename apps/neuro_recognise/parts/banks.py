@@ -51,8 +51,8 @@ class Pixels(NamedTuple):
         segments = len(self.bounds) - 1
         inside = slice(int(self.bounds[0]), int(self.bounds[-1]))
         places = self.y[inside].astype(np.int64) * width + self.x[inside]
-        each = places * segments + np.repeat(np.arange(segments), np.diff(self.bounds))
-        return np.bincount(np.unique(each) % max(1, segments), minlength=segments)
+        keys = places * segments + np.repeat(np.arange(segments), np.diff(self.bounds))
+        return np.bincount(np.unique(keys) % max(1, segments), minlength=segments)
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ class _Remembering(Representation):
     def pixels(self, events: Events, bounds: Ints) -> Pixels:
         """Return the surface at all pixels that had an event."""
         width, height = events.sensor_size
-        words = {"tau_us": 1000.0 * self.tau, "polarity": "ignored"}
-        surface, begin = self.surface(events.sensor_size, **words), 0
+        options = {"tau_us": 1000.0 * self.tau, "polarity": "ignored"}
+        surface, begin = self.surface(events.sensor_size, **options), 0
         values = np.empty((len(bounds) - 1, height, width))
         for segment, end in enumerate(bounds[1:].tolist()):
             surface.add(events[begin:end])

@@ -137,8 +137,8 @@ class LogLatency(Encoder):
         """Return latencies scaled to each filter's range, ms, shaped like the responses; NaN for no spike."""
         peak = responses.max(axis=(3, 4), initial=0.0, keepdims=True)
         spiking = responses > ROUNDING * peak
-        least = responses.min(axis=(3, 4), initial=np.inf, where=spiking, keepdims=True)
-        span = np.log(peak / least, where=least < peak, out=np.ones_like(peak))  # equal responses spike at 0
+        smallest = responses.min(axis=(3, 4), initial=np.inf, where=spiking, keepdims=True)
+        span = np.log(peak / smallest, where=smallest < peak, out=np.ones_like(peak))  # equal responses spike at 0
         ratio = np.divide(peak, responses, where=spiking, out=np.full_like(responses, np.nan))
         latencies: Floats = self.window * np.log(ratio) / span
         return latencies
@@ -196,11 +196,11 @@ class Latency(Encoder):
         return {"frame": _coded(size.responses, 8, size.responses, self.first, size)}
 
 
-def _coded(macs: float, each: float, values: int, first: int, size: FrameSize) -> Work:
+def _coded(macs: float, per_value: float, values: int, first: int, size: FrameSize) -> Work:
     """Return the work of an encoder: `macs`, a sort of the values, and `each` for a spike, of which `first` remain."""
     spikes = min(values, first or values)
     sort = values * math.ceil(math.log2(max(1, values)))
-    return on_numbers(macs + sort + each * spikes, size.responses + 2 * spikes)
+    return on_numbers(macs + sort + per_value * spikes, size.responses + 2 * spikes)
 
 
 def _first(order: Ints, lengths: Ints, n: int) -> tuple[Ints, Ints]:
@@ -247,8 +247,8 @@ class Frames:
         """Return some of the frames, in the given order."""
         lengths = np.diff(self.offsets)[frames]
         offsets = np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)))
-        where = np.repeat(self.offsets[frames] - offsets[:-1], lengths) + np.arange(offsets[-1])
-        return type(self)(self.codes[where], self.ids[where], offsets, self.recording[frames])
+        indices = np.repeat(self.offsets[frames] - offsets[:-1], lengths) + np.arange(offsets[-1])
+        return type(self)(self.codes[indices], self.ids[indices], offsets, self.recording[frames])
 
 
 def ended_by(evidence: Evidence, us: int) -> Evidence:
@@ -285,8 +285,8 @@ def votes(
     np.add.at(wins, (recording[decided], results.label[decided]), 1.0)
     sums = np.zeros((recordings, classes))
     per_class = results.potential.shape[1] // classes
-    by_class = results.potential.reshape(-1, classes, per_class)
-    np.add.at(sums, recording, by_class.mean(axis=2) if mean_over_maps else by_class.max(axis=2))
+    class_potentials = results.potential.reshape(-1, classes, per_class)
+    np.add.at(sums, recording, class_potentials.mean(axis=2) if mean_over_maps else class_potentials.max(axis=2))
     return {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
 

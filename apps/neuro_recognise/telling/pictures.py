@@ -104,12 +104,12 @@ def accuracies(results: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
     Args:
         results: names with an accuracy for each seed.
     """
-    ordered = sorted(results, key=lambda pair: np.mean([one.accuracy for one in pair[1]]))
+    ordered = sorted(results, key=lambda pair: np.mean([evaluation.accuracy for evaluation in pair[1]]))
     figure = Figure(figsize=(7.6, 0.9 + 0.36 * len(ordered)), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
-    for row, (_, each) in enumerate(ordered):
-        shares = [one.accuracy for one in each]
-        low, high = wilson(round(float(np.mean(shares)) * each[0].n), each[0].n)
+    for row, (_, evaluations) in enumerate(ordered):
+        shares = [evaluation.accuracy for evaluation in evaluations]
+        low, high = wilson(round(float(np.mean(shares)) * evaluations[0].n), evaluations[0].n)
         axis.plot([100 * low, 100 * high], [row, row], color="#cfe3f1", lw=9, solid_capstyle="butt", zorder=1)
         axis.plot(100 * np.array(shares), np.full(len(shares), row), "o", color=BLUE, ms=5, zorder=2)
         axis.annotate(
@@ -140,21 +140,21 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
     Source: thesis figures 50-52.
     """
     per_class = len(kernels) // len(classes)
-    across = min(len(classes), MOST_COLUMNS)
-    about = f"{per_class} per class; the opacity of a bar is the weight of its orientation at its place"
-    down = -(-len(classes) // across) * per_class
-    figure, tiles = _tiled(across, down, "Learnt kernels", about)
+    columns = min(len(classes), MOST_COLUMNS)
+    caption = f"{per_class} per class; the opacity of a bar is the weight of its orientation at its place"
+    down = -(-len(classes) // columns) * per_class
+    figure, tiles = _tiled(columns, down, "Learnt kernels", caption)
     _key(figure, orientations)
     for k, kernel in enumerate(kernels):
         label, version = divmod(k, per_class)
-        axis = tiles[label // across * per_class + version, label % across]
+        axis = tiles[label // columns * per_class + version, label % columns]
         _bars(axis, kernel, orientations)
         if version == 0:
             axis.set_title(literal(classes[label]), fontsize=15, color=INK, pad=4)
     return figure
 
 
-def images(pictures: Floats, heads: Sequence[str], title: str, about: str, across: int = MOST_COLUMNS) -> Figure:
+def images(pictures: Floats, heads: Sequence[str], title: str, about: str, columns: int = MOST_COLUMNS) -> Figure:
     """Draw images side by side, darker for larger values, negative values in orange; each image has its own scale.
 
     Args:
@@ -162,10 +162,10 @@ def images(pictures: Floats, heads: Sequence[str], title: str, about: str, acros
         heads: heading of each image; "" for none.
         title: title of the figure.
         about: line below the title.
-        across: number of images in a row.
+        columns: number of images in a row.
     """
-    across = min(len(pictures), across)
-    figure, tiles = _tiled(across, -(-len(pictures) // across), title, about, HEADED_IN if any(heads) else 0.0)
+    columns = min(len(pictures), columns)
+    figure, tiles = _tiled(columns, -(-len(pictures) // columns), title, about, HEADED_IN if any(heads) else 0.0)
     axes: list[Axes] = tiles.ravel().tolist()
     for axis, image, head in zip(axes, pictures, heads, strict=False):
         largest = max(float(np.abs(image).max()), 1e-12)
@@ -175,17 +175,17 @@ def images(pictures: Floats, heads: Sequence[str], title: str, about: str, acros
     return figure
 
 
-def _tiled(across: int, down: int, title: str, about: str, between: float = 0.0) -> tuple[Figure, NDArray[np.object_]]:
+def _tiled(columns: int, rows: int, title: str, caption: str, gap: float = 0.0) -> tuple[Figure, NDArray[np.object_]]:
     """Create a figure with a title and square axes (down, across), with `between` inches of vertical space."""
-    high = TILE_IN + between
-    figure = Figure(figsize=(max(0.1 + TILE_IN * across, LEAST_IN), HEAD_IN + high * down), dpi=120, facecolor=PAPER)
+    high = TILE_IN + gap
+    figure = Figure(figsize=(max(0.1 + TILE_IN * columns, LEAST_IN), HEAD_IN + high * rows), dpi=120, facecolor=PAPER)
     width, height = figure.get_size_inches()
     figure.text(0.1 / width, 1 - 0.22 / height, literal(title), fontsize=14, color=INK, va="center")
-    figure.text(0.1 / width, 1 - 0.46 / height, literal(about), fontsize=9, color=GREY, va="center")
+    figure.text(0.1 / width, 1 - 0.46 / height, literal(caption), fontsize=9, color=GREY, va="center")
     tiles = figure.subplots(
-        down, across, squeeze=False,
-        gridspec_kw={"left": 0.1 / width, "right": (0.1 + TILE_IN * across - 0.08) / width, "wspace": 0.06,
-                     "top": 1 - HEAD_IN / height, "bottom": 0.1 / height, "hspace": 0.06 + between / TILE_IN},
+        rows, columns, squeeze=False,
+        gridspec_kw={"left": 0.1 / width, "right": (0.1 + TILE_IN * columns - 0.08) / width, "wspace": 0.06,
+                     "top": 1 - HEAD_IN / height, "bottom": 0.1 / height, "hspace": 0.06 + gap / TILE_IN},
     )  # fmt: skip
     for axis in tiles.flat:
         axis.set_axis_off()

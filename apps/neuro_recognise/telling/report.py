@@ -138,9 +138,9 @@ def _decided_whole(recogniser: Recogniser, file: str, events: Events, backend: s
     else:
         learnt_ms = recogniser.early.held.times_us / 1000.0
         times = np.append(learnt_ms[learnt_ms < length], length)
-    other = np.flatnonzero(choose(recogniser.scores_at(events, times.tolist(), backend)) != label)
-    since = int(other[-1]) + 1 if other.size else 0
-    return Predicted(file, label, scores[0], float(times[since]) if since < len(times) else length, length)
+    diffs = np.flatnonzero(choose(recogniser.scores_at(events, times.tolist(), backend)) != label)
+    start = int(diffs[-1]) + 1 if diffs.size else 0
+    return Predicted(file, label, scores[0], float(times[start]) if start < len(times) else length, length)
 
 
 def _decided_early(
@@ -148,9 +148,9 @@ def _decided_early(
 ) -> Predicted:
     length = _length(events)
     early = recogniser.early
-    every = early.held.times_us[0] / 1000.0 if early else 1.0
-    window = length + every
-    session = recogniser.session(every_ms=every, allow=allow, assurance=assurance, window_ms=window, backend=backend)
+    interval = early.held.times_us[0] / 1000.0 if early else 1.0
+    window = length + interval
+    session = recogniser.session(every_ms=interval, allow=allow, assurance=assurance, window_ms=window, backend=backend)
     scores = np.full(len(recogniser.classes), np.nan)
     for decision in chain(session.feed(events), session.end()):
         scores = decision.scores
@@ -183,8 +183,8 @@ class LearningBar:
         if progress.among is None:
             self._line.show(progress.done, progress.total, text, line=progress.right is None)
         else:
-            done, total = progress.among
-            self._line.show(done, total, f"{done} of {total} done; {text}")
+            n_done, total = progress.among
+            self._line.show(n_done, total, f"{n_done} of {total} done; {text}")
         if progress.done == progress.total and progress.right is not None:
             self._line.keep(text)
 
@@ -199,7 +199,7 @@ def show_methods() -> None:
     rows = []
     for name, method in METHODS.items():
         runs = "a network" if method.spikes else "-"
-        measured = "\n".join(f"{what} {share}" for what, share in method.measured.items())
+        measured = "\n".join(f"{data_set} {share}" for data_set, share in method.measured.items())
         rows.append((name, f"{method.title}\n{method.source}", runs, method.needs or "-", measured or "-"))
     out = console()
     out.print(table(("method", "description and source", "runs", "extra", "measured"), rows))
@@ -248,10 +248,10 @@ def describe(recogniser: Recogniser) -> None:
 
 def figures(recogniser: Recogniser, result: Tried) -> str:
     """Return all figures as JSON; those at the top level belong to the recogniser's own scores."""
-    words = {"format": FORMAT, "method": recogniser.method.called(), **result.own.as_words()}
-    words |= {"classes": list(recogniser.classes)}
+    contents = {"format": FORMAT, "method": recogniser.method.called(), **result.own.as_words()}
+    contents |= {"classes": list(recogniser.classes)}
     return json.dumps(
-        words | {"votes": {name: evaluation.as_words() for name, evaluation in result.votes.items()}}, indent=1
+        contents | {"votes": {name: evaluation.as_words() for name, evaluation in result.votes.items()}}, indent=1
     )
 
 
@@ -276,24 +276,24 @@ def show_predicted(
 ) -> None:
     """Print decisions as a table or as JSON. With an allowed error, the assumption behind it follows the table."""
     if as_json:
-        words = []
-        for one in predicted:
-            silent = one.label == SILENT
-            scores = dict(zip(recogniser.classes, one.scores.tolist(), strict=True))
-            entry: dict[str, Any] = {"recording": one.path, "class": None if silent else recogniser.classes[one.label]}
-            entry |= {"decided_ms": one.decided_ms, "length_ms": one.length_ms, "settled": one.settled}
-            words.append(entry | {"scores": None if silent else scores})
-        print(json.dumps(words, indent=1))
+        texts = []
+        for row in predicted:
+            silent = row.label == SILENT
+            scores = dict(zip(recogniser.classes, row.scores.tolist(), strict=True))
+            entry: dict[str, Any] = {"recording": row.path, "class": None if silent else recogniser.classes[row.label]}
+            entry |= {"decided_ms": row.decided_ms, "length_ms": row.length_ms, "settled": row.settled}
+            texts.append(entry | {"scores": None if silent else scores})
+        print(json.dumps(texts, indent=1))
         return
     rows = []
-    for one in predicted:
-        name = "silent" if one.label == SILENT else recogniser.classes[one.label]
-        when = "-" if one.decided_ms is None else f"{one.decided_ms:.0f} of {one.length_ms:.0f} ms"
-        best = sorted(zip(recogniser.classes, one.scores.tolist(), strict=True), key=lambda pair: -pair[1])[:3]
-        message = "-" if one.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in best)
-        rows.append((one.path, name, when, message))
-    when = ">unchanged since" if allow is None else ">decided after"
-    console().print(table(("recording", "class", when, "scores"), rows))
+    for row in predicted:
+        name = "silent" if row.label == SILENT else recogniser.classes[row.label]
+        time = "-" if row.decided_ms is None else f"{row.decided_ms:.0f} of {row.length_ms:.0f} ms"
+        top = sorted(zip(recogniser.classes, row.scores.tolist(), strict=True), key=lambda pair: -pair[1])[:3]
+        message = "-" if row.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in top)
+        rows.append((row.path, name, time, message))
+    time = ">unchanged since" if allow is None else ">decided after"
+    console().print(table(("recording", "class", time, "scores"), rows))
     if allow is not None:
         console().print(ASSUMES)
 
@@ -315,18 +315,18 @@ def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
     out = console()
     out.print(f"{len(held_out.right)} recordings, each held out once")
     out.print(table((">after", ">right"), rows))
-    least = least_allowed(held_out, assurance)
-    out.print(f"with an assurance of {assurance:g} they support an allowed error of {least:.1%} or more")
-    if supported := [allowed for allowed in ALLOWED if allowed >= least]:
+    smallest = least_allowed(held_out, assurance)
+    out.print(f"with an assurance of {assurance:g} they support an allowed error of {smallest:.1%} or more")
+    if supported := [allowed for allowed in ALLOWED if allowed >= smallest]:
         heads = (">--allow", ">decided after", ">wrong", ">95 % interval", ">of the worst class", ">95 % interval")
         rules = []
         for allowed in supported:
-            result, of_class = outcome(held_out, allowed, assurance), ("-", "-")
+            result, class_texts = outcome(held_out, allowed, assurance), ("-", "-")
             shares = f"{result.error:.1%}", "{:.1%} to {:.1%}".format(*result.interval)
             if result.worst is not None:
                 name = recogniser.classes[result.worst]
-                of_class = f"{name}: {result.worst_error:.1%}", "{:.1%} to {:.1%}".format(*result.worst_interval)
-            rules.append((f"{allowed:.1%}", f"{result.mean_ms:.0f} ms", *shares, *of_class))
+                class_texts = f"{name}: {result.worst_error:.1%}", "{:.1%} to {:.1%}".format(*result.worst_interval)
+            rules.append((f"{allowed:.1%}", f"{result.mean_ms:.0f} ms", *shares, *class_texts))
         out.print("cross-validated: rules from nine tenths of them, tested on the last tenth")
         out.print(table(heads, rules))
     out.print(f"{ASSUMES}; with another mix the error may rise to that of the worst class")
@@ -363,14 +363,14 @@ def show_relearnt(accuracies: Mapping[str, Floats], before: int, classes: int, f
     """
     from neuro_recognise.telling.pictures import relearnt
 
-    after = next(iter(accuracies.values())).shape[1] - before
-    head = ("method", ">before, %", ">after 1 epoch, %", f">after {after}, %", ">change, points", ">epochs to within 3")
+    n = next(iter(accuracies.values())).shape[1] - before
+    head = ("method", ">before, %", ">after 1 epoch, %", f">after {n}, %", ">change, points", ">epochs to within 3")
     rows = []
     for name, shares in accuracies.items():
         ends = [shares[:, epoch] for epoch in (before - 1, before, -1)]
         near = np.flatnonzero(shares[:, before:].mean(axis=0) >= ends[0].mean() - NEAR)
         parts = (*ends, ends[2] - ends[0])
-        rows.append((name, *map(_with_spread, parts), str(near[0] + 1) if near.size else f"not in {after}"))
+        rows.append((name, *map(_with_spread, parts), str(near[0] + 1) if near.size else f"not in {n}"))
     console().print(table(head, rows))
     _save(relearnt(accuracies, before, classes), file)
 

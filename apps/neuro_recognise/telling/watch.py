@@ -113,12 +113,12 @@ def summary(recogniser: Recogniser, decisions: Sequence[Decision], allow: float 
         return f"{name}, after all {one.after_ms:.0f} ms"
     # The moments of `neuro recognise predict`, so that both report the same time.
     comparable = decisions if recogniser.early else decisions[FINER - 1 :: FINER]
-    since = one
+    last_change = one
     for decision in reversed(comparable):
         if decision.label != one.label:
             break
-        since = decision
-    return f"{name}, unchanged since {since.after_ms:.0f} of {one.after_ms:.0f} ms"
+        last_change = decision
+    return f"{name}, unchanged since {last_change.after_ms:.0f} of {one.after_ms:.0f} ms"
 
 
 def page(
@@ -139,20 +139,20 @@ def page(
         views: intermediate results of the method.
         allow: the allowed error; None without one.
     """
-    at, stop = (
-        np.array([one.after_ms for one in decisions]),
-        next((k for k, one in enumerate(decisions) if one.settled), None),
+    decision, stop = (
+        np.array([decision_k.after_ms for decision_k in decisions]),
+        next((k for k, decision_k in enumerate(decisions) if decision_k.settled), None),
     )
-    scores = np.stack([one.scores for one in decisions]).astype(np.float64)
+    scores = np.stack([decision_k.scores for decision_k in decisions]).astype(np.float64)
     scores[~np.isfinite(scores)] = np.nan
     finite = np.isfinite(scores).sum(axis=1, keepdims=True)
     scores -= np.nansum(scores, axis=1, keepdims=True) / np.maximum(
         finite, 1
     )  # the mean is subtracted because votes grow for all classes over time
     low, high = (float(np.nanmin(scores)), float(np.nanmax(scores))) if finite.any() else (0.0, 1.0)
-    end = max(1.0, length_ms(events), float(at[-1]))
-    track, about = event_track(events, end, 10, 20.0)
-    lit = np.array([one.label for one in decisions])[:, None] == np.arange(len(recogniser.classes))
+    end = max(1.0, length_ms(events), float(decision[-1]))
+    track, notes = event_track(events, end, 10, 20.0)
+    lit = np.array([decision_k.label for decision_k in decisions])[:, None] == np.arange(len(recogniser.classes))
     bars = {
         "labels": [name[:12] for name in recogniser.classes], "values": scores.ravel(), "lit": lit.ravel(),
         "low": [min(0.0, low)], "high": [high], "notes": _notes(recogniser, decisions, stop),
@@ -169,7 +169,7 @@ def page(
     winner = decisions[-1 if stop is None else stop].label
     order = [k for k in range(len(recogniser.classes)) if k != winner] + ([winner] if winner >= 0 else [])
     lines = [
-        {"x": at, "y": scores[:, k], "name": recogniser.classes[k], "colour": "accent" if k == winner else "grey",
+        {"x": decision, "y": scores[:, k], "name": recogniser.classes[k], "colour": "accent" if k == winner else "grey",
          "width": 2.6 if k == winner else 1.2}
         for k in order
     ]  # fmt: skip
@@ -179,20 +179,20 @@ def page(
     }  # fmt: skip
     note = "scores of all classes over time, less their mean; the coloured line is the decided class"
     if stop is not None:
-        curve["stop"] = {"at": at[stop], "text": f"settled: {recogniser.classes[winner]}"}
+        curve["stop"] = {"at": decision[stop], "text": f"settled: {recogniser.classes[winner]}"}
         note += ", dashed where it is settled"
     below = player.Panel(
         "Scores", [player.Track("curve", "curve", "scores along time", curve, 210)], note, controls=True
     )
-    words = [
+    texts = [
         summary(recogniser, decisions, allow),
         recogniser.method.title,
-        *about,
+        *notes,
         *([] if allow is None else [ASSUMES]),
     ]
     columns = f"repeat({len(top)}, minmax(0, 1fr))"
     title = f"{title} by {recogniser.method.called()}"
-    return played(title, words, end, at, top, below, columns, help_=f"{HELP}; click the scores to go there")
+    return played(title, texts, end, decision, top, below, columns, help_=f"{HELP}; click the scores to go there")
 
 
 def played(
@@ -223,17 +223,17 @@ def event_track(events: Events, end: float, parts: float, most: float) -> tuple[
         parts: a moment shows the latest events, up to the page's duration divided by this number.
         most: longest time that a moment shows, ms.
     """
-    every = player.evenly(len(events), MOST)
+    stride = player.evenly(len(events), MOST)
     width, height = events.sensor_size
-    about = [f"{len(events):,} events, {width}×{height} px"]
-    about += [f"one of every {every} events is shown"] if every > 1 else []
-    some, first = events[::every], int(events.t[0]) if len(events) else 0
+    notes = [f"{len(events):,} events, {width}×{height} px"]
+    notes += [f"one of every {stride} events is shown"] if stride > 1 else []
+    shown_events, first = events[::stride], int(events.t[0]) if len(events) else 0
     data = {
-        "width": width, "height": height, "t": some.t - first, "unit": 0.001,
-        "place": 2 * (some.y.astype(np.int64) * width + some.x) + some.p,
+        "width": width, "height": height, "t": shown_events.t - first, "unit": 0.001,
+        "place": 2 * (shown_events.y.astype(np.int64) * width + shown_events.x) + shown_events.p,
         "span": max(1.0, min(most, end / parts)), "fade": np.linspace(1.0, 0.25, 9).tolist(),
     }  # fmt: skip
-    return data, about
+    return data, notes
 
 
 def length_ms(events: Events) -> float:
@@ -252,17 +252,17 @@ def span_note(span: float) -> html.Html:
 def _notes(recogniser: Recogniser, decisions: Sequence[Decision], stop: int | None) -> list[str]:
     """Return the text before the first moment, and at each."""
     notes = ["nothing decided yet"]
-    for k, one in enumerate(decisions):
-        sure = f", {100 * one.confidence:.0f} % sure" if np.isfinite(one.confidence) else ""
+    for k, decision in enumerate(decisions):
+        sure = f", {100 * decision.confidence:.0f} % sure" if np.isfinite(decision.confidence) else ""
         settled = ", settled" if stop is not None and k >= stop else ""
-        notes.append("silent" if one.label < 0 else f"says {recogniser.classes[one.label]}{sure}{settled}")
+        notes.append("silent" if decision.label < 0 else f"says {recogniser.classes[decision.label]}{sure}{settled}")
     return notes
 
 
 def _view(view: View, name: str) -> player.Panel:
     count = len(view.at_ms)
-    words = [f"{k + 1} of {count}, from {at:.0f} ms" for k, at in enumerate(view.at_ms)]
-    notes = [" · ".join(each) for each in zip(words, view.captions, strict=True)] if len(view.captions) else words
+    texts = [f"{k + 1} of {count}, from {start_ms:.0f} ms" for k, start_ms in enumerate(view.at_ms)]
+    notes = [" · ".join(pair) for pair in zip(texts, view.captions, strict=True)] if len(view.captions) else texts
     data: dict[str, Any] = {"at": view.at_ms, "notes": ["none yet", *notes]}
     if isinstance(view, Pictures):
         shades = np.clip(np.rint(255.0 * view.images / (float(view.images.max(initial=0.0)) or 1.0)), 0, 255)
@@ -270,10 +270,10 @@ def _view(view: View, name: str) -> player.Panel:
         data |= {"rows": rows, "columns": columns, "values": shades.astype(np.uint8).ravel()}
         data["shade"] = ["paper", "ink", 0.5]
         return player.Panel(view.name, [player.Track("image", name, view.name, data, TALL)])
-    every = player.evenly(len(view.times), MOST)
+    stride = player.evenly(len(view.times), MOST)
     strip = {
-        "name": "neurons", "size": view.size, "times": view.times[::every], "ids": view.size - 1 - view.ids[::every],
+        "name": "neurons", "size": view.size, "times": view.times[::stride], "ids": view.size - 1 - view.ids[::stride],
         "labels": list(view.bands)[::-1],
     }  # fmt: skip
-    data |= {"strips": [strip], "window": view.length_ms, "ends": -(-view.offsets // every)}
+    data |= {"strips": [strip], "window": view.length_ms, "ends": -(-view.offsets // stride)}
     return player.Panel(view.name, [player.Track("raster", name, view.name, data, TALL)])

@@ -64,10 +64,10 @@ def repeated(commands: Any, words: Sequence[str], place: Callable[[str], str]) -
     name = next((text for n in (1, 2) if (text := " ".join(words[:n])) in ALLOWED), None)
     if name is None:
         raise _refusal(f"'neuro {' '.join(words[:2])}'", f"expected one of {', '.join(ALLOWED)}")
-    path, rest = name.split(), list(words[len(name.split()) :])
+    path, arguments_given = name.split(), list(words[len(name.split()) :])
     command = command_of(commands, path)
     context = command.context_class(command, info_name=name)
-    options, extra, _ = command.make_parser(context).parse_args(rest)
+    options, extra, _ = command.make_parser(context).parse_args(arguments_given)
     if extra:
         raise _refusal(f"'{extra[0]}' of 'neuro {name}'", "expected only its options and arguments")
     arguments = list[str]()
@@ -98,7 +98,7 @@ def _values(params: Sequence[Any], options: dict[str, Any]) -> Iterator[tuple[An
     for option in params:
         value = options.get(option.name)
         values = value if isinstance(value, list | tuple) else [value]
-        if values and all(isinstance(each, str) or each is True for each in values):
+        if values and all(isinstance(item, str) or item is True for item in values):
             yield option, values
 
 
@@ -111,5 +111,5 @@ def _check_text(text: str, option: Any) -> str:
     return text
 
 
-def _refusal(what: str, expected: str) -> ModelError:
-    return ModelError(f"records {what}, which is not repeated from a file: {expected}")
+def _refusal(entry: str, expected: str) -> ModelError:
+    return ModelError(f"records {entry}, which is not repeated from a file: {expected}")

@@ -63,7 +63,7 @@ def commands_of(name: str, about: str, texts: Texts) -> tuple[typer.Typer, Any]:
     """
     commands = group(name, about)
     definition = typer.Argument(metavar=texts.what.upper(), help=f"Definition of the {texts.what}, as YAML.")
-    in_folder = typer.Argument(metavar="FOLDER", help=f"Folder of 'neuro {name} run'.")
+    folder_argument = typer.Argument(metavar="FOLDER", help=f"Folder of 'neuro {name} run'.")
     page_file = typer.Option("--out", metavar="FILE", help=f"HTML file; default: {name}.html in FOLDER.")
     out_folder = typer.Option(metavar="FOLDER", help="Folder for the runs; runs in it are not repeated.")
     one_share = typer.Option("--share", metavar="I/N", help=texts.share)
@@ -99,19 +99,19 @@ def commands_of(name: str, about: str, texts: Texts) -> tuple[typer.Typer, Any]:
         typer.echo(f"next: neuro {name} table {path}, or neuro {name} plot {path}{test}")
 
     @commands.command("status", help=texts.status)
-    def status(folder: Annotated[Path, in_folder]) -> None:
+    def status(folder: Annotated[Path, folder_argument]) -> None:
         table = texts.table_of(folder)
         counts = ", ".join(f"{n:,} {word}" for word, n in table.counts().items())
         typer.echo(f"{table.name}: {texts.title(table)}: {counts}")
         texts.details(table)
 
     @commands.command("page", help=texts.page)
-    def page(folder: Annotated[Path, in_folder], out: Annotated[Path | None, page_file] = None) -> None:
+    def page(folder: Annotated[Path, folder_argument], out: Annotated[Path | None, page_file] = None) -> None:
         from neuro_sweeps.page import write_page
 
         typer.echo(f"{write_page(texts.table_of(folder), out)}: written")
 
-    return commands, in_folder
+    return commands, folder_argument
 
 
 def echo_failures(path: Path, keys: Sequence[str]) -> None:
@@ -122,7 +122,7 @@ def echo_failures(path: Path, keys: Sequence[str]) -> None:
     groups = failures_by_reason(Folder(path).outcomes(keys))
     for runs in groups[:5]:
         first = runs[0].error.partition("\n")[0]
-        similar = ", and similar errors" if any(each.error != runs[0].error for each in runs) else ""
+        similar = ", and similar errors" if any(run.error != runs[0].error for run in runs) else ""
         typer.echo(f"failed {len(runs):,} x: {first}{similar} (first: {runs[0].key[:10]})")
     if len(groups) > 5:
         typer.echo(f"and {len(groups) - 5} more errors, see the table")

@@ -31,16 +31,16 @@ def _details(table: Any) -> None:
     """Print the best trials, the errors of failed trials, and the number of runs without a trial."""
     from neuro_sweeps.folder import Folder
 
-    best, units = table.best(), Folder(table.path).read().get("units", {})
-    for each in best[:10]:
-        values = dict(zip(table.plan.objectives, each.values or (), strict=True))
-        typer.echo(f"best: {_values_text(values, units)} at {_values_text(each.point, units)} (trial {each.number})")
-    if len(best) > 10:
-        typer.echo(f"and {len(best) - 10} more of the front, see the table")
+    front, units = table.best(), Folder(table.path).read().get("units", {})
+    for row in front[:10]:
+        values = dict(zip(table.plan.objectives, row.values or (), strict=True))
+        typer.echo(f"best: {_values_text(values, units)} at {_values_text(row.point, units)} (trial {row.number})")
+    if len(front) > 10:
+        typer.echo(f"and {len(front) - 10} more of the front, see the table")
     trials = table.trials()
     echo_failures(table.path, [item.key for trial in trials for item in trial.items])
-    for each in [trial for trial in trials if trial.has_no_value][:5]:
-        typer.echo(f"failed trial {each.number}: {each.error}")
+    for row in [trial for trial in trials if trial.has_no_value][:5]:
+        typer.echo(f"failed trial {row.number}: {row.error}")
     if strays := table.strays():
         typer.echo(
             f"{strays:,} runs have no trial, since the journal was cut; later trials of the same points use them"
@@ -98,7 +98,7 @@ def search_plot(
     """Draw a search: the best value so far, the front, the importance of parameters, and parallel axes."""
     from neuro_sweeps.pictures import search_pictures
 
-    kinds = [each.value for each in kind if each != TuningPicture.auto]
+    kinds = [picture.value for picture in kind if picture != TuningPicture.auto]
     write_pictures(search_pictures(_table_of(folder), kinds).items(), out or folder, format)
 
 
@@ -114,14 +114,14 @@ def evaluate_best(folder: TuningFolder, on: On = "cores", workers: Workers = Non
     if not table.plan.folds:
         message = f"{folder}: the trials have no folds, so no data is held out"
         raise ModelError(message, hint="set 'folds: 3' in the file, and use a function with parameters fold and folds")
-    best = table.best()
-    if not best:
+    best_trials = table.best()
+    if not best_trials:
         raise ModelError(f"{folder}: no trial is done yet: nothing to test")
     with Bar() as bar:
         hold_out(table, executor_of(on, workers), bar)
     rows = {row["trial"]: row for row in table.rows()}
-    for each in best:
-        row = rows[each.number]
+    for trial in best_trials:
+        row = rows[trial.number]
         objectives = [(name, text(row[name]), text(row.get(f"test.{name}"))) for name in table.plan.objectives]
         values = "; ".join(f"{name} {in_folds} in folds, {test} held out" for name, in_folds, test in objectives)
-        typer.echo(f"trial {each.number}: {values}")
+        typer.echo(f"trial {trial.number}: {values}")

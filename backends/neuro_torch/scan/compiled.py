@@ -152,13 +152,13 @@ def scan(
 class _Population:
     """States and results of a population during the forward pass."""
 
-    def __init__(self, part: Cells, drive: Array, task: ScanTask, keep: bool) -> None:
+    def __init__(self, part: Cells, drive: Array, task: ScanTask, keeps_states: bool) -> None:
         dtype, batch = drive.dtype, task.batch
         self.part, self.drive = part, drive
         self.c, self.push = part.constants.astype(dtype), task.push[part.population].astype(dtype)
         self.v, self.current = (np.repeat(x[None].astype(dtype), batch, axis=0) for x in (part.v, part.current))
         self.refractory = np.zeros_like(self.v)
-        self.keep = int(keep or part.population in task.potentials_of)
+        self.keep = int(keeps_states or part.population in task.potentials_of)
         n_saved = task.steps if self.keep else 1
         self.potential = torch.empty(batch, n_saved, part.size, dtype=task.dtype)
         self.fate = np.empty((batch, n_saved, part.size), dtype=np.uint8)
@@ -208,17 +208,17 @@ class _Scan(torch.autograd.Function):
         ctx.set_materialize_grads(False)
         ctx.part, ctx.task = part, task
         # Synapses inside the component add to the input in place, so the input is copied first.
-        drives = [each.detach().clone() if part.inside else each.detach().contiguous() for each in tensors[:n]]
+        drives = [drive.detach().clone() if part.inside else drive.detach().contiguous() for drive in tensors[:n]]
         populations = {
-            k: _Population(cell, each.numpy(), task, learns)
-            for (k, cell), each in zip(part.cells.items(), drives, strict=True)
+            k: _Population(cell, drive.numpy(), task, learns)
+            for (k, cell), drive in zip(part.cells.items(), drives, strict=True)
         }
         weights = [rows_of(s, w) for s, w in zip(part.inside, tensors[n:], strict=True)]
         for first, last in stretches(part.stretch, task.steps):
-            for each in populations.values():
-                each.go(first, last)
+            for population in populations.values():
+                population.go(first, last)
             packed_by_source = {}
-            for source in {each.source for each in part.inside}:
+            for source in {synapses.source for synapses in part.inside}:
                 spikes_of, width = populations[source].spikes.numpy(), last - first
                 packed_by_source[source] = _pack(
                     spikes_of, first, width, spikes_of.shape[0] * width * spikes_of.shape[2]

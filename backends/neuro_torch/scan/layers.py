@@ -100,7 +100,7 @@ def reasons_to_step(program: Program) -> list[str]:
     reasons = []
     for part in program.populations:
         if part.kind == "neuron":
-            reasons += [f"population '{part.name}': {why}" for why in _reasons_of_population(part)]
+            reasons += [f"population '{part.name}': {reason}" for reason in _reasons_of_population(part)]
     if driven(program):
         names = ", ".join(f"'{program.populations[k].name}'" for k in driven(program))
         reasons.append(f"the current into {names} changes in every step")
@@ -143,7 +143,7 @@ def _cycle_labels(n: int, wired: list[Synapses]) -> NDArray[np.int32]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    pre, post = ([getattr(each, word) for each in wired] for word in ("source", "target"))
+    pre, post = ([getattr(wires, word) for wires in wired] for word in ("source", "target"))
     graph = coo_array((np.ones(len(wired)), (pre, post)), shape=(n, n))
     labels: NDArray[np.int32] = connected_components(graph, directed=True, connection="strong")[1]
     return labels
@@ -265,8 +265,8 @@ def rounded(steps: Tensor):  # type: ignore[no-untyped-def]
 
 def component(part: Component, inside: list[Path]) -> Component:
     """Return a component with other synapses inside."""
-    least = min((synapses.least for synapses, _ in inside), default=0)
-    return replace(part, inside=tuple(synapses for synapses, _ in inside), stretch=least)
+    shortest = min((synapses.least for synapses, _ in inside), default=0)
+    return replace(part, inside=tuple(synapses for synapses, _ in inside), stretch=shortest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -309,8 +309,8 @@ class Plan:
 
     def __str__(self) -> str:
         if not self.parts:
-            return "\n".join(["all populations: step by step, since", *(f"  {why}" for why in self.why)])
-        how = {"kernels": "by compiled kernels", "torch": "by torch's operations"}[self.by]
+            return "\n".join(["all populations: step by step, since", *(f"  {reason}" for reason in self.why)])
+        means = {"kernels": "by compiled kernels", "torch": "by torch's operations"}[self.by]
         lines = []
         for part in self.parts:
             populations = [self.program.populations[k] for k in part.cells]
@@ -319,7 +319,7 @@ class Plan:
                 f"a recurrent scan, {some(part.stretch, 'step')} at once" if part.inside else "one scan over all steps"
             )
             is_graded = any(each.model.graded for each in populations)
-            lines.append(f"{names}: {'graded neurons step by step, their input' if is_graded else scan} {how}")
+            lines.append(f"{names}: {'graded neurons step by step, their input' if is_graded else scan} {means}")
         return "\n".join(lines)
 
 
@@ -331,12 +331,12 @@ def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
         by: the user's choice, None for the fastest on a CPU.
         learning: populations with parameters that learn.
     """
-    why = [*reasons_to_step(program), *(f"population '{name}': its parameters learn" for name in learning)]
+    reasons = [*reasons_to_step(program), *(f"population '{name}': its parameters learn" for name in learning)]
     if by == "steps":
-        why.append("by = 'steps'")
-    parts = () if why else tuple(components(program))
+        reasons.append("by = 'steps'")
+    parts = () if reasons else tuple(components(program))
     graded_in_cycles = [k for part in parts if part.inside for k in part.cells if program.populations[k].model.graded]
-    why += [f"population '{program.populations[k].name}': graded neurons in a cycle" for k in graded_in_cycles]
-    if why:
-        return Plan(program, (), "steps", tuple(why))
+    reasons += [f"population '{program.populations[k].name}': graded neurons in a cycle" for k in graded_in_cycles]
+    if reasons:
+        return Plan(program, (), "steps", tuple(reasons))
     return Plan(program, parts, by or "kernels", ())

@@ -59,14 +59,14 @@ def matrices(part: Synapses, weight: Tensor) -> dict[int, Tensor]:
     target, slot, delay = (torch.from_numpy(x).long().to(weight.device) for x in (part.targets, part.slot, part.delay))
     ends = torch.from_numpy(part.row_ends).to(weight.device)
     source = torch.repeat_interleave(torch.arange(part.sizes[0], device=weight.device), ends.diff())
-    flat, by_delay = weight.reshape(-1)[slot], {}
+    flat, delay_groups = weight.reshape(-1)[slot], {}
     for steps in torch.unique(delay).tolist():
         has_delay = delay == steps
         empty = torch.zeros(part.sizes[0] * part.sizes[1], dtype=weight.dtype, device=weight.device)
-        by_delay[steps] = empty.index_add(0, (source * part.sizes[1] + target)[has_delay], flat[has_delay]).view(
+        delay_groups[steps] = empty.index_add(0, (source * part.sizes[1] + target)[has_delay], flat[has_delay]).view(
             part.sizes
         )
-    return by_delay
+    return delay_groups
 
 
 class _Spike(torch.autograd.Function):
@@ -153,10 +153,10 @@ def scan(
     for t in range(task.steps):
         for pop in populations.values():
             pop.go(t)
-        for synapses, by_delay in inside:
+        for synapses, delay_groups in inside:
             spikes_sent = _Damped.apply(populations[synapses.source].spikes[t], task.damping)  # type: ignore[no-untyped-call]
             target_drive = populations[synapses.target].drive
-            for delay, matrix in by_delay.items():
+            for delay, matrix in delay_groups.items():
                 if t + delay < task.steps:
                     target_drive[t + delay] = target_drive[t + delay] + spikes_sent @ matrix
     spikes, potentials = (
