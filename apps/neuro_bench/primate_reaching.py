@@ -125,8 +125,8 @@ def read(path: Path) -> tuple[Recording, npt.NDArray[np.int64]]:
             step = np.searchsorted(ends, times, side="right")  # the first step that ends after the spike
             spikes[step[(step > 0) & (step < n)], channel] = True
     velocity = np.gradient(cursor, axis=1).T.astype(np.float32)
-    moved = np.flatnonzero(np.diff(target, axis=1).any(axis=0))
-    bounds = np.concatenate(([0], moved, [n]))
+    target_moves = np.flatnonzero(np.diff(target, axis=1).any(axis=0))
+    bounds = np.concatenate(([0], target_moves, [n]))
     return Recording(spikes, velocity, STEP), np.stack((bounds[:-1], bounds[1:]), axis=1)
 
 

@@ -192,7 +192,7 @@ class SpokenDigits(Sounds):
     splits = ("random", "speakers")
 
     def folds(self) -> Sequence[Fold]:
-        """Return five random folds, or a fold for each speaker, who is only in the test part.
+        """Return five random folds, or one fold per speaker. The speaker of a fold is only in its test part.
 
         Raises:
             ModelError: a file is damaged or its name has no class, or there are too few files.

@@ -41,7 +41,7 @@ class Finding:
         return f"{self.severity} {self.name}: {position}{self.what}\n  found: {self.evidence}\n  remedy: {self.remedy}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the finding as plain data for JSON; an unknown `where` is None."""
+        """Return the finding as plain data for JSON; an unknown place is None."""
         place = str(self.where) if self.where else None
         return {word: place if word == "where" else getattr(self, word) for word in _FIELDS}
 

@@ -21,12 +21,12 @@ from neuro_doctor.wiring import Wiring
 ERASED, FEW = 0.1, 0.01
 """Least share of erased weights or merged spikes that is a fault, and least share that is reported. Losing a tenth of
 the input changes a mean rate by about a tenth, and may change decisions."""
-APART = 2.0
+MOST_RATIO = 2.0
 """Largest accepted ratio of the mean rates on the chip and in floats."""
 SPIKES = 20
 """Least number of spikes of a population for a comparison of rates."""
-MERGES = "use a finer `resolution`, or several generators of a lower rate in place of one: a spike is one bit there"
-ONCE = "lower its weights, raise V_th, or use a finer `resolution`: it fires once a step there"
+ONE_BIT_SPIKES = "use a finer `resolution`, or several generators of a lower rate: on the chip a spike is one bit"
+ONE_SPIKE_PER_STEP = "lower its weights, raise V_th, or use a finer `resolution`: a neuron fires once per step there"
 SECONDS = 10.0
 """Longest run on the chip's emulation, s of wall-clock time."""
 
@@ -90,7 +90,7 @@ def _merged(program: Program, chip: Chip, run: Observation) -> Iterator[Finding]
         if loss <= FEW or (relay and reported):  # the losses of a relay are those of its input
             continue
         evidence = f"{loss:.1%} of its {spikes:,} spikes share a step with another of their neuron: a spike is one bit"
-        remedy = ONCE if part.kind == "neuron" and not relay else MERGES
+        remedy = ONE_SPIKE_PER_STEP if part.kind == "neuron" and not relay else ONE_BIT_SPIKES
         reported = True
         yield finding("spikes-merged", "fault" if loss > ERASED else "warning", part, evidence, remedy)
 
@@ -149,34 +149,34 @@ def _compare_runs(program: Program, chip: Chip, run: Observation) -> Iterator[Fi
             return
     for item in {str(w.message): w.message for w in caught if isinstance(w.message, OverflowWarning)}.values():
         evidence = f"a register overflowed in {chip_run.ms:g} ms: {chip_run.native.get(item.what, 1):,} {item.what}"
-        yield finding("chip-overflows", severity, program, evidence, item.hint or "lower the weights or rates onto it")
+        yield finding("chip-overflows", severity, program, evidence, item.hint or "lower the weights or input rates")
     merged, one_bit = list[float](), arithmetic_of(chip).one_bit
     for k, part in enumerate(program.populations):
         float_rate, chip_rate = run.rate(k), chip_run.rate(k)
         if (
             part.kind == "neuron"
             and run.populations[k].spikes.sum() >= SPIKES
-            and not float_rate / APART <= chip_rate <= float_rate * APART
+            and not float_rate / MOST_RATIO <= chip_rate <= float_rate * MOST_RATIO
         ):
             evidence = f"its rate is {chip_rate:.3g} Hz on {chip.title} and {float_rate:.3g} Hz in floats"
             remedy = f"look at its rounding: neuro fit --chip {chip.name}; scale its weights and V_th to use more bits"
             if chip_rate < float_rate > 1000.0 / program.resolution:
                 evidence += f", which is {float_rate * program.resolution / 1000.0:.3g} times a step"
-                remedy = ONCE
+                remedy = ONE_SPIKE_PER_STEP
             elif one_bit and _lost(run):
                 merged = merged or _merged_rates(program, run)
                 evidence += f"; {merged[k]:.3g} Hz in floats with one spike of an input in a step at most"
-                if merged[k] / APART <= chip_rate <= merged[k] * APART:
-                    remedy = MERGES
+                if merged[k] / MOST_RATIO <= chip_rate <= merged[k] * MOST_RATIO:
+                    remedy = ONE_BIT_SPIKES
             yield finding("chip-differs", severity, part, evidence, remedy, part.name)
 
 
-GONE = 1e-2
+LEAST_GRADIENT = 1e-2
 """Least gradient of a layer, relative to the gradient at the outputs. With a smaller one the layer hardly learns.
 Optimizers that rescale, such as Adam, hide this at first, but not the noise of small batches."""
-MUCH = 1e2
+MOST_GRADIENT = 1e2
 """Largest gradient of a layer, relative to the gradient at the outputs. With a larger one a step overshoots."""
-GROWN = 1e3
+MOST_GROWTH = 1e3
 """Largest growth of a gradient through recurrence. Compared with torch's gradients of 40 recurrent neurons over 20
 steps, this estimate begins to grow at the same weights, and is 10 to 20 times too large above."""
 WINDOW_MS = 100.0
@@ -205,7 +205,7 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
         slope = "" if s is None else f"; the surrogate of its neurons is {s:.2g} on average, of at most 1"
         evidence = f"a gradient of 1 at the outputs becomes {sizes[k]:.2g} here{slope}"
         names = wiring.names(wiring.out_of(k))
-        if sizes[k] < GONE and names:
+        if sizes[k] < LEAST_GRADIENT and names:
             layers = _layers(wiring, k)
             passes = max(sizes[k], 1e-30) ** (1.0 / layers)
             if layers > 1:
@@ -213,13 +213,13 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
             targets = f"{names} and of the later layers" if layers > 1 else names
             remedy = f"draw weights of {targets} up to {figure(1.0 / passes)} times larger, so that V_m comes near V_th"
             yield fault("gradients-vanish", part, evidence, remedy)
-        elif sizes[k] > MUCH:
+        elif sizes[k] > MOST_GRADIENT:
             yield fault("gradients-explode", part, evidence, f"draw smaller weights for {names}")
     for q, wires in enumerate(program.projections):
         if wires.source != wires.target or wires.carries != "spikes":
             continue
         growth = _growth(wiring, run, q)
-        if growth is not None and growth > GROWN:
+        if growth is not None and growth > MOST_GROWTH:
             text = f"a gradient grows {growth:.2g} times on its way back through {WINDOW_MS:g} ms of recurrence"
             yield fault("gradients-explode", wires, text, "draw smaller recurrent weights, or cut gradients in time")
 
@@ -256,7 +256,7 @@ def _spread(wiring: Wiring, q: int) -> float:
 
 
 def _factor(wiring: Wiring, run: Observation, q: int, to_end: bool) -> float | None:
-    """Return the factor of a projection on a gradient: from the sum of the response if `whole`, else from its peak."""
+    """Return the factor of a projection on a gradient: from the sum of the response if `to_end`, else from its peak."""
     part = wiring.program.projections[q]
     cell, s = wiring.cell(part.target), surrogate(wiring, run, part.target)
     if cell is None or s is None:
@@ -279,13 +279,13 @@ def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
     }
 
     @cache
-    def size(k: int, before: frozenset[int]) -> float | None:
-        outgoing = [q for q in forward[k] if program.projections[q].target not in before]
+    def size(k: int, visited: frozenset[int]) -> float | None:
+        outgoing = [q for q in forward[k] if program.projections[q].target not in visited]
         if not outgoing:
             return 1.0
         terms = []
         for q in outgoing:
-            factor, beyond = _factor(wiring, run, q, to_end=True), size(program.projections[q].target, before | {k})
+            factor, beyond = _factor(wiring, run, q, to_end=True), size(program.projections[q].target, visited | {k})
             if factor is not None and beyond is not None:
                 terms.append(factor * beyond)
         return float(np.sqrt(np.square(terms).sum())) if terms else None

@@ -45,7 +45,7 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
         source, target = program.populations[part.source], program.populations[part.target]
         populations = f"{some(source.size, 'neuron')} of '{source.name}' and {target.size:,} of '{target.name}'"
         if not w.synapses:
-            evidence = f"its rule made 0 synapses between {populations}"
+            evidence = f"the rule made 0 synapses between {populations}"
             remedy = "raise the probability or the reach of its rule, list other pairs, or use another seed"
             yield fault("no-synapses", part, evidence, remedy)
         elif w.least == w.largest == 0.0 and not part.synapse.learns:
@@ -180,8 +180,8 @@ def _paths(wiring: Wiring) -> Iterator[Finding]:
         remedy = f"connect an input to '{part.name}'{output} with weights that excite, or reverse a projection"
         if inhibitory := [q for q in inputs if _is_inhibiting_input(wiring, q)]:
             remedy = f"make `weight` of {wiring.names(inhibitory)} excite, if it is meant to, or {remedy}"
-        mild = (inputs and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
-        severity = "warning" if mild else "fault"
+        may_be_meant = (inputs and is_open(program)) or (isinstance(part.model, Neuron) and part.model.relay)
+        severity = "warning" if may_be_meant else "fault"
         yield finding("no-path", severity, part, evidence, remedy)
     if trials is not None and trials.output in reached and trials.output not in wiring.reached({trials.input}):
         first, last = (program.populations[k].name for k in (trials.input, trials.output))
@@ -201,19 +201,19 @@ def isolated_outputs(wiring: Wiring) -> Iterator[Finding]:
     generators = [k for k, part in enumerate(populations) if part.kind != "neuron" and wiring.out_of(k)]
     noise = {k for k in generators if populations[k].kind == "current" or _BACKGROUND.search(populations[k].name)}
     inputs = [k for k in generators if k not in noise]
-    reached, loud = wiring.reached(inputs, excite=False), wiring.reached(noise)
+    reached, driven_by_noise = wiring.reached(inputs, excite=False), wiring.reached(noise)
     outputs = {k for k, part in enumerate(populations) if part.kind == "neuron" and _OUTPUT.search(part.name)}
     ends = [k for k, part in enumerate(populations) if k in outputs or (part.kind == "neuron" and is_end(wiring, k))]
-    dead = [k for k in ends if k in reached and k not in outputs]
+    reached_ends = [k for k in ends if k in reached and k not in outputs]
     for k in ends if inputs and program.trials is None else ():
-        if k in reached or not (k in outputs or dead):
+        if k in reached or not (k in outputs or reached_ends):
             continue
-        targets = dead or [j for j in reached if populations[j].kind == "neuron"]
+        targets = reached_ends or [j for j in reached if populations[j].kind == "neuron"]
         names, final = (", ".join(f"'{populations[j].name}'" for j in ks[:5]) for ks in (inputs, targets))
         evidence = f"no path leads from {names} to it, only its own noise or currents; {names} reaches {final}"
         remedy = f"connect {final} towards '{populations[k].name}'"
         # A population without the name of an output may be an unstimulated control on purpose.
-        severity = "fault" if k in outputs else "note" if loud & set(dead) else "warning"
+        severity = "fault" if k in outputs else "note" if driven_by_noise & set(reached_ends) else "warning"
         yield finding("no-path", severity, populations[k], evidence, remedy, populations[k].name)
 
 

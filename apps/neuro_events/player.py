@@ -69,21 +69,21 @@ class Player:
         if self._begin is None:
             self._begin, self.received_ns = now, _NONE
             return _none(self.sensor_size)
-        parts, received = [], []
+        parts, due_ns = [], []
         while True:
             n = int(np.searchsorted(self._due_ns, now - self._begin, side="right"))
             if n:
                 parts.append(self._part[:n])
-                received.append(self._due_ns[:n] + self._begin)
+                due_ns.append(self._due_ns[:n] + self._begin)
                 self._part, self._due_ns = self._part[n:], self._due_ns[n:]
             if len(self._part):
                 break
-            following = next((part for part in self._parts if len(part)), None)
-            if following is None:
+            next_part = next((part for part in self._parts if len(part)), None)
+            if next_part is None:
                 self.ended = True
                 break
-            self._part, self._due_ns = self._with_due_times(following)
-        self.received_ns = received[0] if len(received) == 1 else np.concatenate([_NONE, *received])
+            self._part, self._due_ns = self._with_due_times(next_part)
+        self.received_ns = due_ns[0] if len(due_ns) == 1 else np.concatenate([_NONE, *due_ns])
         return sum(parts[1:], parts[0]) if parts else _none(self.sensor_size)
 
 

@@ -400,7 +400,7 @@ def crops(
     out: Annotated[Path, Option(metavar="FOLDER", help="Folder for the recordings.")],
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Cut scenes into recordings of single objects, as a detector crops them, for 'neuro recognise train'."""
+    """Cut scenes into recordings of single objects to train on, cropped as a detector crops them."""
     from neuro_recognise.detection.detector import Detecting, write_crops
     from neuro_recognise.detection.scenes import Scenes
 

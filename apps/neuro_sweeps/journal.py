@@ -134,7 +134,7 @@ class Journal:
 
 
 def _lines(logs: Iterable[dict[str, Any]], checksum_before: str) -> bytes:
-    """Return lines of the file for logs. `before` is the checksum of the line before."""
+    """Return lines of the file for logs. `checksum_before` is that of the previous line."""
     lines = []
     for log in logs:
         plain = parsed(json.dumps(log))

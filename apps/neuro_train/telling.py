@@ -268,7 +268,7 @@ def show_front(places: Sequence[FrontPlace], chip: str) -> None:
         energy = between(*joules[:3]), between(*joules[3:])
         cells.append((*values, f"{place.accuracy:.1%}", f"{share:.1%}", f"{low:.1%} - {high:.1%}", *energy))
     head = (*(f">{name}" for name in names), ">judged", ">held out", ">95 % interval", *COLUMNS[1:3])
-    title = f"{len(front)} of {len(places)} networks that no other beats, and a recording on {chip}"
+    title = f"{len(front)} of {len(places)} networks are on the front; energy of a recording on {chip}"
     console().print(table(head, cells, title=title))
 
 

@@ -78,15 +78,15 @@ class ReferenceProjection:
     def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool) -> None:
         """Send a spike of a source, emitted in `step`, with given weights of the source's synapses."""
         row = self.row(source)
-        slot, targets = (step + self.delay[row]) % self.slots, self.target[row]
+        ring_row, targets = (step + self.delay[row]) % self.slots, self.target[row]
         amount = np.full(len(targets), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity
         # The receptor is the named receptor, or else follows from the sign of the weight.
         if self.part.receptor is not None:
             receptors = np.full(len(amount), self.part.receptor.index)
         else:
             receptors = ((amount < 0.0) & (self.receptors == 2)).astype(np.int64)
-        np.add.at(self.due, (slot, receptors, targets), amount)
-        self.heard[slot, targets] = True
+        np.add.at(self.due, (ring_row, receptors, targets), amount)
+        self.heard[ring_row, targets] = True
 
     def send_current(self, parameters: Mapping[str, Floats], step: int) -> None:
         """Send the current emitted in `step`, if the generator is on. The current acts in the step after its arrival.

@@ -104,8 +104,8 @@ class Imitation:
         if not s.hidden:
             exact = inputs.astype(np.float64)
             # einsum runs in one thread; a threaded matrix product waits for its slowest thread on busy cores.
-            squares, products = np.einsum("ki,kj->ij", exact, exact), np.einsum("ki,ka->ia", exact, actions)
-            weights = np.linalg.solve(squares + RIDGE * np.eye(64), products).T
+            gram, products = np.einsum("ki,kj->ij", exact, exact), np.einsum("ki,ka->ia", exact, actions)
+            weights = np.linalg.solve(gram + RIDGE * np.eye(64), products).T
             return {"0.weight": weights.astype(np.float32), "0.bias": np.zeros(self._axes, np.float32)}
         import torch
 

@@ -60,7 +60,7 @@ class Sample(Protocol):
         """Return the events; arguments and errors as for `neuro.events.load`."""
 
     def read(self) -> bytes:
-        """Return the content for a fingerprint: the bytes of the file or, inside another file, of the events.
+        """Return the bytes for a fingerprint: those of the file, or of the events if the file has several recordings.
 
         Raises:
             EventFileError: the content cannot be read.

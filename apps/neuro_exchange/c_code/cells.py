@@ -432,7 +432,7 @@ def supports(choice: object) -> bool:
 
 
 def _winner_take_all(cells: Cells, stops_after_spike: bool) -> list[str]:
-    """Return the statements of winner take all. With `once`, losers are not reset, and the group closes."""
+    """Return the statements of winner take all. With `stops_after_spike` losers are not reset; the group closes."""
     k, size = cells.number, cells.size
     lines = [f"    uint32_t best = best_{k}(0, {size}u, 1);"]
     lose = f"fired_{k}[i] = 0;" if stops_after_spike else f"fired_{k}[i] = 0, reset_{k}(i);"

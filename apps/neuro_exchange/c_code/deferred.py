@@ -125,10 +125,12 @@ def _ties(n_scale: float, one: int, units: Sequence[int]) -> tuple[list[tuple[in
     largest = int(2 * (32768 + (levels + 1) * unit) / halves) + 1
     numbers = np.arange(-largest, largest + 1)
     doubled = 2.0 * (numbers / one / n_scale)
-    near = np.flatnonzero((abs(doubled - np.rint(doubled)) < _APART) & (np.rint(doubled) % 2 == unit % 2))
+    candidates = np.flatnonzero((abs(doubled - np.rint(doubled)) < _APART) & (np.rint(doubled) % 2 == unit % 2))
     lower = np.arange(-levels, levels)
     ties = []
-    for value, nearest in zip(numbers[near].tolist(), np.rint(doubled[near]).astype(np.int64).tolist(), strict=True):
+    for value, nearest in zip(
+        numbers[candidates].tolist(), np.rint(doubled[candidates]).astype(np.int64).tolist(), strict=True
+    ):
         # The floating-point expression of the emulator, for the present dopamine that makes the value a tie.
         lower_ties = (nearest - (2 * lower + 1) * unit) // 2
         upper = np.rint((value / one / n_scale - lower_ties) / unit) > lower
@@ -215,11 +217,12 @@ class Deferred:
         """
         rules = [(part.history.n_scale, part.rule.concentrations) for part in parts]
         first = 2 * int(max(_PER_LEVEL / scale / units[0] for scale, units in rules) / 2) + 3
-        one = min(
-            range(first, first + 16, 2), key=lambda one: sum(len(_ties(rule[0], one, rule[1])[0]) for rule in rules)
+        integer = min(
+            range(first, first + 16, 2),
+            key=lambda integer: sum(len(_ties(rule[0], integer, rule[1])[0]) for rule in rules),
         )
         levels = max(2 ** len(units) * units[0] * scale for scale, units in rules)
-        return one, int(levels * one) + 1
+        return integer, int(levels * integer) + 1
 
     def dopamine_statements(self, one: int) -> list[str]:
         """Return the statements that set the dopamine of neuron i to values[i] / `one` in 1/ms."""

@@ -157,7 +157,7 @@ def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledN
 
 
 def _share(kept_share: Floats, tool: str, step: float) -> Share:
-    """Return the state of which the share `keep` is left after a step, in the tool's arithmetic. `step` is in s."""
+    """Return the state of which `kept_share` is left after a step (s), in the arithmetic of the tool."""
     ones, endless = np.ones(kept_share.shape), kept_share >= 1.0
     loss = np.where(endless, 1.0, 1.0 - kept_share)
     with np.errstate(divide="ignore"):

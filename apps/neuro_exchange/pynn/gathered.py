@@ -197,7 +197,7 @@ class NetworkBuilder:
         return states
 
     def _rounded(self, times: Any, subject: str, smallest: float = 0.0) -> Any:
-        """Round times in ms to steps as NEST does. `least` is the smallest number of steps."""
+        """Round times in ms to steps as NEST does. `smallest` is the smallest number of steps."""
         steps = np.maximum(np.floor(np.asarray(times) / self.step + 0.5 + _ALMOST), smallest)
         error = np.max(np.abs(steps * self.step - times), initial=0.0)
         if error > _ALMOST * self.step:

@@ -197,7 +197,7 @@ class Latency(Encoder):
 
 
 def _coded(macs: float, per_value: float, values: int, first: int, size: FrameSize) -> Work:
-    """Return the work of an encoder: `macs`, a sort of the values, and `each` for a spike, of which `first` remain."""
+    """Return the work of an encoder: `macs`, a sort of the values, and `per_value` for each of the `first` spikes."""
     spikes = min(values, first or values)
     sort = values * math.ceil(math.log2(max(1, values)))
     return on_numbers(macs + sort + per_value * spikes, size.responses + 2 * spikes)
@@ -256,9 +256,9 @@ def ended_by(evidence: Evidence, us: int) -> Evidence:
     n = int(np.searchsorted(evidence["ends"], us, "right"))
     spikes = int(evidence["lengths"][:n].sum())
     per_frame, per_spike = ("lengths", "ends", "pixels"), ("codes", "ids")
-    lasts = {name: np.minimum(evidence[name], us) for name in ("lasts",) if name in evidence}
+    last_events = {name: np.minimum(evidence[name], us) for name in ("lasts",) if name in evidence}
     per_frame_parts = {name: evidence[name][:n] for name in per_frame if name in evidence}
-    return per_frame_parts | {name: evidence[name][:spikes] for name in per_spike} | lasts
+    return per_frame_parts | {name: evidence[name][:spikes] for name in per_spike} | last_events
 
 
 VOTES = ("majority", "potentials")
@@ -301,8 +301,8 @@ def majority(wins: Floats, sums: Floats) -> Floats:
         (recordings, classes); a row is NaN if no class won a frame. E.g. wins [2, 2, 1] and sums [1, 3, 2] give
         [2, 2.67, 1.33].
     """
-    behind = np.argsort(np.argsort(-sums, axis=1, kind="stable"), axis=1)
-    votes = wins + 1.0 - (behind + 1.0) / sums.shape[1]
+    ranks = np.argsort(np.argsort(-sums, axis=1, kind="stable"), axis=1)
+    votes = wins + 1.0 - (ranks + 1.0) / sums.shape[1]
     return np.where(wins.any(axis=1, keepdims=True), votes, np.nan)
 
 

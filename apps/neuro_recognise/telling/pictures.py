@@ -176,7 +176,7 @@ def images(pictures: Floats, heads: Sequence[str], title: str, about: str, colum
 
 
 def _tiled(columns: int, rows: int, title: str, caption: str, gap: float = 0.0) -> tuple[Figure, NDArray[np.object_]]:
-    """Create a figure with a title and square axes (down, across), with `between` inches of vertical space."""
+    """Create a figure with a title and square axes (rows, columns), with `gap` inches of vertical space."""
     high = TILE_IN + gap
     figure = Figure(figsize=(max(0.1 + TILE_IN * columns, LEAST_IN), HEAD_IN + high * rows), dpi=120, facecolor=PAPER)
     width, height = figure.get_size_inches()

@@ -70,7 +70,7 @@ class _Joined(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> Any:
         zeros = [
-            torch.zeros(shape, dtype=kind, device=device) if needed else None
-            for needed, (shape, kind, device) in zip(ctx.needs_input_grad[1:], ctx.like, strict=True)
+            torch.zeros(shape, dtype=kind, device=device) if is_needed else None
+            for is_needed, (shape, kind, device) in zip(ctx.needs_input_grad[1:], ctx.like, strict=True)
         ]
         return (grads[0], *zeros)
