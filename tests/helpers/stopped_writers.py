@@ -179,7 +179,6 @@ def part_of_results(path, seed):
     """Read what a run has kept: it begins as the whole; up to the first commit nothing is promised."""
     from neuro.core.hdf5 import Front
 
-
     if not getattr(Front.of(path.read_bytes()[:512]), "size", 0):
         return
     kept, whole = neuro.results.read(path), whole_trace(seed)
