@@ -82,7 +82,7 @@ def rank(r: npt.ArrayLike, ties: Literal["order", "dense"] = "order", window: fl
         r: values, any shape and unit; all are ranked together.
         ties: "order": equal values spike one after the other, in C order; "dense": equal values share a rank, and the
             next smaller value has the next rank.
-        window: length of the code (ms); by default the ranks are the times.
+        window: length of the code; by default the ranks are the times (ms).
 
     Returns:
         Spike times, shape of ``r``: the ranks 1 to n, or ``window rank / n`` for n values.
