@@ -87,6 +87,7 @@ if TYPE_CHECKING:
         Where as Where,
         a as a,
         nearest as nearest,
+        printable as printable,
         some as some,
         unknown as unknown,
         words_of as words_of,
@@ -139,7 +140,7 @@ if TYPE_CHECKING:
     from neuro.core.system import only_on_linux as only_on_linux
     from neuro.core.tables import Table as Table, as_html as as_html, console as console, echo as echo, table as table
     from neuro.core.units import converted as converted, is_measure as is_measure
-    from neuro.core.values import literal as literal, printable as printable, same as same, shown as shown
+    from neuro.core.values import literal as literal, same as same, shown as shown
     from neuro.files import results as results, state as state
     from neuro.files.recorded import variation as variation
     from neuro.files.results import KIND as KIND

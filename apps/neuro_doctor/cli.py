@@ -85,12 +85,10 @@ def doctor(
 
 def examine_file(file: Path, params: dict[str, object], seed: int, options: Options) -> Diagnosis:
     """Return the diagnosis of a network file. If the file has errors, each is a fault, and nothing runs."""
-    from neuro import ModelError, load
+    from neuro import load
     from neuro.apps import mistakes
     from neuro_doctor.doctor import add_world_findings, diagnose_errors, examine
 
-    if not file.exists():
-        raise ModelError(f"{file}: no such file")
     check = mistakes(file, params, seed)
     if check.mistakes or check.program is None:
         return diagnose_errors(file.stem, check.mistakes)

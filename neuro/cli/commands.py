@@ -6,7 +6,7 @@ import ast
 import inspect
 import re
 import warnings
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -47,14 +47,19 @@ class Commands(TyperGroup):
     Listing commands does not import the apps, so a slow or broken app affects only its own command.
     """
 
+    @cached_property
+    def apps(self) -> dict[str, EntryPoint]:
+        """Entry points of the apps' commands by name. A look-up reads all installed packages, so there is one."""
+        return apps()
+
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands: first in the order of `PANELS`, then other commands by name."""
-        names = {*super().list_commands(ctx), *apps()}
+        names = {*super().list_commands(ctx), *self.apps}
         return [name for name in ORDER if name in names] + sorted(names - {*ORDER})
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command with its entry in the help, or None if no command has the name."""
-        entry = apps().get(cmd_name)
+        entry = self.apps.get(cmd_name)
         command = super().get_command(ctx, cmd_name)
         item = with_extensions(command) if command else placeholder(entry) if entry else None
         if item is not None:
@@ -67,14 +72,15 @@ class Commands(TyperGroup):
         Raises:
             ModelError: the command is unknown, or its app cannot be imported.
         """
-        name, names = args[0], self.list_commands(ctx)
-        if name not in names:
+        name, command = args[0], super().get_command(ctx, args[0])
+        if command is not None:
+            return name, with_extensions(command), args[1:]  # without a search for apps
+        if name not in self.apps:
             for entry in entry_points(group=GROUP):
                 if entry.name == name and (package := taken_away(entry)):
                     raise ModelError(f"command '{name}' {missing(package)}")
-            raise unknown("command", name, names)
-        command = super().get_command(ctx, name) or load(apps()[name])
-        return name, with_extensions(command), args[1:]
+            raise unknown("command", name, self.list_commands(ctx))
+        return name, with_extensions(load(self.apps[name])), args[1:]
 
     def invoke(self, ctx: Any) -> None:
         """Run the command and discard its return value, which is not an exit status."""

@@ -51,7 +51,7 @@ def telling() -> Iterator[None]:
         if message is None:
             raise
         if message and speaks():
-            from neuro.core.values import printable
+            from neuro.core.errors import printable
 
             typer.echo(f"error: {printable(message)}", err=True)
         sys.exit(2)
@@ -127,7 +127,7 @@ def _number_of_items(items: re.Match[str]) -> str:
 
 def _print_warning(text: str) -> None:
     if speaks():
-        from neuro.core.values import printable
+        from neuro.core.errors import printable
 
         typer.echo(f"warning: {printable(text)}", err=True)
 

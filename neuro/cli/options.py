@@ -226,22 +226,28 @@ def number(value: Any) -> Any:
         return value
 
 
-def network(text: str) -> Path:
-    """Return the path of a network file, or of a published network if no such file exists."""
-    from neuro.core.hints import near
-    from neuro.model.language.including import published
+def network(path: Path) -> Path:
+    """Return the path of a network file, or of a published network; an existing file of the name has precedence.
 
-    path = Path(text)
-    if path.suffix or path.exists():
+    Raises:
+        ModelError: there is no such file. The error comes before the imports that reading a network needs.
+    """
+    from neuro.core.hints import near
+    from neuro.model.language.published import missing, published, refuse_name
+
+    if path.exists():
         return path
-    names = published()
-    if text not in names and (hint := near(text, names)):
+    text, files = str(path), {} if path.suffix else published()
+    if text in files:
+        return files[text]
+    if hint := near(text, files):
         raise typer.BadParameter(f"'{text}': no such file, and no published network of that name: {hint}")
-    return names.get(text, path)
+    refuse_name(path)
+    raise missing(path)
 
 
 NetworkFile = Annotated[
-    Path, typer.Argument(metavar="FILE", parser=network, help="Network file (YAML), or name of a published network.")
+    Path, typer.Argument(metavar="FILE", callback=network, help="Network file (YAML), or name of a published network.")
 ]
 Set = Annotated[
     list[str],

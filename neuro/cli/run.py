@@ -106,18 +106,20 @@ def run(
     A network with a world acts and learns there until --for, --steps, --episodes or --until, whichever is first. The
     default of --for applies only if no other limit is set.
     """
-    from neuro.core.clock import Clock
-    from neuro.core.outputs import check_output
-    from neuro.core.progress import advance
-    from neuro.core.system import shared, speaks
-    from neuro.files.results import KIND, read
     from neuro.model.language import load
-    from neuro.model.language.writer import check_network_file
-    from neuro.run.compiled import compile as compiled
 
     share_among_processes(backend)
     net = load(file, params=assignments(set))
     keep_spikes(net, record)
+
+    from neuro.core.clock import Clock  # after the network's mistakes, as the compiler takes long to import
+    from neuro.core.outputs import check_output
+    from neuro.core.progress import advance
+    from neuro.core.system import shared, speaks
+    from neuro.files.results import KIND, read
+    from neuro.model.language.writer import check_network_file
+    from neuro.run.compiled import compile as compiled
+
     check_output(out, KIND)
     if save_frozen is not None:
         check_network_file(save_frozen)
@@ -231,9 +233,12 @@ def share_among_processes(backend: str) -> None:
     import signal
 
     from neuro.core.system import processes, share
+
+    if processes() == 1:
+        return
     from neuro.program.backend import Distributed, find_backend
 
-    if processes() > 1 and isinstance(find_backend(backend), Distributed):
+    if isinstance(find_backend(backend), Distributed):
         share()
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 

@@ -8,17 +8,17 @@ from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.compiler.shapes import Shape
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
-from neuro.core.extras import app
-from neuro.kernels.jit import kernel
+from neuro.core.extras import LazyModule, app
 from neuro.model.network import Network
 from neuro.model.neurons import event_camera
 from neuro.model.parts import AUTO, Population, naming_the_part
 from neuro.program.program import Ints, Stretch
+
+camera_kernel = LazyModule("neuro.compiler.camera_kernel")
 
 MOST = 1 << 17
 """Largest number of events that are converted to spikes in one call."""
@@ -205,7 +205,7 @@ class CameraInput:
         if self._origin is None and len(events):
             self._origin = int(events.t[0])
         steps, ids = np.empty(len(events), np.int64), np.empty(len(events), np.int64)
-        n = see(events.t, events.x, events.y, events.p, self._eye(width, height), after, steps, ids)
+        n = camera_kernel.see(events.t, events.x, events.y, events.p, self._eye(width, height), after, steps, ids)
         if n < 0:
             t, x, y = (column[-1 - n] for column in (events.t, events.x, events.y))
             raise ModelError(f"event at x = {x}, y = {y}, {t} us: expected it within the shape {list(self.shape)}")
@@ -260,49 +260,3 @@ class Eye(NamedTuple):
     columns: int
     polarity: int
     polarity_stride: int
-
-
-@kernel
-def see(
-    t: Ints,
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.uint8],
-    eye: Any,
-    after: int,
-    steps: Ints,
-    ids: Ints,
-) -> int:
-    """Write steps and neurons of the visible events in steps after `after`; return their number.
-
-    If an event is outside of the population, return -1 - (index of the event).
-    """
-    n = 0
-    step, begin, end = 0, 1, 0  # step of the last event, and its times: most events need no division
-    for k in range(t.shape[0]):
-        since = t[k] - eye.begin
-        if since < 0:
-            continue
-        if not begin <= since < end:
-            ms_steps = since * eye.denominator // eye.numerator
-            step = ms_steps + eye.start + 1
-            begin = -(-ms_steps * eye.numerator // eye.denominator)
-            end = -(-(ms_steps + 1) * eye.numerator // eye.denominator)
-        if step <= after or step > eye.stop:
-            continue
-        column, row = np.int64(x[k]), np.int64(y[k])
-        if column < eye.left or column >= eye.right or row < eye.top or row >= eye.bottom:
-            continue
-        if eye.polarity >= 0 and p[k] != eye.polarity:
-            continue
-        column -= eye.left
-        row -= eye.top
-        if eye.scale > 1:
-            column //= eye.scale
-            row //= eye.scale
-        if column >= eye.columns or row >= eye.rows:
-            return -1 - k
-        steps[n] = step
-        ids[n] = row * eye.columns + column + p[k] * eye.polarity_stride
-        n += 1
-    return n

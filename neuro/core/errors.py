@@ -18,12 +18,13 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 from neuro.core.hints import close_names, nearest
 
-__all__ = ["ModelError", "Where", "here", "nearest", "unknown", "words_of"]
+__all__ = ["ModelError", "Where", "here", "nearest", "printable", "unknown", "words_of"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 _BACKENDS = ("neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "neuro_torch")
 _APPS = ("neuro_doctor", "neuro_events", "neuro_exchange", "neuro_live", "neuro_predict", "neuro_sweeps")
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 _PACKAGES = ("neuro", *_BACKENDS, *_APPS, "dataclasses", "contextlib")
 
 
@@ -161,3 +162,8 @@ def a(name: str) -> str:
 def some(n: int, noun: str) -> str:
     """Return a number with its noun, e.g. "1 synapse" or "1,000 synapses"."""
     return f"{n:,} {noun}{'s' * (n != 1)}"
+
+
+def printable(text: str) -> str:
+    """Replace characters that control a terminal or change the direction of text by their Python escapes."""
+    return _STEERING.sub(lambda match: match[0].encode("unicode_escape").decode(), text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 _HUGE = int(sys.float_info.max)
 _LONGEST = 60
 _BIG = 10**_LONGEST
-_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +87,3 @@ def _text(value: Any) -> str:
 def literal(text: str) -> str:
     """Return a text for matplotlib in which dollar signs do not start a formula."""
     return text.replace("$", r"\$")
-
-
-def printable(text: str) -> str:
-    """Replace characters that control a terminal or change the direction of text by their Python escapes."""
-    return _STEERING.sub(lambda match: match[0].encode("unicode_escape").decode(), text)

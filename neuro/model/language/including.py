@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 
-from neuro.core.errors import ModelError, Where
+from neuro.core.errors import ModelError
 from neuro.core.values import shown
 from neuro.model.language.files import inside
 from neuro.model.language.reader import MAX_DEPTH, Node, found_text, mistake, plain, read, within, words
@@ -15,24 +14,6 @@ OWN = ("neuro", "name", "include")
 GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
 SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes", "readout", "world")
 VERSION = 1
-
-
-def published() -> dict[str, Path]:
-    """Return the files of the published networks by name; empty without the package `neuro_models`."""
-    spec = find_spec("neuro_models")
-    folders = (spec and spec.submodule_search_locations) or ()
-    return {file.stem: file for folder in folders for file in sorted(Path(folder).glob("*.yaml"))}
-
-
-def refuse_name(path: Path) -> None:
-    """Raise an error if the name of a published network was given instead of a file.
-
-    Raises:
-        ModelError: the hint is the call that loads the published network.
-    """
-    if path == Path(path.name) and path.suffix in ("", ".yaml") and path.stem in published() and not path.exists():
-        hint = f"the published network is neuro.load(neuro_models.path('{path.stem}'))"
-        raise ModelError("no such file", where=Where(str(path)), hint=hint)
 
 
 def gather(path: Path, reading: Callable[[Path], Node] = read) -> dict[str, Node]:

@@ -28,8 +28,9 @@ from neuro.core.system import uncollected
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.language.files import array, of_program, recording, train
-from neuro.model.language.including import gather, refuse_name
+from neuro.model.language.including import gather
 from neuro.model.language.parameters import resolve
+from neuro.model.language.published import refuse_name
 from neuro.model.language.reader import Node, about, follow, found_text, mistake, plain, put_at, within, words
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import MODELS, Model

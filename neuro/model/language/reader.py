@@ -12,11 +12,12 @@ from typing import Any, NoReturn
 
 import yaml
 
-from neuro.core.errors import ModelError, Where, nearest, unknown
+from neuro.core.errors import ModelError, Where, unknown
 from neuro.core.hdf5 import is_hdf5
 from neuro.core.inputs import record_input
 from neuro.core.system import uncollected
 from neuro.core.values import shown
+from neuro.model.language.published import missing
 
 MAX_BYTES = 32 * 2**20
 MAX_DEPTH = 32
@@ -86,10 +87,7 @@ def _bytes(path: Path) -> bytes:
                 record_input(path)
                 return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        yaml_names = [neighbour.name for neighbour in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
-        raise ModelError(
-            "no such file", where=where, hint=nearest(path.name, yaml_names) if yaml_names else ""
-        ) from None
+        raise missing(path) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ModelError(f"cannot be read: {reason}", where=where) from None
