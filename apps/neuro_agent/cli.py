@@ -43,7 +43,7 @@ def train(
     until: Annotated[
         float | None,
         typer.Option(
-            metavar="R", help="Mean return of 100 episodes at which to stop.", show_default="ENV's reward threshold"
+            metavar="R", help="Goal: mean return of 100 episodes; then stop.", show_default="ENV's reward threshold"
         ),
     ] = None,
     steps: Annotated[
@@ -64,7 +64,7 @@ def train(
     ] = 1,
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="NET", help="File for the untrained network with its world."),
+        typer.Option("--save", metavar="NET", help="Network file for 'neuro run': untrained, with its world."),
     ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -198,7 +198,7 @@ def energy(
         typer.Option(
             "--until",
             metavar="R",
-            help="Mean return of 100 episodes at which to stop.",
+            help="Goal: mean return of 100 episodes; then stop.",
             show_default="ENV's reward threshold",
         ),
     ] = None,

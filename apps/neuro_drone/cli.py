@@ -85,7 +85,7 @@ def train(
             "--repeats",
             metavar="N",
             parser=at_least(1),
-            help="Number of trainings, on all cores; seeds count from --seed, and files are model-0.h5, ..., by seed.",
+            help="Number of parallel trainings; seeds count from --seed and end the file names, e.g. model-0.h5.",
         ),
     ] = 1,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Model file to write.")] = Path("model.h5"),

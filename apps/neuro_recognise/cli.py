@@ -48,7 +48,7 @@ Set = Annotated[
     Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Setting of the method (see 'neuro recognise list METHOD'), the scenes or the detection; repeatable.",
+        help="Setting of the method (see 'neuro recognise list METHOD'); crops, scenes, detect: their own; repeatable.",
     ),
 ]
 Json = Annotated[bool, Option("--json", help="Print the figures as JSON.")]
@@ -255,7 +255,7 @@ def compare(
         Option(metavar="NAME", help="Method to compare, or a preset such as 'hats:poker'; repeatable; default: all."),
     ] = [],  # noqa: B006
     part: Part = "Train",
-    without: Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")] = [],  # noqa: B006
+    without: Annotated[list[str], Option(metavar="PATTERN", help="Recordings to omit ('*i.aedat'); repeatable.")] = [],  # noqa: B006
     folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Number of folds; each is tested once.")] = 5,
     repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Repetitions with other seeds.")] = 1,
     chips: Chips = PRICED,
@@ -288,7 +288,7 @@ def relearn(
         Option(metavar="NAME", help="Method to test, a preset such as 'remus:thesis', or 'linear'; repeatable."),
     ] = [],  # noqa: B006
     part: Part = "Train",
-    without: Annotated[list[str], Option(metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")] = [],  # noqa: B006
+    without: Annotated[list[str], Option(metavar="PATTERN", help="Recordings to omit ('*i.aedat'); repeatable.")] = [],  # noqa: B006
     before: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs before the labels are permuted.")] = 8,
     after: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs with permuted labels.")] = 10,
     folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Number of folds; the first is tested.")] = 5,

@@ -1,4 +1,4 @@
-"""Demonstration of ReMuS: train on digits from event-camera recordings. 'neuro recognise' has all other commands."""
+"""Demonstrate ReMuS, a method of 'neuro recognise': train it on digits from event-camera recordings."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set
 
 ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="Chip, or file of a chip's table.")]
 Order = Annotated[
-    str, typer.Option("--order", metavar="NAME", help="Order of populations on the cores: connected or declared.")
+    str, typer.Option("--order", metavar="NAME", help="Order of populations: connected (synapses) or declared (file).")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -113,7 +113,7 @@ def fit(
     set: Set = [],  # noqa: B006
     as_json: Json = False,
 ) -> None:
-    """Report whether a network fits on a chip: rounding of weights and neurons, cores, memory and hops.
+    """Report whether a network fits on a chip: rounding of weights and parameters, cores, memory, hops.
 
     The exit status is 1 if the network does not fit.
     """
@@ -191,7 +191,7 @@ PRICED = "loihi,spinnaker,spinnaker2,truenorth,cpu,gpu"
 
 Chips = Annotated[
     Any,
-    typer.Option("--chips", metavar="A,B,...", parser=name_list, help="Chips, or files of chips' tables, to price on."),
+    typer.Option("--chips", metavar="A,B,...", parser=name_list, help="Chips, or files of chips' tables, for energy."),
 ]
 Per = Annotated[
     tuple[int, str],

@@ -205,7 +205,7 @@ def _with_option(
             is_eager=True,
             expose_value=False,
             callback=_run_extensions,
-            help="Python file with your own models, to run before the command; repeatable.",
+            help="Python file of your own models, filters or other parts, run before the command; repeatable.",
         ),
     ] = [],  # noqa: B006
 ) -> None:

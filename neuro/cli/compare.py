@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 BACKENDS = "event,loihi,spinnaker"
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="JSON file of all figures.")]
+Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="JSON file of all numbers.")]
 Rules = Annotated[
-    bool, typer.Option("--rules", help="Run on Loihi 1 and Loihi 2 only; print the integers that differ.")
+    bool, typer.Option("--rules", help="Compare only Loihi 1 and 2: print integers that differ, and the rule behind.")
 ]
-Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="HTML page with figures and pictures.")]
+Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="HTML page with numbers and pictures.")]
 
 
 def compare(

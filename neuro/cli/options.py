@@ -256,12 +256,12 @@ Set = Annotated[
     ),
 ]
 Backend = Annotated[
-    str, typer.Option("--backend", metavar="NAME", help="Simulator or chip of 'neuro backends', or a chip's file.")
+    str, typer.Option("--backend", metavar="NAME", help="Simulator or chip (see 'neuro backends'), or a chip's file.")
 ]
 Backends = Annotated[
     Any,
     typer.Option(
-        "--backends", metavar="A,B,...", parser=name_list, help="Simulators and chips; the first is the reference."
+        "--backends", metavar="A,B,...", parser=name_list, help="Simulators and chips to run on, the reference first."
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=at_least(0), help="Seed of all random numbers.")]
@@ -270,7 +270,7 @@ Steps = Annotated[
     int | None, typer.Option(metavar="N", parser=at_least(1), help="Largest number of control steps in the world.")
 ]
 Until = Annotated[
-    float | None, typer.Option(metavar="R", help="Mean return of the last 100 episodes at which the run ends.")
+    float | None, typer.Option(metavar="R", help="Goal that ends the run: mean return of the last 100 episodes.")
 ]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page without opening it.")]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Number of threads.")]

@@ -52,7 +52,7 @@ Record = Annotated[
 ]
 ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file of the results.")]
 AllWeights = Annotated[
-    bool, typer.Option("--all-weights", help="Write static weights also of projections above a million synapses.")
+    bool, typer.Option("--all-weights", help="Write all static weights, also of projections above a million synapses.")
 ]
 Episodes = Annotated[
     int | None, typer.Option(metavar="N", parser=at_least(1), help="Largest number of episodes in the world.")
@@ -68,9 +68,9 @@ CopiesOf = Annotated[
     ),
 ]
 Pace = Annotated[
-    float | None, typer.Option("--pace", metavar="X", help="Multiple of real time in the world; by default no limit.")
+    float | None, typer.Option("--pace", metavar="X", help="Speed limit of the world, times real time; default: none.")
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was interrupted or killed.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted or killed run of a world.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", help="Print each approximation of the backend, instead of their number.")
 ]

@@ -1,4 +1,4 @@
-"""Search for the best parameters with Optuna: one objective, or the front of several, such as accuracy and joules."""
+"""Search for the best parameters with Optuna: one objective, or the Pareto front of several, e.g. accuracy, joules."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -59,10 +59,10 @@ tune, _folder = commands_of(
     Texts(
         "search",
         "tuned",
-        "Run trials up to the number in the file. Run the same command again to continue an interrupted search.",
+        "Do all missing trials of a search. Run the same command again to continue an interrupted search.",
         "Print the numbers of trials that are done, failed, pruned and left, the best so far, and errors.",
         "Write an HTML page about a search so far: best trials, front, all trials, and errors.",
-        "Do only the I-th of N shares of the trials, I from 1 to N (0 means N), for array jobs.",
+        "Trials of one array job: the I-th of N equal shares, I from 1 to N (0 means N).",
         _table_of,
         lambda table: f"{table.plan.most:,} trials by {table.plan.sampler}",
         _details,
