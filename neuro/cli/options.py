@@ -256,7 +256,7 @@ Set = Annotated[
     ),
 ]
 Backend = Annotated[
-    str, typer.Option("--backend", metavar="NAME", help="Simulator or chip (see 'neuro backends'), or a chip's file.")
+    str, typer.Option("--backend", metavar="NAME", help="Simulator or chip (see 'neuro backends'), or YAML of a chip.")
 ]
 Backends = Annotated[
     Any,
