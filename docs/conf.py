@@ -70,8 +70,9 @@ smartquotes = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"neuro {release}"
-html_static_path = ["_site/static"]
-html_css_files = ["site.css"]
+# The site has the fonts and colours of the pages that commands write.
+html_static_path = ["_site/static", "../neuro/core/tokens.css"]
+html_css_files = ["tokens.css", "site.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
