@@ -16,16 +16,15 @@ NO_BEGIN = (0.0, 0.0)
 has_reported = False
 """Whether this process has reported that kernels are compiled."""
 
-latest = float("-inf")
-"""Time of `time.monotonic`, in s, of the last beginning or end of a compilation."""
-
+_latest = float("-inf")
+_under_way = 0
 _kernels = 0
 _seconds = 0.0
 
 
 def begin(cached: bool = True) -> tuple[float, float]:
     """Report once that kernels are compiled, and return the start of the measurement."""
-    global has_reported, latest
+    global has_reported, _under_way
     if REPORTED not in os.environ:
         if not has_reported:
             atexit.register(_sum_up)
@@ -33,16 +32,21 @@ def begin(cached: bool = True) -> tuple[float, float]:
         os.environ[REPORTED] = "1"
         way_out = "" if cached else "; found no writable cache folder: set XDG_CACHE_HOME to one, to compile only once"
         print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)
-    latest = time.monotonic()
+    _under_way += 1
     return time.perf_counter(), _seconds
 
 
 def end(began: tuple[float, float], kernels: int = 1) -> None:
     """Add kernels and the time since `begin`. Measurements that overlap are not counted twice."""
-    global _kernels, _seconds, latest
-    latest = time.monotonic()
+    global _kernels, _seconds, _latest, _under_way
+    _latest, _under_way = time.monotonic(), max(0, _under_way - 1)
     _kernels += kernels
     _seconds = began[1] + time.perf_counter() - began[0]
+
+
+def latest() -> float:
+    """Return the time at which a kernel was last being compiled, in s of `time.monotonic`: now if one is under way."""
+    return time.monotonic() if _under_way else _latest
 
 
 def _sum_up() -> None:

@@ -298,7 +298,7 @@ class Environments:
     def watched(self) -> Iterator[None]:
         """Stop with an error if a call of the environment does not return within `patience`; main thread only.
 
-        The time begins anew with each kernel that is compiled: an environment may compile its own in the first step.
+        The time begins anew after each kernel that is compiled: an environment may compile its own in the first step.
         """
         if threading.current_thread() is not threading.main_thread() or not np.isfinite(self.patience):
             yield
@@ -310,7 +310,7 @@ class Environments:
             while not over.wait(min(1.0, self.patience / 4)):
                 if self._calls != calls or self._calls % 2 == 0:
                     calls, since = self._calls, time.monotonic()
-                elif time.monotonic() - max(since, compile_report.latest) > self.patience:
+                elif time.monotonic() - max(since, compile_report.latest()) > self.patience:
                     hung.set()
                     # A signal of the system also ends a call that waits for a clock or a socket.
                     signal.pthread_kill(main, _GIVE_UP)
