@@ -16,10 +16,10 @@ from neuro_chip.machine import Machine
 
 
 class Settable:
-    """A machine whose values are read and set by the indices of its program's parts.
+    """Base class that reads and sets values of a machine. A population or projection is given by its index.
 
     Attributes:
-        fixed: registers and words.
+        fixed: the program in registers of neurons and words of synapses.
         program: the program that runs.
     """
 
@@ -84,7 +84,7 @@ class Settable:
         self._machine.bind()
 
     def registers(self, population: int, name: str) -> Ints:
-        """Return a register, by the name of the register or of the state or parameter in it."""
+        """Return a register. `name` is the name of the register, or of the state or parameter that it stores."""
         neurons = self._machine.slice(population)
         register = self._machine.cells.register_of(population, name)
         if register in STATES:
@@ -93,7 +93,9 @@ class Settable:
         return np.broadcast_to(values, neurons.stop - neurons.start).copy()
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
-        """Return the mantissa ("weight", "mantissa") or the tag ("t", "c") of every synapse, or a learnt delay.
+        """Return a register of each synapse.
+
+        The names are "weight" or "mantissa" for the mantissa, "t" or "c" for the tag, and "delay" for a learnt delay.
 
         Raises:
             ModelError: there is no such register.

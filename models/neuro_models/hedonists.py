@@ -1,4 +1,4 @@
-"""Neurons whose synapses release at random, and learn for which inputs spikes of the output are rewarded.
+"""Neurons whose synapses release at random. The output learns for which inputs its spikes are rewarded.
 
 All synapses, from inputs to hidden neurons and from hidden neurons to the output, receive the same reward without any
 information about their contribution. Source: Seung, Neuron 40:1063, 2003 (the rule, 60 inputs, 60 hidden neurons, one

@@ -1,17 +1,18 @@
-"""Delivery at arrival: projections with one delay from the log of spikes, projections with several in joined rows.
+"""Delivery at arrival. Spikes are read from the log; projections with several delays are stored as joined rows.
 
-A joined row has the synapses of a source population, of one projection or of several. A run is the synapses of a source
-neuron with the same delay, onto all targets of the row. A step adds to its input the runs of all spikes whose age
-equals the delay. The input of one step stays in the cache; a ring of all future steps would not. Spikes are added by
-age, the oldest first, then by id, and the targets of a run ascend. So the order of all sums is that of the reference.
-The order is the same for any number of threads, because each target belongs to one thread.
+A joined row holds the synapses of one projection, or of several projections from one source population. A run is the
+synapses of a source neuron with the same delay, onto all targets of the row. In each step, a spike in the log adds the
+run of its source whose delay equals the age of the spike. The input of one step stays in the cache; a ring of all
+future steps would not. Spikes are added by age, the oldest first, then by id, and the targets of a run ascend. So the
+order of all sums is that of the reference. The order is the same for any number of threads, because each target belongs
+to one thread.
 
-If each projection has few synapses, its runs are short and most are empty. In a row of many projections a step looks
-for one run per source population and delay instead. Such a row reaches each target by a single projection, and rows
-follow the order of projections (see `building.joined_rows`), so the order of each sum stays. A synapse takes six bytes:
-the synapses of a run are sorted by place, so 16 bits store the distance to the next place, and a weight that fits into
-32 bits is stored in 32 bits. One weight of all synapses is stored once. Memory bandwidth sets the time: rows of six
-bytes take half the time of rows of twelve.
+If each projection has few synapses, its runs are short and most are empty. A row of many projections needs one look-up
+per spike and delay, not one per spike, delay and projection. Joining keeps the order of each sum: only one projection
+of a row reaches a given target, and rows follow the order of projections (see `building.joined_rows`). A synapse takes
+six bytes: the synapses of a run are sorted by place, so 16 bits store the distance to the next place, and a weight that
+fits into 32 bits is stored in 32 bits. One weight of all synapses is stored once. Memory bandwidth sets the time: rows
+of six bytes take half the time of rows of twelve.
 """
 
 # mypy: ignore-errors
@@ -43,7 +44,7 @@ def prefetch_lines(begin, end):
 @kernel
 def at_emission(view, q, step, after, thread):
     """Write the spikes emitted in `step` that arrive later than step `after` into the projection's ring."""
-    # Weights were set after this step. `deliver_between` has written its spikes to the ring with the old weights.
+    # If weights were set after this step, `deliver_between` has already written its spikes with the old weights.
     if step > net_of(view).set_out[q]:
         log_delivery(view, q, step, after, thread, thread + 1, True)
 
@@ -125,7 +126,7 @@ def deliver(view, first, last, begin, stop, step):
     | one-to-one | `deliver.scatter` | one target, without a table |
     | grid | `deliver.grid_add` | the weights of a kernel have the maps innermost: runs of neighbours |
 
-    Joined rows: of several projections wherever sums keep their order (`building.joined_rows`; JOINED and JOINED_END).
+    Joined with others: wherever sums keep their order (`building.joined_rows`; JOINED and JOINED_END).
     A row of its own (JOINED_ROW): at most as many runs as synapses, or 65,536 (`layout.in_runs`). Busy and large: the
     spikes of the step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more
     than 32,768 targets. Both functions for one weight are in `deliver`.
@@ -158,7 +159,7 @@ QUEUE = 256
 
 @inlined
 def run_of(source, delay, target, shortest, n_delays, edges):
-    """Return the number of a run among all: by source, delay, and the thread of the target."""
+    """Return the index of a run. Runs are numbered by source, then by delay, then by the thread of the target."""
     threads = edges.size - 1
     # Synapses of a source are sorted by delay, then target, so each needs its own search for the thread.
     thread = owner(edges, target) if threads > 1 else 0
@@ -171,11 +172,11 @@ PREFETCH_DISTANCE = 16
 """Number of runs between a prefetch and its use."""
 
 MOST = 2**32 - 1
-"""Largest number of entries of a joined row (synapses and steps between them). A run holds the entries of one source
-with one delay; its end has 32 bits."""
+"""Largest number of entries of a joined row. The end of a run is an index of an entry, stored in 32 bits. An entry is a
+step from place to place: to a synapse, or of length FAR."""
 
 FAR = 2**16 - 1
-"""A step without a synapse. A synapse at this distance or more is reached by several steps.
+"""Step from place to place that ends at no synapse. Several steps reach a synapse at this distance or more.
 
 Example: the steps from place 10 to a synapse at place 65,550 (distance 65,540) are FAR and 5.
 """
@@ -183,7 +184,7 @@ Example: the steps from place 10 to a synapse at place 65,550 (distance 65,540) 
 
 @kernel
 def deliver_joined(view, begin, stop, step):
-    """Add the arrivals of a step over all joined rows, after those of the projections that come first in the sums."""
+    """Add the arrivals of a step over all joined rows. Add first the projections that come before them in the sums."""
     net = net_of(view)
     for pop in range(net.pops.shape[0]):
         deliver(view, net.pops[pop, t.ARRIVALS], net.pops[pop, t.JOINED], begin, stop, step)
@@ -249,7 +250,7 @@ def prefetch_joined(view, row, first, last):
 
 @subkernel
 def add_steps(steps, weights, e, w, n, at, m, buf):
-    """Add n weights times m to places of `buf`. Each place is some steps after the last one, the first after `at`."""
+    """Add n weights times m to places of `buf`. Entries of `steps` are distances from place to place, from `at` on."""
     for k in range(n):
         at += np.uint64(steps[e + k])
         # Not even -0.0 may be added after a step without a synapse, because another thread may be adding there.
@@ -280,8 +281,8 @@ def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
 def add_joined(view, row, thread, n, slot):
     """Add the first n runs of a thread's queue to the input of the present step, and mark the blocks that they reach.
 
-    Many runs mark all blocks. Their number does not depend on the threads. That of their entries would, as long steps
-    take several.
+    If there are many runs, all blocks are marked. The number of runs decides, because it does not depend on the number
+    of threads. The number of entries does, because a long distance takes several entries.
     """
     net = net_of(view)
     queue, buf, steps, due = net.queue[thread], net.buf, net.joined_steps, net.due

@@ -106,8 +106,8 @@ def _modulated(model, on_post):
     def learn(view, synapse, c, past, trace, thread, upto, whole, h):
         """Apply the post spikes up to step `upto` to a synapse, and dopamine between them.
 
-        With `whole` dopamine is also integrated from the last spike to `upto`. An integration clips the weight at its
-        end, so `whole` is for events and reads only, not for making room in a history.
+        With `whole` dopamine is also integrated from the last spike to `upto`. Each integration ends with a clip of the
+        weight, so it may end only at an event or a read. A call that makes room in a history does not set `whole`.
         """
         plastic, (q, z, trace_at, target, _, delay) = plastic_of(view), synapse
         since = plastic.reached[z]
@@ -118,7 +118,7 @@ def _modulated(model, on_post):
             n = dopamine_at(view, q, target, since, h)
             advance(plastic.y, z, plastic.rule[q], since, upto, n, plastic.table[q, t.GRID_STEPS])
             since = upto
-        # Stored for each synapse, because dopamine also acts between spikes, from the last integration on.
+        # Each synapse stores the end of its last integration, because dopamine also acts between spikes.
         plastic.reached[z] = since
 
     @inlined
@@ -133,7 +133,7 @@ def _modulated(model, on_post):
 def _plain(model, on_post):
     """Compile the lazy learning of a synapse without dopamine: a function for pre spikes, and one for other events.
 
-    A read shows the weight at the last pre spike, so this weight is stored before the first later change.
+    A read returns the weight at the last pre spike. `catch_up_one` stores it before the first change after that spike.
     """
     repeat = compile_repeat(model, on_post)
 
@@ -183,8 +183,8 @@ def lazy_entry(model, own_rows):
         receptors, relay = target_row[t.RECEPTORS], target_row[t.RELAY]
         blocks = net.awake.shape[0]
         slots, due = slot_mask(net), net.due[thread]
-        k_at = table[t.FIRST_SOURCE] + source
-        k_plus, last = plastic.k_plus[thread, k_at], plastic.k_time[thread, k_at]
+        trace_at = table[t.FIRST_SOURCE] + source
+        k_plus, last = plastic.k_plus[thread, trace_at], plastic.k_time[thread, trace_at]
         pre_trace = Trace(plastic.decay[q, PLUS], plastic.tau[q], k_plus, last)
         place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
         marks_all = row[t.WAKE_ALL] == 1 and row[t.DELAY_STRIDE] == 0
@@ -207,29 +207,30 @@ def lazy_entry(model, own_rows):
             z = to_synapse + e
             target = np.int64(net.targets[e])
             delay = np.int64(net.delays[delay_at + (e - first) * delay_stride])
-            synapse = Synapse(q, z, k_at, target, history + target, delay)
+            synapse = Synapse(q, z, trace_at, target, history + target, delay)
             past, traces = plastic.past[synapse.history], plastic.traces[synapse.history]
             rule = plastic.rule[row_of(q, table, z)]
             learn(view, synapse, rule, past, pre_trace, thread, step, True, h)
             # Post acts before pre: post spikes that arrive in this step have potentiated above, and are not in K-.
             k_minus = post_trace(minus, past, traces, step - delay, h, net.tau_minus, neuron + target)
             on_pre(y, z, rule, (0.0,), (k_minus,))
-            weight = y[0, z] + 0.0  # sent after its own update, as NEST does; -0.0 would be no input
+            # A weight is sent after its update by this spike, as in NEST. Adding 0.0 turns -0.0, no input, into 0.0.
+            weight = y[0, z] + 0.0
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + delay
             ring = ring_at + ((at & ring_mask) * receptors + second) * ring_size
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not marks_all:
                 due[(at & slots) * blocks + mark + (target >> 6)] = 1
-        # Marked once per spike, if the source has any target on this thread.
+        # All blocks are marked once per spike, if the source has any target on this thread.
         if marks_all and net.rows[place] < net.rows[place + 1]:
             mark_all_due(net, target_row, step + np.int64(net.delays[row[t.DELAY]]), thread)
         trace = 1.0
         if k_plus != 0.0:
             trace += k_plus * math.exp(-(step - last) * h / plastic.tau[q, 0])
-        plastic.k_plus[thread, k_at] = trace
-        plastic.k_time[thread, k_at] = step
-        plastic.spiked[thread, k_at] = step
+        plastic.k_plus[thread, trace_at] = trace
+        plastic.k_time[thread, trace_at] = step
+        plastic.spiked[thread, trace_at] = step
 
     @subkernel
     def catch_up(view, q, target, step, thread, whole, h):
@@ -242,10 +243,10 @@ def lazy_entry(model, own_rows):
         begin = table[t.INCOMING] + target
         for i in range(plastic.incoming[begin], plastic.incoming[begin + 1]):
             z = table[t.FIRST_SYNAPSE] + np.int64(plastic.in_synapse[i])
-            k_at = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i])
+            trace_at = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i])
             delay = np.int64(net.delays[row[t.DELAY] + (z - table[t.FIRST_SYNAPSE]) * row[t.DELAY_STRIDE]])
             c = plastic.rule[own_row(q, table, z)]
-            catch_up_one(view, Synapse(q, z, k_at, target, history, delay), c, past, thread, step, whole, h)
+            catch_up_one(view, Synapse(q, z, trace_at, target, history, delay), c, past, thread, step, whole, h)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

@@ -97,7 +97,7 @@ def _push(part: Synapses, spikes: Packed, first: int, width: int, weight: Array,
 def _pull(
     part: Synapses, first: int, width: int, weight: Tensor, grad: Tensor, damping: float, to_spikes: Tensor
 ) -> None:
-    """Add the share that comes from the delivered input to the gradient of the spikes of a stretch."""
+    """Add to the gradient of the spikes of a stretch (see `stretches`) the share from the input that they deliver."""
     longest = part.least if part.dense else int(part.delay.max(initial=0))
     begin, end = first + part.least, min(first + width + longest, grad.shape[1])
     if end <= begin:
@@ -134,13 +134,13 @@ def weight_gradient_of(part: Synapses, spikes: Packed, weight: Tensor, grad: Ten
 def scan(
     part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: ScanTask
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
-    """Return spikes and potentials before the reset of the populations of a component, from their input.
+    """Run the populations of a component. Return the spikes, and the potentials before a spike resets V_m.
 
     Args:
         part: the component.
         drives: input from outside the component, by population.
         weights: weights of the synapses inside, in their order.
-        task: sizes, dtype and surrogate of the pass; potentials that are not wanted have an undefined number of steps.
+        task: sizes, dtype and surrogate of the pass. Potentials outside `potentials_of` may lack steps.
     """
     learns = torch.is_grad_enabled() and any(t.requires_grad for t in (*drives.values(), *weights))
     ins = [drives[k] for k in part.cells]
@@ -260,6 +260,6 @@ class _Scan(torch.autograd.Function):
 
 
 def stretches(length: int, steps: int) -> list[tuple[int, int]]:
-    """Return the first step of each stretch and the step after its last."""
+    """Divide the steps into stretches of `length` (0: one stretch). Return first step and last step + 1 of each."""
     length = length or steps
     return [(first, min(first + length, steps)) for first in range(0, steps, length)]
