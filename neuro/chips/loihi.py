@@ -13,7 +13,7 @@ and P30 the potential that 1 pA of constant current adds (exact integration, `ne
 | weight of `iaf_psc_delta` | 64 m 2^e = S w, and du = 4095, so that u decays completely |
 | tau_syn | (4096 - (du + 1)) / 4096 = exp(-h / tau_syn) |
 | tau_m | (4096 - dv) / 4096 = exp(-h / tau_m) |
-| V_m >= V_th | v > 64 vth, the largest 64 vth below S (V_th - E_L) |
+| V_m >= V_th | v > 64 vth, where vth is the largest integer with 64 vth < S (V_th - E_L) |
 | t_ref of R steps | refractory = R + 1 |
 | delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, see `neuro.chips.inputs` |
 
@@ -109,9 +109,9 @@ def _times(inputs: Inputs) -> Iterator[Problem]:
     """Yield problems with time constants beyond 12-bit decays, and with refractory periods beyond their register."""
     part, h = inputs.part, inputs.program.resolution
     limit = -h / np.log1p(-1.0 / DECAY_STEPS)
-    flows = dict(zip(("tau_syn_ex", "tau_syn_in"), receives(inputs), strict=True))
+    is_used = dict(zip(("tau_syn_ex", "tau_syn_in"), receives(inputs), strict=True))
     for name in ("tau_m", "tau_syn_ex", "tau_syn_in"):
-        if name in part.parameters and flows.get(name, True):
+        if name in part.parameters and is_used.get(name, True):
             yield from too_short(part, name, h)
             yield from too_long(part, name, h, limit, "a 12-bit decay", name == "tau_m")
     neuron = int(np.argmax(part.parameters["t_ref"]))
@@ -168,7 +168,7 @@ def _input(inputs: Inputs) -> Iterator[Problem]:
 
 
 def overflows(part: Population, mv: InMillivolts, volt: float) -> Iterator[Problem]:
-    """Yield a problem for each register that overflows at a scale that is fixed."""
+    """Yield a problem for each register that overflows at the scale `volt`, in units per mV."""
     for quantity, largest, limit, name in (
         ("V_th - E_L", float(mv.distance.max()) / 64.0, VTH_LIMIT, "the 17-bit threshold register"),
         ("the constant current", float(mv.drive.max()), BIAS_LARGEST, "the bias register, 4095 x 2^7,"),
@@ -226,7 +226,7 @@ class Loihi(Arithmetic):
     }
     states: Mapping[str, tuple[str, ...]] = {KIND: ("v", "u")}
     kind = KIND
-    """The integer step of `models` with a potential, see `FixedPopulation.kind`."""
+    """Name of the integer step of neurons of `models`, see `FixedPopulation.kind`."""
     shifts_sums = False
     """Whether a negative exponent shifts the sum of a step instead of each weight."""
 
@@ -401,7 +401,7 @@ class Loihi(Arithmetic):
         return Options({"scales": {cells.name: cells.volt}, "exponents": {part.name: part.exponent for part in wires}})
 
     def filled(self, cells: FixedPopulation, arriving: Floats) -> float:
-        """Return the largest input of a step as a share of its 22 bits, or |u| as a share of 24, if that is more."""
+        """Return the larger share: of the 22 bits for the input of a step, or of the 24 bits for |u|."""
         if "du" not in cells.registers:
             return 0.0
         return max(64.0 * float(np.abs(arriving).max(initial=0.0)) / INPUT_LIMIT, filled_current(cells, arriving))
@@ -411,7 +411,7 @@ class Loihi(Arithmetic):
         return f"exponent {wires.exponent}"
 
     def lossless(self, wires: FixedProjection) -> str:
-        """Return a hint that avoids bits lost by the exponent or by the weight memory."""
+        """Return a hint how to avoid that the exponent or the weight memory drops bits of a mantissa."""
         grain = max(grain_of(wires.bits, wires.sign_mode == "mixed"), 2 ** max(0, -wires.exponent))
         ways_out = [f"use mantissas that are multiples of {grain}"] if grain <= wires.high else []
         ways_out += ["use a larger weight_exp"] if wires.exponent < 0 else []

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from neuro.chips.placing import Placement
 
 OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "cuba_lif": 8, "iaf_psc_alpha": 24}
-"""Operations per membrane update, as NeuroBench counts them for snnTorch's Leaky, Synaptic and Alpha, reset to 0."""
+"""NeuroBench's operations per membrane update of snnTorch's Leaky, Synaptic and Alpha, which are reset to 0."""
 
 _COSTS = {
     "synaptic_op": "synop",
@@ -222,8 +222,8 @@ def _joules(energy: Energy, samples: int) -> dict[str, Any]:
     for item in energy.items:
         sums["learn" if item.kind == ROW != item.what else _COSTS[item.what]] += (item.joules or 0.0) / samples
     clock, real = ({"total": e.total_j, "low": e.low_j, "high": e.high_j} for e in (energy, energy.real_time))
-    clocks = [
+    per_sample = [
         {name: None if energy.refused else joules / samples for name, joules in totals.items()}
         for totals in (clock, real)
     ]
-    return {"model": energy.target, "clock": energy.clock, **clocks[0], **sums, "real_time": clocks[1]}
+    return {"model": energy.target, "clock": energy.clock, **per_sample[0], **sums, "real_time": per_sample[1]}

@@ -143,7 +143,7 @@ def fit(
 
 
 def _target(name: str) -> Chip:
-    """Return the chip with a name, or of a table file.
+    """Return the chip with a given name, or the chip that a table file describes.
 
     Raises:
         ModelError: the chip is unknown, or has neither cores nor limits.
@@ -286,8 +286,8 @@ def energy(
     counts = counts or sim._engine.counts()
     step_s = None if step_time is None else step_time * 1e-3
     bills = [
-        price(sim.program, counts, *where, step_s=step_s, chips=chips_on, ran_on=sim.backend, host=sim.host_work)
-        for where in zip(placements, targets, strict=True)
+        price(sim.program, counts, *pair, step_s=step_s, chips=chips_on, ran_on=sim.backend, host=sim.host_work)
+        for pair in zip(placements, targets, strict=True)
     ]
     if as_json:
         typer.echo(json.dumps(plain(sim, counts, bills, placements[0], per), indent=2))
@@ -299,7 +299,7 @@ def energy(
 
 
 def priceable(name: str) -> Chip:
-    """Return the chip or processor with a name, or of a table file.
+    """Return the chip or processor with a given name, or the one that a table file describes.
 
     Raises:
         ModelError: the chip is unknown, or has no energy figures.
@@ -334,7 +334,7 @@ def placement_on(program: Program, chip: Chip) -> Placement | None:
 def plain(
     sim: Simulation, counts: EngineCounts, bills: list[Energy], placement: Placement | None, per: tuple[int, str]
 ) -> dict[str, Any]:
-    """Return all bills for JSON, and NeuroBench's metrics of the run with the first bill."""
+    """Return data for JSON: all bills, and NeuroBench's metrics, whose energy is that of the first bill."""
     from neuro.chips.neurobench_report import neurobench
 
     samples, steps = per[0], counts.steps // per[0]

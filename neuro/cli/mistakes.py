@@ -39,7 +39,7 @@ def telling() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.showwarning = _tell
             yield
-            if sys.stdout is not None:  # stderr is None if the shell closed it before the start
+            if sys.stdout is not None:  # stdout is None if the shell closed it before the start
                 sys.stdout.flush()
     except BrokenPipeError:  # the reader of the pipe, e.g. `head`, has ended
         _give_up_output()
@@ -61,7 +61,7 @@ def telling() -> Iterator[None]:
 def listed_approximations() -> Iterator[None]:
     """Print warnings in full, including lists such as a rule's differences on a chip."""
     previous = warnings.showwarning
-    warnings.showwarning = lambda message, *number_and_command, **options: _print_warning(str(message))
+    warnings.showwarning = lambda message, *arguments, **options: _print_warning(str(message))
     try:
         yield
     finally:
@@ -81,11 +81,11 @@ def counted_approximations(backend: str, command: str) -> Iterator[None]:
     approximations: list[str] = []
     previous = warnings.showwarning
 
-    def count(message: Warning | str, category: type[Warning], *number_and_command: Any, **options: Any) -> None:
+    def count(message: Warning | str, category: type[Warning], *location: Any, **options: Any) -> None:
         if issubclass(category, ApproximationWarning):
             approximations.append(str(message))
         else:
-            previous(message, category, *number_and_command, **options)
+            previous(message, category, *location, **options)
 
     warnings.showwarning = count
     try:

@@ -80,12 +80,12 @@ def draw_partners(
     fewest = int(choices.min())
     check_degree(n, fewest, repeats, what)
     if repeats:
-        most_choices = fewest if fewest == choices.max() else choices[:, None]
-        partners = rng.integers(0, most_choices, size=(rows, n), dtype=np.int32)
+        bound = fewest if fewest == choices.max() else choices[:, None]
+        partners = rng.integers(0, bound, size=(rows, n), dtype=np.int32)
     else:
         partners = np.empty((rows, n), dtype=np.int32)
-        for row, most_choices in zip(partners, choices.tolist(), strict=True):
-            row[:] = rng.choice(most_choices, n, replace=False, shuffle=False)
+        for row, bound in zip(partners, choices.tolist(), strict=True):
+            row[:] = rng.choice(bound, n, replace=False, shuffle=False)
     # Draw from n - 1 numbers, and add 1 to all draws >= the excluded number, so that no draw is rejected. Example:
     # of 10 candidates without 3, draws are 0 to 8, and 3 to 8 become 4 to 9.
     if excluded is not None:
@@ -142,7 +142,7 @@ def by_source(sources: NDArray[np.int32], n_pre: int) -> Connections:
 
 def bernoulli(p: float, n_pre: int, n_post: int, excluded: Ints | None, rng: np.random.Generator) -> Connections:
     """Connect each pair with the probability `p`; `excluded` as in `drawn_rows`."""
-    # In blocks: a matrix of all pairs would need 8 bytes for each pair, connected or not.
+    # Pairs are drawn in blocks of sources, because a draw of all pairs at once would need 8 bytes for each pair.
     block = max(1, _DRAWS // n_post)
     degrees, targets = [np.zeros(1, dtype=np.int64)], [NO_TARGETS]
     for first in range(0, n_pre, block):
@@ -157,7 +157,7 @@ def bernoulli(p: float, n_pre: int, n_post: int, excluded: Ints | None, rng: np.
 
 
 def both_ways(pre: Ints, post: Ints, n: int) -> Connections:
-    """Return each pair and its reverse. Both share a draw of a weight."""
+    """Return each pair and its reverse. If weights are drawn, a pair and its reverse have the same weight."""
     place = np.concatenate((pre * n + post, post * n + pre))
     order = np.argsort(place, kind="stable")
     sources, targets = np.divmod(place[order], n)

@@ -15,7 +15,7 @@ from neuro.core.values import shown
 
 NEVER = 2**62
 LARGEST = 2**40
-"""Largest number of steps of a time."""
+"""Largest time, in steps."""
 
 TOLERANCE = 1e-6
 
@@ -23,8 +23,9 @@ TOLERANCE = 1e-6
 class Clock:
     """Conversion between times in ms and whole steps.
 
-    A time within a millionth of a step of a multiple of the resolution is on the grid. If a millisecond is a whole
-    number of steps, `ms` returns the double nearest to the decimal number (3 steps of 0.1 ms are 0.3 ms).
+    Multiples of the resolution are on the grid, and so are times at most a millionth of a step from a multiple. If a
+    millisecond is a whole number of steps, `ms` returns the double nearest to the decimal number (3 steps of 0.1 ms are
+    0.3 ms).
 
     Args:
         resolution: length of a step in ms.
@@ -64,7 +65,7 @@ class Clock:
         return math.floor(float(ms) / self.resolution + TOLERANCE)
 
     def between(self, since: Any, until: Any) -> tuple[int, int]:
-        """Return the last steps at or before the bounds `since` and `until` of records; None for no bound.
+        """Return the last step at or before `since`, and the last at or before `until`. None means no bound.
 
         Raises:
             ModelError: a value is not a time, or the end is before the begin.

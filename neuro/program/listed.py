@@ -17,8 +17,8 @@ _NO_INTS = np.zeros(0, dtype=np.int64)
 class ListedSpikes:
     """Store of future spikes by population. It writes the spikes into the arrays of the loop.
 
-    The arrays are `list_steps`, `list_ids` and `list_counts`, and `cursor` (threads + 1, populations): the next listed
-    spike for each thread. The last row of `cursor` holds the ends.
+    The arrays are `list_steps`, `list_ids`, `list_counts` and `cursor`. `cursor`, (threads + 1, populations), holds the
+    index of the next listed spike for each thread, and in its last row the end of each population's spikes.
 
     Args:
         program: the network that runs.
@@ -42,7 +42,7 @@ class ListedSpikes:
         self._write(0)
 
     def add(self, population: int, steps: Ints, ids: Ints, present_step: int, payloads: Ints | None = None) -> bool:
-        """Add spikes after `present_step`, with payloads if graded. Return whether arrays were replaced."""
+        """Add spikes after step `present_step`. Graded spikes have payloads. Return whether arrays were replaced."""
         old = self._spikes[population]
         new: tuple[Ints, ...] = (steps, ids) if payloads is None else (steps, ids, payloads)
         is_ahead = old[0] > present_step
@@ -52,7 +52,7 @@ class ListedSpikes:
         return self._put(population, _rows(*new, begin=self._begins[population]), present_step)
 
     def replace(self, population: int, steps: Ints, ids: Ints, present_step: int) -> bool:
-        """Replace the spikes of a population, sorted by step, then id. Return whether arrays were replaced."""
+        """Replace a population's spikes by sorted ones (by step, then id). Return whether arrays were replaced."""
         self._spikes[population] = (_NO_INTS,) * len(self._spikes[population])
         neurons = ids + self._begins[population]
         return self._put(population, np.column_stack([steps, neurons, np.ones_like(steps)]), present_step)
