@@ -73,17 +73,17 @@ def train(
     from neuro_agent.training import BLOCK
 
     settings = assignments(set)
-    bar = environments.bar_of(environment) if until is None else until
-    if bar is None and steps is None and episodes is None:
+    goal = environments.bar_of(environment) if until is None else until
+    if goal is None and steps is None and episodes is None:
         message = f"'{environment}' has no reward threshold: expected --until, --steps or --episodes"
         raise typer.BadParameter(message, param_hint="'--until'")
     env = environments.make_many(environment, envs)
-    first: Any = env if envs == 1 else environments.make(environment)
-    agent = ActorCritic(first.observation_space, first.action_space, seed=seed, **settings)
+    single_env: Any = env if envs == 1 else environments.make(environment)
+    agent = ActorCritic(single_env.observation_space, single_env.action_space, seed=seed, **settings)
     if save is not None:
-        agent.network(first).save(save)
+        agent.network(single_env).save(save)
     try:
-        log = agent.train(env, bar, steps=steps, episodes=episodes, progress=True, out=out)
+        log = agent.train(env, goal, steps=steps, episodes=episodes, progress=True, out=out)
     except KeyboardInterrupt:
         if out.with_name(f"{out.name}.training").exists():
             message = "Interrupted. Run the same command again to resume from the last checkpoint."
@@ -110,11 +110,11 @@ def try_agent(
     agent = ActorCritic.load(file)
     name = _environment(file, environment)
     result = agent.test(environments.make(name), episodes, seed=seed, backend=backend)
-    bar = environments.bar_of(name)
+    goal = environments.bar_of(name)
     if json:
-        typer.echo(report.as_json(result, {"environment": name, "seed": seed, "backend": backend, "bar": bar}))
+        typer.echo(report.as_json(result, {"environment": name, "seed": seed, "backend": backend, "bar": goal}))
     else:
-        typer.echo(f"{name}: {report.summary(result)}" + ("" if bar is None else f"; it counts as solved at {bar:g}"))
+        typer.echo(f"{name}: {report.summary(result)}" + ("" if goal is None else f"; it counts as solved at {goal:g}"))
 
 
 @app.command()
@@ -223,15 +223,15 @@ def energy(
     compare.Plan(environment, steps, (seed,), only=(method,))  # refuses untrainable environments before the training
     for target in chips:
         dense({}, target)  # refuses chips without prices before the training
-    env, bar = environments.make(environment), environments.bar_of(environment) if until is None else until
-    model, log, macs = deep.trained(method, deep.from_zero(env), steps=steps, seed=seed, until=bar)
+    env, goal = environments.make(environment), environments.bar_of(environment) if until is None else until
+    model, log, macs = deep.trained(method, deep.from_zero(env), steps=steps, seed=seed, until=goal)
     n_steps = model.num_timesteps
     bills = [dense(macs, target, steps=n_steps, of="training", notes=deep.NOTES) for target in chips]
     if json:
         facts = {"method": method, "seed": seed, "episodes": len(log), "steps": n_steps, "solved": log.solved}
         typer.echo(dumps({**facts, "bills": [bill.as_dict() for bill in bills]}, indent=1))
     else:
-        if bar is not None and not log.solved:
+        if goal is not None and not log.solved:
             typer.echo(f"Goal not reached: energy of {n_steps:,} steps")
         print_bills(bills, sources)
         typer.echo(f"{method}: {str(log).removeprefix('Log(').removesuffix(')')}")

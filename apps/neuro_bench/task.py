@@ -55,7 +55,7 @@ class Spikes:
         return cls((sheets, rows, columns), steps, step, example, step_index, neuron)
 
     def take(self, chosen: Ints, examples: int) -> Spikes:
-        """Return the spikes of the examples with indices `chosen`, in this order; `examples` is their number now."""
+        """Return the spikes of the examples with indices `chosen`, in this order, out of `examples` examples."""
         ends = np.searchsorted(self.example, np.arange(examples + 1))
         lengths = ends[chosen + 1] - ends[chosen]
         ranges = [np.arange(ends[k], ends[k + 1]) for k in chosen]
@@ -143,8 +143,9 @@ class Fold:
         name: name of the fold in the results.
         train: training part for the choice of settings; for series a list of series.
         validation: part whose score chooses the settings; for series a list with the continuation of each series in
-            `train`. Folds with the same list object share their settings.
-        both: training part with the chosen settings: `train` and `validation`; for series the series before `test`.
+            `train`. Settings are chosen once for all folds with the same list object.
+        both: data for the final training with the chosen settings: `train` and `validation` together; for series, the
+            values of each series before `test`.
         test: test part, used once.
     """
 

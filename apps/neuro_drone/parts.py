@@ -17,7 +17,7 @@ MASS = 0.716
 
 
 def check_whole(name: str, value: Any, least: int = 0, below: str = "") -> None:
-    """Raise an error unless the value is a whole number >= `least` and, with `below` "2^63", fits into 64 bits."""
+    """Raise an error unless the value is a whole number >= `least`. With a text in `below` it must also be < 2^63."""
     if isinstance(value, bool) or not isinstance(value, int) or value < least or (below and value >= 2**63):
         end = f" and < {below}" if below else ""
         raise ModelError(f"{name} = {value!r}: expected a whole number >= {least}{end}")
@@ -42,7 +42,7 @@ class Ball(WorldPart):
         speed: speed of the ball, m/s.
         radius: radius of the ball, m.
         brightness: share of full scale.
-        axes: 2, the drone moves in x and y only; or 3, it also climbs and sinks, to keep the ball's picture at `tall`.
+        axes: 2 if the drone moves in x and y only; 3 if it also climbs and sinks, to keep the ball `tall` px high.
         tall: with three axes, target height of the ball's picture, px.
         rise: height of a slow rise and descent, m.
         rise_time: period of the rise and descent, s.
@@ -119,8 +119,8 @@ class Camera(WorldPart):
         tilt: angle of the optical axis below the horizontal, degrees.
         fov: angle of view over the whole width, degrees.
         mount: gimbal (stays level) or body (rolls and pitches with the drone).
-        roll: rotation about the optical axis, clockwise seen from behind, degrees. The picture, and with it every
-            error, turns the other way.
+        roll: rotation about the optical axis, clockwise seen from behind, degrees. The picture turns the other way,
+            and errors in the picture turn with it.
         shake: standard deviation of a small random rotation in each step, degrees; a still picture makes no events.
         pos_thres, neg_thres: contrast thresholds, log units.
         sigma_thres: standard deviation of the thresholds over the pixels.
@@ -188,9 +188,9 @@ class Wind(WorldPart):
         gust_time: time constant of the gusts, s.
         since: start of the wind, s after the start of an episode.
 
-    Source: gusts are noise through a first-order filter, as the longitudinal gusts of the Dryden spectra of
-    MIL-F-8785C, section 3.7. For 3 m, the lowest height in its range, and 5 m/s the standard has a deviation of 0.2
-    times the speed and 4.6 s.
+    Source: gusts are noise that passes a first-order filter, like the longitudinal gusts of the Dryden spectra of
+    MIL-F-8785C, section 3.7. At 5 m/s and 3 m, the lowest height of the standard, the standard deviation is 0.2 times
+    the speed, and the time constant is 4.6 s.
     """
 
     _place = "wind"
@@ -239,7 +239,7 @@ class Motors(WorldPart):
     since: float = setting(0.0, "s", at_least=0.0, at_most=100_000.0)
 
     def flown(self, right: float, down: float) -> tuple[float, float]:
-        """Return the flight that results from a command. Both are right and down the picture, shares of v_max."""
+        """Return the speed that results from a commanded speed. Axes: right and down in the picture; unit: v_max."""
         right = -right if self.mirror else right
         c, s = self.gain * cos(radians(self.angle)), self.gain * sin(radians(self.angle))
         return right * c + down * s, down * c - right * s

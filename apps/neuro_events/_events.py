@@ -267,7 +267,7 @@ class Events:
         """Return the events with ``start_us <= t < stop_us``.
 
         Args:
-            start_us: first time, us, of any size.
+            start_us: first time, us. Times beyond the range of int64 are allowed.
             stop_us: end time, us, exclusive.
 
         Raises:

@@ -1,9 +1,9 @@
-"""Training for early decisions: held-out decisions at each moment, and separate trainings on beginnings.
+"""Training for early decisions: decisions on held-out recordings at each moment.
 
-Cross-validation holds out every recording once: the training on the other folds decides on it. Methods with
-`Method.by_moment` train separately for each moment; all other methods score beginnings with the training on whole
-recordings. Either way consists of steps, with a checkpoint after each. Separate trainings first compute the evidence of
-all beginnings, and store it in files of a hundred recordings each:
+Cross-validation holds out each fold once: a recogniser that was trained on the other folds decides on it. Methods with
+`Method.by_moment` are trained separately for each moment, on beginnings of recordings. All other methods are trained on
+whole recordings. Both computations consist of steps, and a checkpoint follows each step. Separate trainings first
+compute the evidence of all beginnings, and store it in files of a hundred recordings each:
 
 ```
 /                  attribute: format
@@ -108,8 +108,8 @@ AT_ONCE = 40
 
 
 Decided = tuple[tuple[Any, Any], Floats, Learnt]
-"""Result of a step: index into (recordings, moments), scores of all classes there, and the training result of the
-moment, which is empty without separate trainings."""
+"""Result of a step: an index into an array (recordings, moments), the scores of all classes at this index, and what was
+learnt for the moment. Without separate trainings the last is empty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ class HeldOut:
 
     @cached_property
     def steps(self) -> list[tuple[int, Ints]]:
-        """The steps: (moment, all recordings) with separate trainings, else (fold, some of its held-out recordings)."""
+        """The steps: a moment with all recordings, or a fold with some of its held-out recordings."""
         if self.recogniser.method.by_moment:
             return [(moment, np.arange(len(self.data))) for moment in range(len(self.times))]
         return [
@@ -174,9 +174,9 @@ class HeldOut:
             yield (slice(None), moment), scores, method.fit(features, course)
 
     def wholes(self, start: int) -> Iterator[Decided]:
-        """Score beginnings with trainings on the other folds' whole recordings; skip the first `start` steps.
+        """Train once per fold on whole recordings, and score held-out beginnings; skip the first `start` steps.
 
-        The training of a fold is saved as a recogniser of its own, so that an interruption loses little work.
+        Each fold's training is saved as a separate recogniser, so that an interruption loses little work.
         """
         method, classes, course = self.recogniser.method, self.recogniser.classes, self.course
         options: Any = {"seed": course.seed, "backend": course.backend, "report": course.report}
@@ -188,9 +188,9 @@ class HeldOut:
         current_fold: int | None = None
         for fold, rows in self.steps[start:]:
             if fold != current_fold:
-                message = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
+                digest = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
                 other_features = features.take(self.folds[fold][0])
-                fold_recogniser = learn(method, other_features, message, out=self.file(f"fold{fold}"), **options)
+                fold_recogniser = learn(method, other_features, digest, out=self.file(f"fold{fold}"), **options)
                 current_fold, ask = fold, method.asker(fold_recogniser.learnt, self.backend)
             evidence = [item for row in rows.tolist() for item in seen_until(method, self.data[row], self.times)]
             scores = ask(unlabelled(evidence, classes)).scores
@@ -208,7 +208,7 @@ class HeldOut:
         all_margins = np.array(state.get("margins", np.full(shape, np.nan)))
         is_right = np.array(state.get("right", np.zeros(shape, bool)))
         learnt: dict[str, Array] = dict(state.get("learnt", {}))
-        if not state:  # first of all files, so that an error about changed options names the options of this call
+        if not state:  # before all other files, so an error about changed options comes from this checkpoint
             checkpoint.keep(done=np.array(0), margins=all_margins, right=is_right, learnt=learnt)
         start, labels, total = int(state.get("done", 0)), self.data.labels, len(self.steps)
         step_results = self.separate_trainings if self.recogniser.method.by_moment else self.wholes
@@ -221,8 +221,8 @@ class HeldOut:
             checkpoint.keep(done=np.array(k + 1), margins=all_margins, right=is_right, learnt=learnt)
             self.report(Progress("deciding on held-out recordings", k + 1, total))
         arrays_by_moment: list[dict[str, Array]] = [{} for _ in range(len(self.times) if learnt else 0)]
-        for place, part in learnt.items():
-            moment, _, name = place.partition(".")
+        for key, part in learnt.items():
+            moment, _, name = key.partition(".")
             arrays_by_moment[int(moment)][name] = part
         return Early(Held(self.times, all_margins, is_right, labels), tuple(arrays_by_moment))
 
@@ -251,7 +251,7 @@ def learn_early(
         recogniser: recogniser that was trained on whole recordings.
         data: labelled recordings of the same classes, best those of the training.
         every_ms: time between moments, ms, up to the end of the longest recording.
-        folds: number of folds; the training on the others decides on each.
+        folds: number of folds; a training on all other folds decides on each fold.
         backend: backend that scores recordings; trainings of folds use the backend of the recogniser's training.
         out: file for the recogniser, which may be its present one. Checkpoints are stored beside it: the same call
             resumes an interrupted run and gives the same bits.

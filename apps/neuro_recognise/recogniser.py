@@ -81,7 +81,7 @@ def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Tra
     for name in before | after:
         values = before.get(name), after.get(name)
         if values[0] != values[1]:
-            # A part of the settings is a dict with its name as the only key.
+            # A setting that chooses a part is a dict, whose only key is the name of the part.
             old, new = (next(iter(value)) if isinstance(value, dict) else value for value in values)
             difference = OTHER.get(name, f"{name} = {old}: found {new} now")
             raise ModelError(f"{out}: a recogniser that was trained with {difference}", hint=REPLACE)
@@ -229,7 +229,8 @@ class Recogniser:
 
         Args:
             every_ms: time between decisions, ms.
-            allow: largest share of wrong decisions. `Decision.settled` is true once this error is met; needs `early`.
+            allow: largest share of wrong decisions; needs `early`. `Decision.settled` is true once wrong decisions are
+                expected to stay within this share.
             assurance: probability that the share of wrong decisions stays within `allow`, see `stopping_rule`.
             window_ms: longest stretch of the stream, ms. Then the session forgets all events, and the next event
                 starts a new stretch. None uses the longest recording of `learn_early`, or else 1000 ms.
@@ -264,7 +265,7 @@ class Recogniser:
         return ask
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
-        """Return scores, those of other decision rules, and the network's run. Arguments and errors: see `scores`."""
+        """Return scores, scores by other decision rules, and the network's run. Arguments and errors: see `scores`."""
         self._cache.asker(self.method, self.learnt, backend)  # raises errors before any recording is read
         return self.answer_shown(self.shown(recordings), backend)
 

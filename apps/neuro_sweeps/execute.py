@@ -31,7 +31,7 @@ OnKept = Callable[[str], None]
 
 
 class KnownRuns:
-    """Runs that are known beforehand, as a source of those that are missing in a folder.
+    """Source of the runs that a folder lacks, out of runs that are known beforehand.
 
     Args:
         items: the runs.
@@ -49,7 +49,7 @@ class KnownRuns:
         self._counts = {"done": len(outcomes) - failed, "failed": failed, "left": len(self._missing)}
 
     def next_runs(self, number: int) -> Sequence[RunItem]:
-        """Return all missing runs, the first time."""
+        """Return all missing runs in the first call, and none in later calls."""
         items, self._missing = self._missing, []
         return items
 
@@ -63,7 +63,7 @@ class KnownRuns:
         return self._counts
 
     def claims_of_others(self) -> Sequence[str]:
-        """Return nothing: no other process decides which runs there are."""
+        """Return no claims: only trials of a search have claims of other processes, and all these runs are known."""
         return ()
 
     def finished(self) -> bool:
@@ -71,7 +71,7 @@ class KnownRuns:
         return True
 
     def close(self) -> None:
-        """Do nothing: runs are claimed by who does them."""
+        """Do nothing, because this source holds no claims: the process that does a run claims it."""
 
 
 def execute(
@@ -95,7 +95,8 @@ def execute(
         on_kept: called with the key of each kept run.
 
     Returns:
-        The numbers of runs that are done, failed and left, or of trials, also those that are pruned.
+        For a sweep, the numbers of runs that are done, failed and left. For a search, these numbers of trials, and the
+        number of pruned trials.
 
     Raises:
         ModelError: the folder belongs to another sweep or search, or cannot be written; there are no such workers; the
@@ -106,7 +107,7 @@ def execute(
         _begin(runs, folder)
         items = [item for k, item in enumerate(runs.items, 1) if share is None or k % share[1] == share[0]]
         return _do(runs, folder, executor, KnownRuns(items, folder, retry), bar, on_kept)
-    optuna()  # an error before the folder is created
+    optuna()  # raises an error if Optuna is missing, before the folder is created
     if retry and share is not None:
         message = "retry_failed repeats the failed runs of all shares: expected no share"
         raise ModelError(message, hint="retry without a share first, then run the shares")
@@ -169,9 +170,10 @@ def _do(
 def _do_all(
     pool: Processes | Here | Cluster, folder: Folder, source: KnownRuns | Asker, on_run: OnRun, bar: Bar | None
 ) -> None:
-    """Do the runs of a source. Wait for runs and trials of other processes, and name these while nothing else is done.
+    """Do the runs of a source, and wait for runs and trials of other processes.
 
-    This process alone does not wait for others if all runs are known.
+    If the pool has nothing to do, the progress bar names the other processes. If the pool is `Here` and the source is
+    `KnownRuns`, it does not wait.
     """
     foreign_items: list[RunItem] = []
     while True:

@@ -1,4 +1,4 @@
-"""Places where runs are done: this process, processes of this machine, a Dask cluster; with a share for array jobs.
+"""Places where runs are done: this process, processes of this machine, or a Dask cluster; and shares for array jobs.
 
 Processes are those of `neuro.core.processes`, see `neuro_sweeps.worker`. A process writes the result of a run to disk
 before reporting it. So the folder always names the finished runs, whichever process is killed. A cluster returns only
@@ -64,7 +64,7 @@ def ends_of(folder: Folder, task: processes.Task) -> list[bool | None]:
 
 
 class Here:
-    """This process, which does one job after the other, in the place of `Processes`.
+    """This process as the place of runs, with the methods of `Processes`. Jobs are done one after the other.
 
     Args:
         worker: does a run.
@@ -84,7 +84,7 @@ class Here:
         return bool(self._tasks)
 
     def put(self, job: Sequence[RunItem]) -> None:
-        """Runs to do."""
+        """Add a job: runs to do."""
         self._tasks.append(processes.Task(job))
 
     def hear(self, seconds: float | None) -> list[processes.Task]:
@@ -107,10 +107,10 @@ _thread = local()
 
 
 class Cluster:
-    """The workers of a Dask cluster, in the place of `Processes`.
+    """The workers of a Dask cluster as the place of runs, with the methods of `Processes`.
 
     Args:
-        where: address of the scheduler, or the file that the scheduler writes.
+        address: address of the scheduler, or the file that the scheduler writes.
         folder: folder of the sweep, which all workers must see.
 
     Raises:
@@ -140,7 +140,7 @@ class Cluster:
         return bool(self._jobs)
 
     def put(self, job: Sequence[RunItem]) -> None:
-        """Runs to do, one after the other."""
+        """Submit a job: runs that a worker does one after the other."""
         future = self._client.submit(do, self._path, job, pure=False, retries=2)
         self._jobs[future] = job
         future.add_done_callback(self._ended.put)
@@ -287,7 +287,7 @@ def _share_of(text: Any) -> tuple[int, int]:
 
 
 def pool_of(runs: Runs, folder: Folder, executor: Executor) -> processes.Processes | Here | Cluster:
-    """Return what does the runs at an executor's place, and has to be closed.
+    """Return the pool that does the runs at the executor's place. The caller closes it.
 
     Args:
         runs: the sweep or search, with the limits of a run.

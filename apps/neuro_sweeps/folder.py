@@ -1,7 +1,7 @@
 """The folder of a sweep or a tuning. Each run is a folder, whose name is the hash of the run's inputs.
 
 ```
-sweep.json        the run, its space and limits, provenance; tune.json of a tuning
+sweep.json        the run, its space and limits, provenance (in a tuning: tune.json)
 runs/HASH/        a run
     run.json      point, seed, outcome, metrics or error, seconds, provenance
     results.h5    recorded data, if they are kept
@@ -11,9 +11,9 @@ claims/HASH       the process that works on the run
 A run is written to a temporary folder, which is renamed when the run is complete. If two processes do the same run, the
 first is kept. A run that does not match its checksum is damaged, counts as missing, and is done again.
 
-A claim is a file for each running run, which is created only if there is none. A process removes its claims when the
-runs are kept, or when it closes, e.g. after an interrupt. The claim of a dead process is taken over: on the machine of
-that process at once, on other machines when the file has not been touched for a while.
+Each running run has a claim, a file that a process creates only if it does not exist. A process removes its claims
+when the runs are kept, or when it closes, e.g. after an interrupt. The claim of a dead process is taken over: on the
+machine of that process at once, on other machines when the file has not been touched for a while.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ LEASE_S = 60.0
 """A claim of another machine is void if its file was last touched this long ago, or lies this far in the future."""
 
 WRITING_S = 1.0
-"""The same time for an empty claim, which its process may not have written yet."""
+"""An empty claim is void after this time. Until then its process may still be about to write it."""
 
 BEAT_S = 10.0
 """Interval in seconds at which a process touches its claims."""
@@ -100,12 +100,12 @@ class Claims:
         return is_mine
 
     def give_up(self, key: str) -> None:
-        """Remove a claim: the run is kept, or has not begun."""
+        """Remove the claim of a run that is kept, or that has not begun."""
         self._keys.discard(key)
         (self._folder / key).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Remove all claims. This process lives on, so other processes could not take them over."""
+        """Remove all claims. Other processes cannot take over the claims of this process while this process lives."""
         self._stop.set()
         for key in tuple(self._keys):
             self.give_up(key)
@@ -245,7 +245,7 @@ def began(process: int) -> str:
 DONE, FAILED, PRUNED = "done", "failed", "pruned"
 _RUN = "neuro run of a sweep 1"
 _TEXTS = {"network": ("file", "backend"), "function": ("name", "module", "file")}
-"""Required texts of a run in the file of a folder, by kind of the run."""
+"""Keys that must have a text in the description of a run in the folder's file, by kind of the run."""
 SUM = "sum"
 """Key of the checksum of runs, and of lines of a journal."""
 
@@ -340,8 +340,8 @@ class Folder:
 
         Args:
             content: content of the folder's file.
-            same: key of `content` whose value is equal in the same sweep.
-            what: key of `content` with the inputs of the runs, whose difference the error message names.
+            same: key of `content` whose value tells whether two sweeps are the same.
+            what: key of `content` with the inputs of the runs. An error message names the first input that differs.
 
         Raises:
             ModelError: the folder belongs to another sweep, has other files, or cannot be written.
@@ -494,7 +494,7 @@ class Folder:
         shutil.rmtree(temporary, ignore_errors=True)
 
     def _temporary(self, key: str) -> Path:
-        """Return a new temporary name for a run, which contains the process."""
+        """Return a new temporary path for a run. Its name contains the number and the start time of this process."""
         return self.runs / f".{key}.{_tag()}.{os.getpid()}-{began(os.getpid())}.{next(_number)}"
 
 
@@ -509,7 +509,7 @@ def sum_of(content: Mapping[str, Any], before: str = "") -> str:
 
     Args:
         content: the data.
-        before: checksum of the data before, which is included.
+        before: checksum of the preceding data; it is part of the data over which the checksum is computed.
     """
     return f"{zlib.crc32((before + json.dumps(content, separators=(',', ':'), sort_keys=True)).encode()):08x}"
 
@@ -521,7 +521,7 @@ def _tag() -> str:
 
 
 def _difference(value: Any, reference: Any) -> str:
-    """Return a value as text, cut at 80 characters; of a mapping only the entries that differ from the other."""
+    """Return a value as text, cut at 80 characters. Of a mapping, show only entries that `reference` does not have."""
     if isinstance(value, Mapping) and isinstance(reference, Mapping):
         value = {name: entry for name, entry in value.items() if reference.get(name) != entry}
     text = json.dumps(value)

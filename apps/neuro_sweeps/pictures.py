@@ -37,7 +37,7 @@ class PlotData:
         metric: name of the metric.
         names: names of the parameters: that of the horizontal axis, then those of lines or rows.
         points: values of the parameters, and the metric of each run at these values.
-        averaged: sources of the values in a mean: parameters that vary and are not drawn, and "seeds" if several.
+        averaged: what the means are over: parameters that vary but are not drawn, and "seeds" if there are several.
     """
 
     kind: str
@@ -80,7 +80,7 @@ class PlotData:
         return lines
 
     def first_lines(self, most: int) -> tuple[PlotData, int]:
-        """Return the data of the first lines, and the number of further lines; other kinds unchanged."""
+        """Return the data of the first `most` lines, and the number of other lines. Other kinds do not change."""
         line_keys = [values[1:] for values, _ in self.points] if self.kind == "lines" else []
         names = list(dict.fromkeys(line_keys))
         points = tuple(point for point in self.points if not names or point[0][1:] in names[:most])
@@ -204,7 +204,7 @@ def axis_values(values: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def is_log(values: Sequence[Any]) -> bool:
-    """Return whether a logarithmic axis suits: steps of about equal factors, or many numbers over a wide range."""
+    """Return whether a logarithmic axis suits: if values grow by about equal factors, or if many span a wide range."""
     if len(values) < 3 or not all(map(is_number, values)) or min(values) <= 0 or max(values) / min(values) < 20:
         return False
     steps = np.diff(np.log(np.sort(np.array(values, float))))
@@ -245,7 +245,7 @@ def draw(data: PlotData, title: str = "", wide: float = WIDE) -> Figure:
 
     Args:
         data: data with units.
-        title: title of the figure, to which a line about means is added; "" for the figures of a page.
+        title: title of the figure. A line about means is added below it. "" draws neither, for the figures of a page.
         wide: width of the figure in inches; parallel coordinates of many parameters are wider.
     """
     figure = _DRAW[data.kind](data, title, wide)
@@ -369,7 +369,7 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
 
 
 def _marks(values: Sequence[Any]) -> list[tuple[float, str]]:
-    """Return positions (see `axis_positions`) and texts of marks: the values if they are few or texts, else ticks."""
+    """Return positions (see `axis_positions`) and texts of marks: ticks for many numbers, else all or some values."""
     pairs = list(zip(axis_positions(values).tolist(), map(short_text, values), strict=True))
     if len(values) <= MOST_MARKS or not all(map(is_number, values)):
         return pairs[:: -(-len(pairs) // MOST_MARKS)]
@@ -445,22 +445,22 @@ def _history(table: TuneTable, finished: Sequence[TrialRow], title: str, wide: f
 
 
 def _front(table: TuneTable, finished: Sequence[TrialRow], title: str, wide: float) -> Figure:
-    """Draw the first two objectives against each other, with the Pareto front as steps. A cost is horizontal."""
+    """Draw two objectives and the Pareto front as steps. The horizontal axis has the minimised one, if any."""
     figure, (axis,) = _figure(title, wide)
     first, second = list(table.plan.objectives.items())[:2]
-    (x_name, x_way), (y_name, y_way) = [second, first] if first[1] == MAXIMISE else [first, second]
+    (x_name, x_direction), (y_name, y_direction) = [second, first] if first[1] == MAXIMISE else [first, second]
     (x_factor, x_label), (y_factor, y_label) = (_unit(table, name, finished) for name in (x_name, y_name))
     x, y = x_factor * _column(table, finished, x_name), y_factor * _column(table, finished, y_name)
     front_trials = table.best()
     front_x, front_y = x_factor * _column(table, front_trials, x_name), y_factor * _column(table, front_trials, y_name)
-    order = np.lexsort((front_y if y_way == MAXIMISE else -front_y, front_x))
+    order = np.lexsort((front_y if y_direction == MAXIMISE else -front_y, front_x))
     axis.plot(x, y, "o", color="0.7", markersize=4, label="trials", gid="trials")
     figure.titles["trials"] = [
         f"trial {trial.number}: {y_label} {curves.few(y_value)}, {x_label} {curves.few(x_value)}"
         for trial, x_value, y_value in zip(finished, x.tolist(), y.tolist(), strict=True)
     ]
     if len(table.plan.objectives) == 2:
-        step_side = "post" if x_way != MAXIMISE else "pre"
+        step_side = "post" if x_direction != MAXIMISE else "pre"
         axis.step(front_x[order], front_y[order], where=step_side, color=COLOURS[0], linewidth=1.2)
     axis.plot(front_x, front_y, "o", color=COLOURS[0], markersize=6, label="front (no trial beats these)")
     pairs = [(row.get(f"test.{x_name}"), row.get(f"test.{y_name}")) for row in table.rows()]
@@ -470,8 +470,8 @@ def _front(table: TuneTable, finished: Sequence[TrialRow], title: str, wide: flo
         axis.plot(
             x_factor * test_x, y_factor * test_y, "x", color=COLOURS[1], markersize=7, label="front on held-out data"
         )
-    axis.set_xlabel(literal(f"{x_label}, {x_way}d"))
-    axis.set_ylabel(literal(f"{y_label}, {y_way}d"))
+    axis.set_xlabel(literal(f"{x_label}, {x_direction}d"))
+    axis.set_ylabel(literal(f"{y_label}, {y_direction}d"))
     axis.legend(frameon=False, fontsize="small", loc="best")
     return figure
 

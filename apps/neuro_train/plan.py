@@ -32,16 +32,16 @@ class TrainingPlan(Settings):
         window: used part of a larger sensor: "centred" on the events of each recording, or column and row of the
             first pixel, as in "40,32"; None if the sensor is as large as the population.
         batch: number of recordings for each step of learning.
-        rate: largest learning rate of the cycle, for weights of about 0.1 in their unit. It is ten times as large for
-            weights ten times as large, and so on. For delays and parameters of neurons it holds in their unit.
-        decay: share of a weight, times the rate, that is lost in each step; nothing else decays.
+        rate: largest learning rate of the cycle, for weights of about 0.1 in their unit. The rate of
+            other weights is in proportion to their size. For delays and parameters of neurons it holds in their unit.
+        decay: in each step a weight loses the share `decay` times the rate. Only weights decay.
         loss: name of a loss in `LOSSES`; "mse" compares the output's potentials with targets, the others use labels.
-        temperature: lead in spikes, mV or steps that makes a class e times as likely.
+        temperature: lead in spikes, mV or steps that makes a class e (2.72) times as likely.
         surrogate, slope: see `neuro_torch.surrogates`.
         shift: largest random shift of recordings along each axis, px.
         warp: largest random rotation in rad, and largest relative change of size and shear.
         mirror: share of the recordings, drawn at random, that are mirrored, left to right.
-        cost: increase of the loss for a microjoule of a recording, by chip.
+        cost: increase of the loss for each microjoule that a recording takes on a chip, by name of the chip.
         bits: number of bits of the weights during the training, on the grid of `chip`; None does not round.
         on: chip whose grid the weights use; by default the first of `cost`, or Loihi.
         prune: share of the synapses that is removed after half of the epochs, the smallest weights first.
@@ -168,7 +168,7 @@ def costs(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _numbers(option: str, texts: Sequence[str], example: str, expected: Callable[[str], str]) -> dict[str, float]:
-    """Return numbers by name from texts; `expected` gives the number that a name takes, for messages."""
+    """Return numbers by name from texts. `expected` describes the numbers that a name accepts, for error messages."""
     numbers = {}
     for text in texts:
         name, equals, value = text.partition("=")

@@ -164,7 +164,7 @@ class Dataset(Sequence[tuple[Any, int]]):
         return self[order]
 
     def per_class(self, n: int, *, seed: int | None = None) -> Self:
-        """Return n samples of each class with samples, in the order of the data set.
+        """Return n samples of each class that has samples. The order of the data set does not change.
 
         Args:
             n: number of samples per class.
@@ -250,9 +250,9 @@ class Dataset(Sequence[tuple[Any, int]]):
     ) -> StoredDataSet:
         """Write all samples to one HDF5 file as ``/<class>/<sample>``, with several processes.
 
-        After an interruption, the same call resumes: finished samples are in a folder beside the file, which appears
-        when it is complete. A script that calls this method needs ``if __name__ == "__main__":``, as any that starts
-        processes.
+        After an interruption, the same call resumes, because finished samples are stored in a folder beside the file.
+        The file appears when all samples are finished. A script that calls this method needs
+        ``if __name__ == "__main__":``, like every script that starts processes.
 
         Args:
             path: the file. It may exist only if it is the result of the same call.

@@ -162,7 +162,7 @@ MANIFEST = "MANIFEST.csv"
 MANIFEST_COLUMNS = ("file", "label", "class")
 
 TABLES = (".csv", ".txt")
-"""Endings that count as recordings only if there are no others, since notes and lists have them too."""
+"""Endings of tables. Notes have them too, so tables count as recordings only if there are no other event files."""
 
 _POKER = re.compile(r"x?(club|diamond|heart|spade)\d+i?\.aedat")
 _POKER_ES = re.compile(r"(tr|ts)(cl|di|he|sp)\d+\.es")
@@ -222,7 +222,7 @@ class Layout:
 
 
 def recordings_in(files: Files) -> list[str]:
-    """Return the names of event files, of tables only if there are no others."""
+    """Return the names of event files. Tables are returned only if there are no other event files."""
     endings = tuple(suffix for f in FORMATS.values() for suffix in f.suffixes)
     events = [name for name in files if name.lower().endswith(endings)]
     other_files = [name for name in events if not name.lower().endswith(TABLES)]
@@ -288,7 +288,7 @@ def _find_poker_es(path: str, files: Files) -> list[LayoutItem]:
 
 
 def _all_in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
-    """Return a test whether there are recordings, and all have an ending and are in some of the folders."""
+    """Return a function that tells whether there are recordings, all with this ending and in one of the folders."""
 
     def fits(files: Files) -> bool:
         events = [PurePosixPath(name) for name in recordings_in(files)]
@@ -298,7 +298,7 @@ def _all_in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
 
 
 def _all_match(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
-    """Return a test whether there are recordings, and all names match a pattern."""
+    """Return a function that tells whether there are recordings whose names all match a pattern."""
 
     def fits(files: Files) -> bool:
         events = recordings_in(files)

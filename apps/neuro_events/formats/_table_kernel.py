@@ -7,8 +7,8 @@ from neuro.extend import allocating, kernel, subkernel
 
 NOT_A_NUMBER, TOO_FEW, TOO_MANY, NOT_WHOLE, OUT_OF_RANGE = 1, 2, 3, 4, 5
 _LOW = np.int64(-922337203685477580)
-"""Lowest number that can be multiplied by ten. Digits are accumulated as negative numbers, because int64 has one more
-of those than of positive ones."""
+"""Lowest number whose tenfold fits into int64. Digits are accumulated to a negative number, because int64 reaches one
+further below 0 than above."""
 
 
 @allocating
@@ -26,7 +26,7 @@ def parse(data, columns, where, unit, t, x, y, p):
         p: uint8, output.
 
     Returns:
-        The number of events, the byte and line at which parsing ended, and the fault there with its column (0: none).
+        The number of events, the byte and line at which parsing ended, the fault there (0: none), and its column.
     """
     n = 0
     at = 0
@@ -76,7 +76,7 @@ def parse(data, columns, where, unit, t, x, y, p):
 
 @kernel
 def rows(data, event, begin):
-    """Find the byte and line at which an event begins. Without such an event, the last line with one counts.
+    """Find the byte and line at which an event begins. If there are fewer events, find those of the last event.
 
     Args:
         data: uint8, complete lines.
@@ -133,7 +133,7 @@ _FALSE = np.frombuffer(b"false", np.uint8)
 
 @subkernel
 def _truth(data, at, end):
-    """Return 1 for "true", 0 for "false" in any case, and -1 for other text."""
+    """Return 1 for "true", 0 for "false", and -1 for other text. Letters may be upper or lower case."""
     if end - at < 4 or end - at > 5:
         return -1
     word = _TRUE if end - at == 4 else _FALSE
@@ -158,15 +158,15 @@ def _number(data, at, end, unit, rounded):
     digits = 0
     point = False
     lost = False
-    full = False
+    is_full = False
     while at < end:
         digit = np.int64(data[at]) - 48
         if digit == -2 and not point:
             point = True
         elif 0 <= digit <= 9:
             digits += 1
-            full |= value < _LOW or (value == _LOW and digit > 8)
-            if not full:
+            is_full |= value < _LOW or (value == _LOW and digit > 8)
+            if not is_full:
                 value = 10 * value - digit
                 power -= point
             elif point:
@@ -182,7 +182,7 @@ def _number(data, at, end, unit, rounded):
         if data[at] != 69 and data[at] != 101:
             return value, NOT_A_NUMBER
         at += 1
-        down = at < end and data[at] == 45
+        negative_exponent = at < end and data[at] == 45
         if at < end and (data[at] == 45 or data[at] == 43):
             at += 1
         if at == end or end - at > 4:
@@ -194,7 +194,7 @@ def _number(data, at, end, unit, rounded):
                 return value, NOT_A_NUMBER
             exponent = 10 * exponent + digit
             at += 1
-        power += -exponent if down else exponent
+        power += -exponent if negative_exponent else exponent
     value, wrong = _scaled(value, power, lost, rounded)
     if negative:
         return value, wrong
@@ -205,7 +205,7 @@ def _number(data, at, end, unit, rounded):
 
 @subkernel
 def _scaled(value, power, lost, rounded):
-    """Multiply a number <= 0 by a power of ten; `lost`: the number had further digits.
+    """Multiply a number <= 0 by a power of ten. `lost` states that digits other than 0 were cut off the number.
 
     Returns:
         The number, and a fault (0: none).

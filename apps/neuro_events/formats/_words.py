@@ -85,7 +85,7 @@ class Layout(NamedTuple):
         is_big: words are big-endian.
         is_signed: the time may be negative.
         waits: drop events before the first word that states a time.
-        least: size of the shortest item that is not an event, bytes; 0: the size of an event.
+        least: size of the shortest item in the data, bytes, if some items are shorter than an event; else 0.
         group: number of words that are decoded as a group if all are events; otherwise one by one.
     """
 
@@ -187,7 +187,7 @@ class Decoder:
         return replace(self, state=self.state.copy())
 
     def find(self, data: Bytes, event: int) -> int:
-        """Return the byte at which an event begins: `size` before the end of the shortest data that contain it."""
+        """Return the byte at which an event begins. The event ends at the end of the shortest data with it."""
         decoder, at = self.copy(), 0
         while event >= (count := decoder.count(data[at : at + FIND_STEP])):
             event -= count

@@ -3,13 +3,13 @@
 Names and units are as in `_columns`. Versions 5 to 7 are decoded here, version 7.3 by h5py, both completely into
 memory. SciPy also reads version 5, but crashes with a segmentation fault on some damaged files.
 
-Version 5: 128 bytes of header, then elements of a type and a size (or both in four bytes, with up to four bytes of
-content), padded to 8 bytes. A matrix is an element of elements: flags and class, shape, name, content. Compressed
-elements are zlib streams. Numbers become arrays (flat, in the file's order), structs mappings, cells and arrays of
-structs lists. Text, sparse matrices, objects and functions are skipped.
+Version 5 has 128 bytes of header, then elements. An element is a type, a size and content, padded to 8 bytes; type and
+size take 8 bytes, or 4 if the content has at most 4. A matrix is an element that contains elements: flags and class,
+shape, name, content. Compressed elements are zlib streams. Numbers become arrays (flat, in the file's order). Structs
+become mappings. Cells and arrays of structs become lists. Text, sparse matrices, objects and functions are skipped.
 
-A struct with ``ts`` beside ``x``, ``y``, ``p`` (the ``TD`` of Orchard's scripts, and in DVS-BARREL also the cells of
-``ROI``) counts columns and rows from 1, so 1 is subtracted; its polarities may be 1 for OFF and 2 for ON. A struct with
+A struct with ``ts`` beside ``x``, ``y``, ``p`` counts columns and rows from 1, so 1 is subtracted. Its polarities may
+be 1 for OFF and 2 for ON. Examples: ``TD`` of Orchard's scripts, the cells of ``ROI`` in DVS-BARREL. A struct with
 ``timeStamp`` (jAER's AedatTools: ``aedat.data.polarity``) and vectors in the file itself count from 0.
 ``metadata`` has ``variable`` and ``counted_from``. `load` reads files with one recording, `samples` with any number.
 
@@ -170,7 +170,7 @@ CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13:
 DEPTH = 8
 """Largest depth of nested structs and cells. Deeper ones are skipped."""
 ITEMS = 1000
-"""Largest number of cells, structs or fields that are read from one."""
+"""Largest number of items that are read from one cell array, array of structs or struct."""
 UNPACKED = 1 << 32
 """Largest unpacked size of a compressed variable, bytes."""
 
@@ -251,7 +251,7 @@ def _value(kind: int, complex_: bool, count: int, parts: Any, order: str, depth:
 def _structs(parts: Any, order: str, depth: int) -> Any:
     """Return a struct as a mapping, or an array of structs as a list of mappings.
 
-    The parts are the length of a field's name, the names, then the fields of one struct after the other.
+    The first part is the length of a field's name, the second all names. The others are the fields, struct by struct.
     """
     try:
         width, names = (next(parts)[1] for _ in range(2))

@@ -18,7 +18,7 @@ _ANSWERS = ("get_data", "get_spike_counts", "mean_spike_count", "spinnaker_get_d
 
 
 class Recorder(recording.Recorder):
-    """PyNN's recorder. Stores which variables are recorded; its data have no spikes, and constant states."""
+    """PyNN's recorder: stores which variables are recorded, and returns data without spikes, with constant states."""
 
     _simulator = SIMULATOR
 
@@ -214,7 +214,7 @@ _by_column = LazyArray.by_column
 
 
 def _columns(self: Any, mask: Any = None) -> Iterator[Any]:
-    """Return columns as arrays, also those of one row: PyNN 0.13 indexes them, and NumPy 2.4 cannot index a number."""
+    """Return each column as an array. PyNN 0.13 indexes columns, but a single row gives a number without index."""
     return (column if column is True else np.atleast_1d(column) for column in _by_column(self, mask))
 
 
