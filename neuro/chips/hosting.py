@@ -21,7 +21,7 @@ class HostWork:
     Attributes:
         name: name of the part, e.g. "shares of cells".
         work: operations and bytes of one use, as `neuro.coding.Work` counts them; None without a count.
-        each: unit of a use, e.g. "control step".
+        each: what one use is for, e.g. "control step".
         steps: network steps from one use to the next; 0 if `times` says the number of uses.
         times: number of uses in the run where `steps` is 0.
     """
@@ -50,10 +50,10 @@ class HostWork:
 def mean_work(
     parts: Mapping[str, Works], uses: Mapping[str, float | None], runs: int, each: str = "recording"
 ) -> tuple[HostWork, ...]:
-    """Return the mean work of each part of the host in a run, e.g. of a recording.
+    """Return the mean work of each part of the host in one run. A run is e.g. the classification of a recording.
 
     Args:
-        parts: operations by the unit of a use, by part.
+        parts: operations of each part, by the unit that one use is for, e.g. "event" or "frame".
         uses: number of uses in all runs, by unit; None if unknown.
         runs: number of runs.
         each: unit of a run, e.g. "recording".

@@ -10,8 +10,8 @@
 | several spikes of a generator in a step | one | a payload |
 | refractory period, learning | yes | no |
 
-All weight words are compared, and the registers in every step of a run on both chips. The parameters of a network in
-the registers of one chip are converted for the other chip.
+All weight words are compared. The registers are compared in every step of a run on both chips. Models of one
+chip, whose parameters are registers, are converted to models of the other chip.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class RuleDifference:
         part: part of the network.
         where: synapse, or neuron and step, and quantity.
         loihi, loihi2: value on each chip.
-        why: rule that causes the difference, if weights or counts show it; "" if the difference follows from earlier
-            differences.
+        why: rule that causes a difference of weights or counts, or the reason of a refusal; "" for registers, whose
+            difference may follow from earlier differences.
     """
 
     part: str
@@ -114,7 +114,7 @@ def loihi_rules(net: Network, duration: float = 100.0, seed: int = 0) -> LoihiRu
         raise ModelError(f"duration = {duration} ms: expected a finite time >= 0 ms")
     program = compile_network(net, seed)
     programs = []
-    for name in CHIPS:  # convert parts in the registers of the other Loihi
+    for name in CHIPS:  # convert parts that are written for the other Loihi
         populations = tuple(_population(part, name) for part in program.populations)
         native = [part.model.chip == name for part in populations]
         projections = tuple(_projection(part, name, native[part.target]) for part in program.projections)
@@ -145,9 +145,9 @@ def _population(part: Population, name: str) -> Population:
     return replace(part, model=model(), parameters={word: (common | added)[word] for word in quantities})
 
 
-def _projection(part: Projection, name: str, native: bool) -> Projection:
+def _projection(part: Projection, name: str, target_is_native: bool) -> Projection:
     synapse = _CLASSES[name][1]
-    if not native or not isinstance(part.synapse, (loihi_static, loihi2_static, static)):
+    if not target_is_native or not isinstance(part.synapse, (loihi_static, loihi2_static, static)):
         return part
     parameters = {} if isinstance(part.synapse, static) else part.synapse.parameters()
     return part if isinstance(part.synapse, synapse) else replace(part, synapse=synapse(**parameters))
@@ -169,9 +169,9 @@ def _words(program: Program, fixed: list[FixedProgram]) -> Iterator[RuleDifferen
             continue
         # Values added by a spike to the input of a step, for each weight, before the sum is rounded.
         added, added2 = np.broadcast_arrays(*(w.words.astype(np.float64) / (1 << w.shift) for w in (loihi, loihi2)))
-        wrong = np.flatnonzero(added != added2)
-        if wrong.size:
-            k, count = wrong[0], f"{wrong.size:,} of {added.size:,} weights"
+        differing = np.flatnonzero(added != added2)
+        if differing.size:
+            k, count = differing[0], f"{differing.size:,} of {added.size:,} weights"
             reason = "the sum is shifted, not each weight" if loihi2.shift else "mixed mantissas are rounded down"
             place = f"weight[{k}], {count}"
             yield RuleDifference(part.name, place, f"{added[k]:g}", f"{added2[k]:g}", reason)
@@ -188,11 +188,11 @@ def _registers(program: Program, engines: list[Engine], steps: int) -> Iterator[
         for k in sorted(equal_so_far):
             for name in ("u", "v"):
                 loihi, loihi2 = (engine.registers(k, name) for engine in engines)  # type: ignore[attr-defined]
-                wrong = np.flatnonzero(loihi != loihi2)
-                if wrong.size and k in equal_so_far:
+                differing = np.flatnonzero(loihi != loihi2)
+                if differing.size and k in equal_so_far:
                     equal_so_far.discard(k)
-                    neuron = wrong[0]
-                    place = f"neuron {neuron}, step {step}: {name}, {wrong.size:,} of {loihi.size:,} neurons"
+                    neuron = differing[0]
+                    place = f"neuron {neuron}, step {step}: {name}, {differing.size:,} of {loihi.size:,} neurons"
                     values = str(loihi[neuron]), str(loihi2[neuron])
                     yield RuleDifference(program.populations[k].name, place, *values, "")
         if not equal_so_far:  # the engines finish the run for its counts

@@ -1,4 +1,4 @@
-"""A grid of jobs with one sealed file of results each. A job with a finished file is skipped."""
+"""A grid of jobs. Each job has a file of results, which ends with a digest. A job with a finished file is skipped."""
 
 from __future__ import annotations
 

@@ -62,12 +62,12 @@ class Quantity:
             network), "receptor" (of neurons), "word" (one of `words`), "shape" (a list of integers), "times" (spike
             times, a list per neuron), "moments" (times at which something changes), "series" (values at moments, in a
             list or a row per neuron), "train" (spikes, a row of time and neuron for each), "graded_train" (with a
-            third column, the payload), "ids", "delay" (of a projection, no parameter of its rule), "names" (a list of
-            names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not drawn),
-            "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of `neuro.coding`),
-            "choice" (a `choice`; with bounds also a number, with `arrays` also numbers), "choices" (`choice`s by
-            name), "expression" (a text), "file" (a path; in YAML inside the folder of the description) or "events"
-            (an object with events, in Python only).
+            third column, the payload), "ids", "delay" (of a projection, and not a parameter of its rule), "names" (a
+            list of names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not
+            drawn), "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of
+            `neuro.coding`), "choice" (a `choice`; with bounds also a number, with `arrays` also numbers), "choices"
+            (`choice`s by name), "expression" (a text), "file" (a path; in YAML inside the folder of the description)
+            or "events" (an object with events, in Python only).
         above, at_least, below, at_most: bounds of every element.
         nonzero: 0 is refused.
         infinite: infinite values are accepted.
@@ -79,7 +79,7 @@ class Quantity:
         choice: base class of the choices of kinds "choice" and "choices".
         of_value: the parameter takes the unit of the value that its distribution or function describes, e.g. `low` of
             `uniform` is in pA if the weight is. Until that unit is known, a number with a unit stays a text.
-        taken_in: unit of numbers with a unit, if `unit` does not give it.
+        taken_in: unit to which a number with a unit is converted, if `unit` is "".
         of_distance: a function of the distance between two neurons is accepted.
         bounds: sign, number and comparison of each bound.
     """

@@ -1,8 +1,8 @@
 """The file of results of a running simulation, written by this process or another one.
 
-If another process writes the file, a run in real time never waits for the disk: `python -m neuro.run.results_file
-SOCKET FILE` executes the calls of a `ResultsFile` that it receives. When the sender ends or is killed, the process
-executes the calls received so far and ends.
+If another process writes the file, a run in real time never waits for the disk. The process `python -m
+neuro.run.results_file SOCKET FILE` receives calls of a `ResultsFile` and executes them. When the sender ends or is
+killed, the process executes the calls received so far and ends.
 """
 
 from __future__ import annotations
@@ -227,7 +227,7 @@ class RemoteFile:
 
 
 def main(number: str, part: str) -> None:
-    """Execute the calls from a socket until it closes."""
+    """Execute the calls from the socket with the file descriptor `number` until the socket closes."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process ends after the last call of the run
     with socket.socket(fileno=int(number)) as pipe, pipe.makefile("rb", buffering=_BUFFER) as calls:
         file = None

@@ -14,7 +14,8 @@ passes is a failure.
 
 A backend that computes in integers declares `arithmetic = "integer"`. Cases whose values are exact only in floats are
 then skipped, and `check_case` returns `NEEDS_FLOATS` for them. Every backend must pass the cases that are also exact in
-integers, and the laws about divided runs, saved states, seeds and counts.
+integers, and the laws. A law is a case with two outcomes that must agree; laws are about runs in parts, saved states,
+seeds and counts.
 
 `check_part` tests a third-party model or rule: it runs generated networks on a backend and on the reference.
 """

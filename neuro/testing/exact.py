@@ -1,8 +1,8 @@
 """Cases whose values are exact in floats and in integers: every backend must equal the reference, spike for spike.
 
 Weights, thresholds and currents are whole numbers of mV, potentials do not leak, and a source emits one spike in a
-step at most, so no arithmetic rounds. A decay, if needed, is one half, and then only spikes and
-counts are compared, with thresholds away from ties. Cases of trials are in `neuro.testing.trials`.
+step at most, so no arithmetic rounds. If a case needs a decay, values halve in each step. Such a case compares only
+spikes and counts, and its thresholds differ from all potentials. Cases of trials are in `neuro.testing.trials`.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def exact_recurrence(start: Start) -> Found:
 @integers_too
 @case
 def exact_parrots(start: Start) -> Found:
-    """Chains of parrots with delays, which ignore weights, and their targets."""
+    """Chains of parrots with delays, and the targets of the chains. Parrots ignore weights."""
     net = driven(5)
     net.population("first", 5, parrot_neuron())
     net.population("second", 5, parrot_neuron())
@@ -156,7 +156,7 @@ def exact_parrots(start: Start) -> Found:
 @integers_too
 @law
 def exact_weights_set_at_an_emission(start: Start) -> tuple[Found, Found]:
-    """Spikes of generators keep the weights of their step; spikes of neurons use weights set after the step."""
+    """A spike of a generator has the weight at its step; a spike of a neuron has the weight set after its step."""
     net = network(1.0)
     net.population("source", 6, spike_generator(spike_times=[[4.0, 5.0]] * 6))
     net.population("parrots", 6, parrot_neuron())
@@ -171,12 +171,12 @@ def exact_weights_set_at_an_emission(start: Start) -> tuple[Found, Found]:
         "some": (pairs(pre=[2, 5], post=[0, 3]), [9.0, 2.0]),
     }
     expected = {}
-    for source, each in (("source", 8.0 + 8.0), ("parrots", 0.0 + 8.0)):
+    for source, per_synapse in (("source", 8.0 + 8.0), ("parrots", 0.0 + 8.0)):
         for way, (rule, delay) in ways.items():
             net.population(f"{source}_{way}", 6, cell(V_th=1000.0))
             net.connect(source, f"{source}_{way}", rule, weight=8.0, delay=delay)
             arriving = {"one": [1] * 6, "listed": [0, 2, 0, 0, 1, 0], "some": [1, 0, 0, 1, 0, 0]}.get(way, [6] * 6)
-            expected[f"{source}_{way}"] = each * np.array(arriving)
+            expected[f"{source}_{way}"] = per_synapse * np.array(arriving)
     sim = start(net)
     for weights in ((4.0, 0.0), (8.0,)):
         sim.run(5.0 if len(weights) == 2 else 1.0)

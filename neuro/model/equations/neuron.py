@@ -1,4 +1,4 @@
-"""Model classes of neurons in equations, with parameters as fields and arithmetic in a generated module."""
+"""Model classes of neurons that equations define. Parameters are fields, and arithmetic is a generated module."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class EquationNeuron(InEquations, Neuron):
 
     @classmethod
     def initial(cls, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the states at time 0 of the definition. By default V_m starts at E_L if both exist."""
+        """Return the states that the definition gives at time 0. By default V_m starts at E_L if both exist."""
         words = list(cls.quantities())
         rows = np.broadcast_arrays(*(np.atleast_1d(parameters[word]) for word in words))
         values = np.zeros((rows[0].size, len(cls.states)))
@@ -57,7 +57,7 @@ class EquationNeuron(InEquations, Neuron):
 
     @classmethod
     def check_steps(cls, parameters: Mapping[str, Any], resolution: float) -> None:
-        """Raise an error for a division by 0 or another constant that is not finite."""
+        """Raise an error for a constant that is not finite, e.g. after a division by 0."""
         try:
             refuse(cls.divisions.mistakes(parameters))
         except ModelError as error:
@@ -65,10 +65,10 @@ class EquationNeuron(InEquations, Neuron):
 
 
 def neuron(name: str, words: Mapping[str, Any]) -> type[EquationNeuron]:
-    """Create the class of a neuron in equations.
+    """Create the class of a neuron in equations from the words of its definition.
 
     Raises:
-        ModelError: the first mistake in the words.
+        ModelError: the first mistake in the definition.
     """
     definition = read(name, words)
     refuse_attributes(definition.parameters, EquationNeuron)
@@ -87,12 +87,12 @@ def neuron(name: str, words: Mapping[str, Any]) -> type[EquationNeuron]:
     taus = [*expressions]
     if definition.threshold is not None:
         expressions["threshold",] = definition.threshold
-    for section, texts_by_name in (
+    for section, expressions_by_name in (
         ("equations", definition.states),
         ("reset", definition.reset),
         ("initial", definition.initial),
     ):
-        expressions |= {(section, word): expression for word, expression in texts_by_name.items()}
+        expressions |= {(section, word): expression for word, expression in expressions_by_name.items()}
     divisions = Divisions(definition.parameters, constants.variables, definition.let, expressions, taus)
     refuse(divisions.mistakes({name: p.default for name, p in definition.parameters.items()}))
     linear = system(definition)
@@ -200,13 +200,13 @@ def _text(neuron_steps: steps.NeuronSteps) -> tuple[str, int]:
         arguments, lines = steps.rates_function(neuron_steps)
         functions.append(function(f"rates({arguments})", "Return the derivative of each state.", lines))
     constant_lines = list(constants.lines())
-    numbers, places = "", len(constants.places)
+    place_lines, places = "", len(constants.places)
     if neuron_steps.integrator == "exact" and linear is not None:
         constant_lines += matrix_lines(linear, constants, "SYSTEM")
-        numbers, places = f"SYSTEM = {places}\n", places + buffer_size(linear)
+        place_lines, places = f"SYSTEM = {places}\n", places + buffer_size(linear)
         if "HELD_SYSTEM" in "".join(step):
             constant_lines += matrix_lines(linear, constants, "HELD_SYSTEM", neuron_steps.hold)
-            numbers, places = numbers + f"HELD_SYSTEM = {places}\n", places + buffer_size(linear)
+            place_lines, places = place_lines + f"HELD_SYSTEM = {places}\n", places + buffer_size(linear)
     functions.insert(0, function("constants(p, h, c)", "Compute the constants.", constant_lines or ["pass"]))
-    text = "\n\n".join(["\n".join([f'"""{definition.name}"""', _HEAD, numbers]).rstrip() + "\n", *functions])
+    text = "\n\n".join(["\n".join([f'"""{definition.name}"""', _HEAD, place_lines]).rstrip() + "\n", *functions])
     return text, max(Neuron.width, len(definition.parameters) + 1, places)

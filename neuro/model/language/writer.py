@@ -150,7 +150,7 @@ LARGEST_INLINE = 64
 NAMED = (
     *("distribution", "code", "profile", "mask", "model", "rule", "synapse", "source", "encoder", "decoder", "teacher"),
 )
-"""Kinds of choices that are written with their name. Others, such as `labels`, are written by parameters only."""
+"""Kinds of choices that are written as name and parameters. Others, such as `labels`, are written without a name."""
 
 
 class Arrays:
@@ -186,10 +186,10 @@ class Arrays:
         return path.resolve().relative_to(folder).as_posix()
 
     def events(self, key: str) -> None:
-        """Return None for events that a program passed, if the text need not be complete.
+        """Return None for events that the user passed as an object in Python, if the text need not be complete.
 
         Raises:
-            ModelError: the text must be complete, which events of a program cannot be.
+            ModelError: the text must be complete, but cannot contain such events.
         """
         if self._folder is not None:
             raise ModelError(

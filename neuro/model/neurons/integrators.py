@@ -16,8 +16,8 @@ next as in NEST. The size 0 stands for a whole step of the grid, which is the in
 whole step is therefore tried for all neurons in a vectorised loop without branches, and the few neurons that need
 shorter steps are integrated afterwards.
 
-Source: Fehlberg, NASA TR R-315, 1969, table III; step control of GSL 2.7, `cstd.c` and `evolve.c`, as used by NEST 3.10
-with an absolute tolerance, and for some neurons one relative to the slope.
+Source: Fehlberg, NASA TR R-315, 1969, table III; step control of GSL 2.7, `cstd.c` and `evolve.c`, as used by NEST
+3.10. The tolerance is absolute. For some neurons it is also relative to the slope.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -107,10 +107,10 @@ def rows(variables: int) -> tuple[FunctionType, FunctionType]:
 def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished):
     """Advance a step of the grid by adaptive steps.
 
-    `attempt` is a step of a method with an error, see `fehlberg`. `take` and `put` come from `rows`. `rates` and
-    `system` are the equations, see the module. `s, c, i_0, lo, hi` are those of a model's `step`. `h` is the step of
-    the grid in ms, `size` the row of `s` with the size of the next adaptive step, and `tolerance` the largest error of
-    a variable per step. `unfinished` is a buffer, e.g. the array `fired` of a model's `step` before it is set.
+    `attempt` is a step of a method with an error estimate, see `fehlberg`. `take` and `put` come from `rows`. `rates`
+    and `system` are the equations, see the module. `s, c, i_0, lo, hi` are those of a model's `step`. `h` is the step
+    of the grid in ms, `size` the row of `s` with the size of the next adaptive step, and `tolerance` the largest error
+    of a variable per step. `unfinished` is a buffer, e.g. the array `fired` of a model's `step` before it is set.
     """
     step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished)
     for i in range(lo, hi):
@@ -139,7 +139,7 @@ def step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, to
 
 
 def step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, h, substeps):
-    """Advance a step of the grid by `substeps` steps of a method without an error, see `runge_kutta`."""
+    """Advance a step of the grid by `substeps` steps of a method without an error estimate, see `runge_kutta`."""
     for _ in range(int(substeps)):
         for i in range(lo, hi):
             put(s, i, rk4(rates, take(s, i), system(s, c, i_0, i), h / substeps))
@@ -207,12 +207,12 @@ def _generate_step(tableau: Tableau, variables: int, decaying: int, by_slope: bo
     def tuple_of_numbered(name: str) -> str:
         return tuple_of([f"{name}_{v}" for v in variables_range])
 
-    def mean(weights: Sequence[float], v: int) -> str:
+    def increment(weights: Sequence[float], v: int) -> str:
         return " + ".join(f"h * {weight!r} * k{stage}_{v}" for stage, weight in enumerate(weights) if weight)
 
     def point(weights: Sequence[float]) -> str:
-        moved = [f"y_{v} + ({mean(weights, v)})" for v in variables_range[:n_free]]
-        return tuple_of(moved + [f"y_{v} * (1.0 + ({mean(weights, v)}))" for v in variables_range[n_free:]])
+        moved = [f"y_{v} + ({increment(weights, v)})" for v in variables_range[:n_free]]
+        return tuple_of(moved + [f"y_{v} * (1.0 + ({increment(weights, v)}))" for v in variables_range[n_free:]])
 
     lines = [f"{tuple_of_numbered('y')} = y"]
     if decaying:
@@ -220,14 +220,14 @@ def _generate_step(tableau: Tableau, variables: int, decaying: int, by_slope: bo
     for stage, weights in enumerate(tableau.stages):
         lines.append(f"{tuple_of_numbered(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
         for v in variables_range[n_free:]:
-            lines.append(f"k{stage}_{v} = rate_{v}" + (f" * (1.0 + ({mean(weights, v)}))" if weights else ""))
+            lines.append(f"k{stage}_{v} = rate_{v}" + (f" * (1.0 + ({increment(weights, v)}))" if weights else ""))
     lines.append(f"{tuple_of_numbered('new')} = {point(tableau.result)}")
     if by_slope:
         lines.append(f"{tuple_of_numbered('slope')} = rates({tuple_of_numbered('new')}, p)")
     if tableau.error:
         lines.append("error = 0.0")
         for v in variables_range:
-            lines.append(f"of_one = abs({f'y_{v} * ' if v >= n_free else ''}({mean(tableau.error, v)}))")
+            lines.append(f"of_one = abs({f'y_{v} * ' if v >= n_free else ''}({increment(tableau.error, v)}))")
             if by_slope:
                 lines.append(f"of_one /= 1.0 + abs(h * slope_{v})")
             lines.append("error = of_one if of_one > error else error")
