@@ -37,11 +37,11 @@ class ChipRegisters:
         self._good = [dict(parameters) for parameters in self.parameters]
 
     def names(self, population: int, name: str) -> tuple[str, ...]:
-        """Return the states of the chip's model whose sum a state is."""
+        """Return the states of the chip's model whose sum equals a state of the population."""
         return self._names[population].get(name, (name,))
 
     def relative_to_rest(self, population: int, parameters: Container[str]) -> list[str]:
-        """Return the name of the potential if one of some parameters can shift the rest of its register."""
+        """Return the name of the potential if one of `parameters` can change the rest at which its register is 0."""
         model = self._program.program.populations[population].model
         if "E_L" not in parameters and not isinstance(model, EquationNeuron):
             return []
@@ -62,7 +62,7 @@ class ChipRegisters:
         return self._arithmetic.current(part, name, arrays)
 
     def units(self, population: int, name: str, values: Floats) -> dict[str, NDArray[np.int32]]:
-        """Return the state registers that hold a state, with values in their units.
+        """Return the state registers that hold a state. Each has its values in its own units.
 
         Raises:
             ModelError: a value does not fit.
@@ -99,7 +99,7 @@ class ChipRegisters:
         return self._arithmetic.bias(self.fixed[population], current)
 
     def register_of(self, population: int, name: str) -> str:
-        """Return the register of a name, or the register that holds a state or parameter of that name.
+        """Return the register that holds a state or parameter. The name of a register is returned unchanged.
 
         Raises:
             ModelError: the population has no such register.

@@ -38,7 +38,7 @@ class NestBackend:
         return share()
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> NestEngine:
-        """Build an engine at step 0 with NEST's `threads`."""
+        """Build an engine at step 0. NEST uses this number of threads."""
         from neuro_nest.engine import NestEngine
 
         for name in options.keys() - {"strict"}:

@@ -1,4 +1,4 @@
-"""The engine: reads and writes between NEST's runs."""
+"""The engine of NEST, which reads and writes values between NEST's runs."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class NestEngine:
         return synapses.all_values(values)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Set the numbers of a synapse model."""
+        """Set the parameters of a projection's synapse model."""
         synapses = self._synapses(projection)
         self._check_changeable(synapses, "the numbers")
         numbers = parameters if parameters.ndim == 1 else synapses.own_values(parameters)
@@ -138,7 +138,7 @@ class NestEngine:
                     )
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights. NEST's own values stay for those that are not chosen."""
+        """Replace all weights. `chosen` is not needed, because `weights` holds NEST's own values for the others."""
         synapses = self._synapses(projection)
         if synapses.part.synapse.learns:
             self._check_changeable(synapses, "the weights")
@@ -162,7 +162,7 @@ class NestEngine:
             )
 
     def _check_changeable(self, synapses: NestProjection, subject: str) -> None:
-        """Raise an error unless a change would act from the next step on, on updated synapses."""
+        """Raise an error if NEST would apply a change to earlier spikes, too."""
         if synapses.part.synapse.modulated:
             self._check_moment(synapses, f"{subject} of '{synapses.part.name}'")
         elif self.step:
@@ -173,13 +173,13 @@ class NestEngine:
             )
 
     def _check_moment(self, synapses: NestProjection, subject: str) -> None:
-        grid = self.net.grid(synapses)
-        if self.step % grid:
+        interval = self.net.grid(synapses)
+        if self.step % interval:
             ms = self.net.clock.ms
             raise ModelError(
-                f"{subject} at {ms(self.step):g} ms: NEST updates synapses with dopamine every {ms(grid):g} ms "
+                f"{subject} at {ms(self.step):g} ms: NEST updates synapses with dopamine every {ms(interval):g} ms "
                 "(deliver_interval x the smallest delay): expected a multiple of this interval",
-                hint=f"run to {ms(self.step - self.step % grid + grid):g} ms",
+                hint=f"run to {ms(self.step - self.step % interval + interval):g} ms",
             )
 
     def spikes(self, population: int, since: int) -> Spikes:

@@ -37,11 +37,11 @@ class ReferenceNetwork:
         closed: whether no neuron of a group may fire any more, by group.
         won: neurons of each group that fired in that step, the best first.
         local: state of the groups with several winners, by group.
-        rivals: for groups in which a spike resets rivals, a number for each neuron that is equal for rivals, by group.
+        rivals: number of each neuron's set of rivals, by group, for groups in which a spike resets rivals.
         silenced: neurons of each population that must not fire.
         notes: states of synapses at pre spikes, for probes.
         pairs, moves, shared: learning of the plastic projections, by projection.
-        by_numbers: learning whose rule is replaced without an update of states, by projection.
+        by_numbers: learning in which a new rule needs no update of the states, by projection.
         rules: numbers of the rules for trials, by projection.
         trial_updates: number of weights changed at the end of trials, for each projection.
     """
@@ -63,16 +63,16 @@ class ReferenceNetwork:
             if synapses.part.synapse.learns == "pairs" and synapses.part.grid is not None
         }
         self.moves = {
-            i: MoveLearning(program, wires)
-            for i, wires in enumerate(self.synapses)
-            if wires.part.synapse.learns == "moves"
+            i: MoveLearning(program, synapses)
+            for i, synapses in enumerate(self.synapses)
+            if synapses.part.synapse.learns == "moves"
         }
         self.by_numbers: dict[int, MoveLearning | SharedLearning] = {**self.moves, **self.shared}
         self.notes = SynapseRecords(program)
         self.rules = {
-            i: wires.part.synapse.vector()
-            for i, wires in enumerate(self.synapses)
-            if wires.part.synapse.learns == "trials"
+            i: synapses.part.synapse.vector()
+            for i, synapses in enumerate(self.synapses)
+            if synapses.part.synapse.learns == "trials"
         }
         self.records = [SpikeRecord(part.size, part.records, part.model.graded) for part in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
@@ -157,7 +157,7 @@ class ReferenceNetwork:
         self.step = step
 
     def send(self, index: int, step: int) -> None:
-        """Let the spikes of a projection's source in a step teach, and send them."""
+        """Update plastic synapses by the spikes of a projection's source in a step, and send the spikes."""
         synapses = self.synapses[index]
         model = self.cells[synapses.part.target].part.model
         assert isinstance(model, Neuron)
@@ -248,7 +248,7 @@ class ReferenceNetwork:
 
 
 def rivals(shape: tuple[int, ...], axis: int) -> Ints:
-    """Return a number for each neuron that is equal for neurons that differ along one axis only."""
+    """Return the number of each neuron's set of rivals. The neurons of a set differ along one axis only."""
     first = np.arange(math.prod(shape)).reshape(shape).take([0], axis=axis)
     return np.broadcast_to(first, shape).ravel()
 
@@ -259,7 +259,7 @@ class SpikeRecord:
     Args:
         size: number of neurons.
         keeps: whether spikes are recorded.
-        graded: whether the number of a spike is a payload, which counts as one spike.
+        graded: whether a spike has a payload in place of a multiplicity. It then counts as one spike.
     """
 
     saved: ClassVar[tuple[str, ...]] = ("steps", "ids", "multiplicity", "events", "spikes", "active")
@@ -379,7 +379,7 @@ class TrialCourse:
         self._peak, self._peak_tick = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
 
     def take(self, tick: int, potential: Floats, winners: Ints) -> None:
-        """Record one tick.
+        """Record one tick, which is a step of the trial.
 
         Args:
             tick: number of the tick.
@@ -398,11 +398,11 @@ class TrialCourse:
     def outcome(self, ticks: int) -> Outcome:
         """Return the outcome of the trial after some ticks."""
         winner, decided = (self._neurons[0], self._ticks[0]) if self._neurons else (-1, -1)
-        winners = self._potential.argmax(axis=1) + np.arange(len(self._potential)) * self._per_map
+        best = self._potential.argmax(axis=1) + np.arange(len(self._potential)) * self._per_map
         if winner >= 0:
             self._peak[winner], self._peak_tick[winner] = np.inf, decided
         wins = Wins(np.array(self._neurons, dtype=np.int64), np.array(self._ticks, dtype=np.int64))
         return Outcome(
-            winner, decided, self._potential.max(axis=1), winners, ticks,
+            winner, decided, self._potential.max(axis=1), best, ticks,
             self._peak, self._peak_tick, wins if self._several else None,
         )  # fmt: skip

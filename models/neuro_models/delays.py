@@ -1,7 +1,7 @@
-"""Inputs at different times, and a neuron that learns delays with which they arrive together.
+"""Neurons that learn delays, so that inputs from different times arrive together.
 
-Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32. Number of inputs, their times and the threshold are
-measured choices.
+Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32. Measurements decided the
+number of inputs, their times and the threshold.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def gathering(onsets: Floats, presentations: int, by_step: bool = False) -> neur
     Args:
         onsets: times of each neuron's inputs, ms, shape (cells, inputs).
         presentations: number of presentations.
-        by_step: the window of `stddp`.
+        by_step: `by_step` of `stddp`, with tau = 50 ms; otherwise tau is 20 ms.
     """
     cells, inputs = onsets.shape
     begins = 1.0 + BETWEEN * np.arange(presentations)
