@@ -35,7 +35,7 @@ TICKS = STEP + RAMP
 HOST = ("encode: which place of each grid holds the observation", "decide: which neuron of each circuit spiked first")
 """Computations of the host in a control step."""
 INHIBITION = 3.0
-"""Thresholds by which a spike lowers the other actors."""
+"""Number of thresholds by which a spike lowers the potentials of the other actors."""
 
 Ints = npt.NDArray[np.int64]
 
@@ -46,7 +46,7 @@ def draws_of(agent: Learner, seed: int) -> np.random.Generator | None:
 
 
 def ramp_size() -> tuple[int, float]:
-    """Return the number of the ramp's neurons and each one's share of its rise per tick; the rise is linear."""
+    """Return the number of the ramp's neurons, and the share of the linear rise per tick that one spike adds."""
     loss = 1.0 - math.exp(-1.0 / TAU)
     return math.ceil(1.0 / loss) + RAMP, loss
 
@@ -85,7 +85,7 @@ def deployed(agent: Learner) -> neuro.Network:
 
 
 def _largest(agent: Learner, weight: npt.NDArray[np.float64]) -> float:
-    """Return the largest preference over the last observations, if each active place had just spiked."""
+    """Return the largest preference over the last observations, at the time just after each active place spikes."""
     sums = [float((amounts @ weight[cells]).max()) for cells, amounts in map(agent.places.activity, agent.last_vectors)]
     return max(sums) / (1.0 - math.exp(-PERIOD / TAU))
 

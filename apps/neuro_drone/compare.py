@@ -98,7 +98,7 @@ class ComparisonJob:
     Attributes:
         row: row of the table.
         seed: seed of the training.
-        starts: starts on a side of the grid.
+        starts: number of starts on a side of the grid.
         course: paths of the laps.
         folder: folder of the model and the result.
     """
@@ -137,7 +137,7 @@ class ComparisonJob:
         return figures
 
     def _test(self, model: Model, send: Callable[[float, str], None]) -> dict[str, Any]:
-        """Return the figures of the test; for controllers taught by the supervised error also with learning on."""
+        """Return the figures of the test. If the supervised error teaches the controller, add one with learning on."""
         starts, laps = grid(model.scenario, self.starts, course=self.course), [0]
         also_learning = kind_of(model.controller).taught == ERROR
 
@@ -164,7 +164,7 @@ def run(
 
     Args:
         rows: rows of the table.
-        starts: starts on a side of the grid.
+        starts: number of starts on a side of the grid.
         course: paths of the laps.
         folder: folder of models and results.
         report: called with the progress of each job.

@@ -32,7 +32,7 @@ class Eye:
 
     Args:
         scenario: camera, ground, light and task.
-        seed: seed of the ground's pattern, and the first argument of `reset`.
+        seed: seed of the ground's pattern. The constructor also calls `reset` with this seed.
 
     Attributes:
         view: the camera, in its last pose.
@@ -73,7 +73,7 @@ class Eye:
         if self._ground.redraw:
             self._pattern = pattern(self._ground, self._light, seed)
         self._rng = np.random.default_rng([seed, 2])
-        self._drawn[4, 0] = 1.0
+        self._drawn[4, 0] = 1.0  # makes `paint` draw everything
         self._box_is_valid = False
 
     def _new_dvs(self, seed: int) -> DVS:
@@ -124,7 +124,7 @@ class Eye:
 
     @property
     def box(self) -> Box:
-        """Part of the image that may differ from the previous one: first column and row, last column and row + 1."""
+        """Part of the image that may differ from the previous one: first column and row, end column and row."""
         x0, y0, x1, y1 = self._box.tolist()
         return x0, y0, x1, y1
 

@@ -322,7 +322,7 @@ def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]
 
 
 def _busy(flight: Flight) -> int:
-    """Return the events of a field with the darkest shade: exceeded by some field in a tenth of the steps."""
+    """Return the number of events with the darkest shade. In a tenth of the steps some field has more events."""
     fullest = np.sort(flight.counts.max(axis=(1, 2)))
     return max(1, int(fullest[int(0.9 * len(fullest))]))
 
@@ -338,18 +338,18 @@ def _raster(flight: Flight, window: float) -> player.Track:
         return player.Track(
             "raster", "raster", "events of the fields", {"strips": [strip], "window": window, "edge": EDGE}
         )
-    strips, pilots = list[dict[str, Any]](), [p.name == "motors" and p.size == len(names) for p in flight.spikes]
-    roots = [0.0 if pilot else np.sqrt(part.size) for part, pilot in zip(flight.spikes, pilots, strict=True)]
+    strips, is_motor = list[dict[str, Any]](), [p.name == "motors" and p.size == len(names) for p in flight.spikes]
+    roots = [0.0 if motor else np.sqrt(part.size) for part, motor in zip(flight.spikes, is_motor, strict=True)]
     weights = np.array(
-        [0.4 if pilot else 0.6 * root / (sum(roots) or 1.0) for pilot, root in zip(pilots, roots, strict=True)]
+        [0.4 if motor else 0.6 * root / (sum(roots) or 1.0) for motor, root in zip(is_motor, roots, strict=True)]
     )
-    for part, pilot, share in zip(flight.spikes, pilots, weights / weights.sum(), strict=True):
+    for part, motor, share in zip(flight.spikes, is_motor, weights / weights.sum(), strict=True):
         sample = player.evenly(len(part.times), MOST)
         strip = {
             "name": part.name, "size": part.size, "height": share * (TALL + 8) - 8,
             "times": part.times[::sample] / world.step, "ids": part.ids[::sample],
         }  # fmt: skip
-        strips.append(strip | ({"labels": names, "colours": COLOURS} if pilot else {}))
+        strips.append(strip | ({"labels": names, "colours": COLOURS} if motor else {}))
     return player.Track("raster", "raster", "spikes", {"strips": strips, "window": window, "edge": EDGE})
 
 

@@ -35,7 +35,7 @@ class DVS:
     Between two images the log intensity of a pixel is assumed to change linearly, so events occur at times between the
     images. A pixel compares the log intensity with the value at the last event; leak is a slow rise of the difference.
     Every random draw depends only on the seed, the pixel and the number of earlier draws, so the same images give the
-    same events. Only pixels whose intensity changes, or with a leak or noise event due, are computed.
+    same events. Only pixels whose intensity changes, or for which a leak or noise event is due, are computed.
 
     Args:
         sensor_size: width and height, px.
@@ -78,9 +78,9 @@ class DVS:
         wait = 1e6 / p.shot_noise_rate_hz if p.shot_noise_rate_hz else np.inf
         cutoff, blind = 2e-6 * np.pi * p.cutoff_hz, 1e6 * p.refractory_period_s
         fixed = np.array([(cutoff, blind, wait, 1.0 - p.shot_noise_bright, self.seed % 2**63)], kernels.FIXED)
-        looked = np.zeros(blocks), *np.zeros((2, blocks), np.int64)
-        picked = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
-        self._pixels = kernels.Pixels(fixed, state, levels, np.zeros(n), *looked, *picked)
+        look_arrays = np.zeros(blocks), *np.zeros((2, blocks), np.int64)
+        pick_arrays = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
+        self._pixels = kernels.Pixels(fixed, state, levels, np.zeros(n), *look_arrays, *pick_arrays)
         self._out = _buffers(max(1024, n // 4))
         self._old: npt.NDArray[Any] | None = None
         self._origin = self._t = 0
@@ -93,8 +93,8 @@ class DVS:
                 value of the type as full scale, or floats with 1 as full scale (larger values are allowed).
             t_us: time of the image, us, later than that of the image before.
             changed: (first column, first row, end column, end row), the part that may differ from the image before. The
-                caller's promise saves the comparison of the rest. A difference outside the part is noticed now or with
-                a later image. Ignored for the first image.
+                rest is not compared, because the caller promises that it is equal. If it differs nevertheless, the
+                camera notices the difference now or with a later image. Ignored for the first image.
 
         Returns:
             The events between the image before and this one, ordered by time. No events for the first image.
@@ -266,7 +266,7 @@ class DVSParameters:
         pos_thres: rise of the natural log of the intensity that triggers an ON event.
         neg_thres: fall that triggers an OFF event, as a positive number.
         sigma_thres: standard deviation of both thresholds from pixel to pixel, log units. Thresholds are at least 0.01.
-        refractory_period_s: dead time of a pixel after an event, s. The reference is the intensity at its end.
+        refractory_period_s: dead time of a pixel after an event, s. At its end the intensity becomes the reference.
         leak_rate_hz: rate of ON events of a pixel with constant light, Hz.
         noise_rate_cov_decades: standard deviation of the decimal log of a pixel's leak rate.
         shot_noise_rate_hz: rate of additional events at random times, ON and OFF equally likely, of a dark pixel, Hz.
@@ -332,10 +332,10 @@ class DVSParameters:
 
         Source: v2e, emulator_utils.py, `lin_log`: x ln(T)/T up to T = 20 of 255, ln(x) above.
         """
-        floor, knee, slope, height = self.curve()
+        floor, knee, slope, offset = self.curve()
         total_light = np.asarray(light, np.float64) + floor
         above = np.log(np.maximum(total_light, knee))
-        return np.asarray(np.where(total_light > knee, above, total_light * slope + height))
+        return np.asarray(np.where(total_light > knee, above, total_light * slope + offset))
 
     def curve(self) -> tuple[float, float, float, float]:
         """Return the floor, the intensity above which the log begins, and the slope and offset of the line below."""
@@ -379,8 +379,8 @@ def frames_of(
         start_us: time of the first image, us.
         stop_us: time of the last image, us, even if the steps do not end there.
         step_us: time between images, us; the longest one with `change`.
-        change: largest change of the log intensity between images. None: fixed steps. With half a threshold, the times
-            of events hardly depend on it.
+        change: largest change of the log intensity between images. None: fixed steps. If it is half a
+            threshold, a smaller value hardly changes the times of events.
         shortest_us: smallest interval, us, even if an edge jumps.
         parameters: parameters with the curve of the log. None: the defaults.
 

@@ -3,16 +3,16 @@
 | in the file | here |
 | --- | --- |
 | neuron LOIHI or CUBA | `loihi2_lif`: du = iDecay - 1, dv = vDecay, vth = vThMant, the bias times 2^6 |
-| neuron SDNN | `sigma_delta`, as input without ReLU; `sigma_decoder` for `sigma_output`; both exponents are 6 |
-| dense | `all_to_all`, with mantissas that lose no bit: the integers that netx computes from bits and exponent |
+| neuron SDNN | `sigma_delta`, in the input without ReLU; `sigma_decoder` for `sigma_output`; both exponents are 6 |
+| dense | `all_to_all`; the mantissas keep all bits of the integers that netx computes from bits and exponent |
 | conv | `loihi2_convolution`; as a `grid`, or as pairs for unequal strides, dilation or groups |
 | flatten | channels, rows, columns: the order of ids |
 
-A step is 1 ms. A spike takes one step to the next layer, as in lava. The bias drives the input layer, as in netx:
-`sim.set("input", bias_mant=...)` for LIF neurons, and `sim.set("input", bias=...)` for SDNN, where a Delta of lava
-sends the same messages. Layers and neurons that netx refuses (pooling, average, concatenation, transposed convolution,
-other types of neurons) or ignores (delays, refractory periods) are refused. Source: lava-dl, `src/lava/lib/dl/netx`;
-its tests compare netx with chips.
+A step is 1 ms. A spike takes one step to the next layer, as in lava. The bias drives the input layer, as in netx. It is
+set by `sim.set("input", bias_mant=...)` for LIF neurons, and by `sim.set("input", bias=...)` for SDNN. The input layer
+of SDNN sends the same messages as a Delta of lava. What netx refuses (pooling, average, concatenation, transposed
+convolution, other types of neurons) or ignores (delays, refractory periods) is refused. Source: lava-dl,
+`src/lava/lib/dl/netx`; its tests compare netx with chips.
 """
 
 from __future__ import annotations
@@ -114,8 +114,8 @@ def from_netx(file: str | PathLike[str], *, reset: int = 0, first: int = 0) -> N
 
     Args:
         file: name of the file, which ends in `.net`.
-        reset: steps between two resets of u and v. Layer i of the neurons, from 0, is reset in the steps i + 1,
-            i + 1 + reset, ...; 0 for no resets.
+        reset: steps between two resets of u and v. The i-th layer of neurons, from 0, is reset in the steps
+            i + 1, i + 1 + reset, ...; 0 for no resets.
         first: number of the first layer to read. The layer before becomes a generator without spikes.
 
     Raises:
@@ -324,10 +324,10 @@ def _convolution_error(layer: Layer, source_layer: Layer) -> str:
         return f"groups = {layer.groups}: expected a divisor of {maps} maps"
     sizes = (layer.two("stride"), layer.two("padding"), layer.two("dilation"))
     expected = [maps, *out_size(source_layer.shape[1:], tuple(size), *sizes)]
-    source = [depth * layer.groups, *source_layer.shape[1:]]
-    if list(layer.shape) == expected and list(source_layer.shape) == source:
+    expected_source = [depth * layer.groups, *source_layer.shape[1:]]
+    if list(layer.shape) == expected and list(source_layer.shape) == expected_source:
         return ""
-    return f"{shapes}: expected {expected} from {source}"
+    return f"{shapes}: expected {expected} from {expected_source}"
 
 
 def _read(path: Path) -> list[Layer]:
@@ -373,8 +373,8 @@ def _fields(group: h5py.Group, place: str) -> dict[str, Any]:
 
 def _value(item: h5py.Dataset, word: str, place: str) -> Any:
     """Return the value of a field: a text, an array, a whole number, a tuple of whole numbers, or True if present."""
-    largest, low = WHOLE.get(word, (1, 0))
-    kind = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[largest - 1]
+    max_count, low = WHOLE.get(word, (1, 0))
+    kind = ("a whole number", "1 or 2 whole numbers", "1 to 3 whole numbers")[max_count - 1]
     kind += "" if low == -MOST else f" >= {low}"
     expected = "a word" if word in TEXTS else "numbers" if word in ARRAYS else kind
     if not isinstance(item, h5py.Dataset):
@@ -390,6 +390,6 @@ def _value(item: h5py.Dataset, word: str, place: str) -> Any:
     if word in ARRAYS and value.dtype.kind in "iuf":
         return value.astype(np.float64)
     are_whole = all(is_number(element) and low <= element <= MOST and element == int(element) for element in elements)
-    if word in WHOLE and 1 <= len(elements) <= largest and are_whole:
-        return int(elements[0]) if largest == 1 else tuple(map(int, elements))
+    if word in WHOLE and 1 <= len(elements) <= max_count and are_whole:
+        return int(elements[0]) if max_count == 1 else tuple(map(int, elements))
     raise ModelError(f"{place}: {word} = {elements if value.shape else elements[0]!r:.60}: expected {expected}")

@@ -214,7 +214,7 @@ def live(
 def _show_world(
     net: Network, host: str, port: int, speed: float, no_browser: bool, duration: float | None, **words: Any
 ) -> None:
-    """Run a network in its world as one block, with learning, and show the run on a page at a speed."""
+    """Run a network in its world with learning, as one block of `closed_loop`. A page shows the run at a speed."""
     from neuro import closed_loop
     from neuro_live import Page
     from neuro_live.page import KEPT_MS
@@ -249,7 +249,7 @@ def announce(page: Page, no_browser: bool, err: bool = False) -> None:
 def show_stream(stream: Listener, ms: float, no_browser: bool) -> None:
     """Show the events of a stream on a page for `ms` milliseconds or until Ctrl-C.
 
-    The events are those of a camera population without synapses.
+    A network of one camera population without synapses receives the events.
     """
     from neuro import Network, compile as compiled, event_camera
     from neuro.realtime import Loop

@@ -60,7 +60,7 @@ def check_metrics(
 
             chip(part)
         elif name not in (*totals, *METRICS) and not (dot and word in parts):
-            part_names = [f"{word}.{part}" for word, names in parts.items() for part in names]
+            part_names = [f"{word}.{part}" for word, members in parts.items() for part in members]
             chip_names = [f"{word}.CHIP" for word in _OF_CHIPS]
             raise unknown("metric", name, (*totals, *part_names, *chip_names, *METRICS), path=("metrics",))
 
@@ -238,7 +238,7 @@ class FunctionRun:
         file = self.file or f"{self.module.replace('.', os.sep)}.py"
         module = Path(named_by_user(file)).stem
         run = replace(self, module=module, file="", paths=())
-        # The file may have imported a function, e.g. by a name such as "os.system".
+        # A name such as "os.system" finds a function that the file only imports. Such a function is refused.
         if getattr(run.function, "__module__", None) != module:
             raise ModelError(f"{file}: defines no function '{self.name}'")
         return run

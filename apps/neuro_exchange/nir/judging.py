@@ -48,7 +48,7 @@ STEP = "neuro_dt_ms"
 """Key of a graph's metadata for the length of a step in ms."""
 
 LONG = 10_000
-"""Shortest time constant, in steps, above which dt is assumed to be in seconds by mistake."""
+"""Number of steps. If the shortest time constant is longer, dt is assumed to be in seconds by mistake."""
 
 LACKS = {
     **dict.fromkeys(("norse", "sinabs"), ("Delay", "Scale", "Threshold", "AvgPool2d")),
@@ -94,11 +94,11 @@ class Link:
 
 @dataclass(slots=True)
 class Analysis:
-    """The analysis of a graph, from which `importing` builds a network. Most attributes are by name of a node.
+    """The analysis of a graph, from which `importing` builds a network. Most attributes are dictionaries by node name.
 
     Attributes:
         graph: the graph.
-        tool: the convention; None if neither the user nor the metadata names one.
+        tool: name of the tool whose convention holds; None if neither the user nor the metadata names one.
         step: length of a step in seconds.
         cells: difference equations of the stateful nodes.
         models: models of the stateful nodes.
@@ -224,7 +224,7 @@ def _find_links(analysis: Analysis) -> None:
         links = analysis.links[first:]
         passes_on = len(links) == 1 and _is_identity(analysis, links[0]) and not analysis.bias[name].any()
         if node.kind == "Output" and not passes_on:
-            # An Output of weighted spikes is the potential of neurons without memory that never fire.
+            # The potential of neurons without memory that never fire represents an Output of weighted spikes.
             zero = np.zeros(node.shape)
             cell = Cell(zero, zero, zero + 1.0, "V_m of neurons without memory that never fire")
             analysis.cells[name], analysis.models[name] = cell, model_of(cell, analysis.step * 1e3)
@@ -249,7 +249,7 @@ def _find_links(analysis: Analysis) -> None:
 
 
 def _is_identity(analysis: Analysis, link: Link) -> bool:
-    """Return whether the link passes spikes on unweighted, and undelayed but for the source's own spike delay."""
+    """Return whether the link has no weights, and no delays except the source's own spike delay."""
     spike_delay = analysis.step * analysis.cells[link.source].spike_delay if link.source in analysis.cells else 0.0
     is_unweighted = link.map.diagonal is not None and np.all(link.map.diagonal == 1.0)
     return bool(is_unweighted and np.all(link.lag == spike_delay))
@@ -261,7 +261,7 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
     Args:
         analysis: the analysis, changed in place.
         path: names of the nodes, from the source to the target.
-        counted: ends of paths whose bias is already added. Paths that share an end share its bias.
+        counted: tails of paths, from a node with a bias on, that are already added. Paths with one tail share its bias.
     """
     graph = analysis.graph
     nodes = [graph.nodes[name] for name in path]
@@ -290,7 +290,7 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
     identity = Map(shape, nodes[-1].shape, diagonal=np.ones(nodes[-1].shape))
     product = compose([*maps, identity])
     times = np.unique(target_delay)
-    for time in times:  # one link for the targets of each delay
+    for time in times:  # one link for each delay, onto the targets with this delay
         part = product if times.size == 1 else product.onto(target_delay.reshape(product.target) == time)
         analysis.links.append(Link(path[0], path[-1], part, source_delay + time))
     for k, node in enumerate(nodes[1:-1]):
@@ -307,7 +307,7 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
             if other.kind == "Delay" and other.array("delay").any() and full.any():
                 note = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step here, in the tool later"
                 analysis.verdicts[other.name] = Verdict(other.name, "Delay", APPROXIMATE, note, measured=FIRST_STEPS)
-        # Recurrent input is that of the step before. The GraphExecutor has none in the first step, so no bias either.
+        # Recurrent input is that of the step before. In the first step the GraphExecutor has none, and adds no bias.
         is_late = path[0] == path[-1] and analysis.tool in BY_GRAPH_EXECUTOR
         (analysis.late_bias if is_late else analysis.bias)[path[-1]] += compose([*maps[k + 1 :], identity])(full)
 
@@ -317,8 +317,8 @@ def _find_depths(analysis: Analysis) -> None:
 
     In the tools a spike passes all forward layers in one step, and recurrent connections of a layer take one step. Here
     every connection takes at least one. So the delay of a node is at least the number of layers on its shortest path
-    from the Input. A Delay on the path does not make up for these steps: neurons behind a Delay of 5 steps fire 5 steps
-    after neurons of the same layer without a Delay, as in the tool.
+    from the Input. A Delay on the path keeps its length and does not absorb these steps: neurons behind a Delay of 5
+    steps fire 5 steps after neurons of the same layer without a Delay, as in the tool.
     """
     inputs = [name for name, node in analysis.graph.nodes.items() if node.kind == "Input"]
     depths = analysis.depths
@@ -336,10 +336,10 @@ def _find_depths(analysis: Analysis) -> None:
     links = [(x, 1 - round(x.lag.min() / analysis.step)) for x in analysis.links if x.target in analysis.cells]
     for _ in depths:
         too_shallow = {
-            x.target for x, delay in links if depths[x.source] + delay - (x.source == x.target) > depths[x.target]
+            x.target for x, added in links if depths[x.source] + added - (x.source == x.target) > depths[x.target]
         }
         for name in too_shallow:
-            depths[name] = max(depths[x.source] + delay for x, delay in links if x.target == name and x.source != name)
+            depths[name] = max(depths[x.source] + added for x, added in links if x.target == name and x.source != name)
         if not too_shallow:
             break
     else:

@@ -88,7 +88,7 @@ class Counts(Representation):
         return Pixels(events.x, events.y, np.ones(len(events)), bounds)
 
     def work(self, size: FrameSize) -> Works:
-        """Return an addition for each event, and a comparison that finds the first event of a pixel in a frame."""
+        """Return an addition and a comparison for each event. The comparison finds the first event of a pixel."""
         return {"event": on_numbers(2, 4)}
 
 
@@ -113,7 +113,7 @@ class _Remembering(Representation):
         for segment, end in enumerate(bounds[1:].tolist()):
             surface.add(events[begin:end])
             begin = end
-            # At the time of an event its pixel is large, even if the pause before it was long.
+            # The surface is read at the last event, whose pixel then has a large value even after a long pause.
             values[segment] = surface.at(int(events.t[end - 1]), np.float64)
         segments, y, x = np.nonzero(values)
         lengths = np.bincount(segments, minlength=len(values))
@@ -140,7 +140,7 @@ class Surface(_Remembering):
     surface = representations.TimeSurface
 
     def work(self, size: FrameSize) -> Works:
-        """Return a comparison, a difference, a division and exp for each pixel; an event is a copy of a time."""
+        """Return a comparison, a difference, a division and exp for each pixel. An event only copies its time."""
         return {"event": on_numbers(0, 4), "frame": on_numbers(4 * size.pixels, 2 * size.pixels)}
 
 
@@ -362,8 +362,8 @@ class LeakyGabors(_OfGabors):
     def work(self, size: FrameSize) -> Works:
         """Return the operations of an event under all filters, and of all responses at the end of a frame.
 
-        The time since the last event and its leak are 2. A response moves to 0 by 3 and adds a value of the filter by
-        a product with a sum; at the end of a frame it leaks once more, with a sign and a comparison.
+        The time since the last event and the leak in that time take 2 operations. A response takes 3 to move to 0, and
+        1 to add a value of the filter. At the end of a frame it leaks once more, and takes a sign and a comparison.
         """
         area, responses = sum(side * side for side in size.sides), size.responses * size.side**2
         event = on_numbers(area * (2 + 4 * size.orientations), 4 + area * (2 + 3 * size.orientations))
@@ -427,7 +427,7 @@ class LocalMaximum(Pool):
         return np.where((responses >= self.least) & (responses == highest), responses, 0.0)
 
     def work(self, size: FrameSize) -> Works:
-        """Return the comparisons along the rows and along the columns of a neighbourhood, and two of the result."""
+        """Return the comparisons along the rows and columns of a neighbourhood, and two comparisons of the result."""
         around = sum(2 * (2 * (side // 2 // self.side)) + 2 for side in size.sides)
         return {"frame": on_numbers(around * size.orientations * size.cells, 3 * size.responses)}
 
