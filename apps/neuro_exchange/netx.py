@@ -8,9 +8,9 @@
 | conv | `loihi2_convolution`; as a `grid`, or as pairs for unequal strides, dilation or groups |
 | flatten | channels, rows, columns: the order of ids |
 
-A step is 1 ms. A spike takes one step to the next layer, as in lava. The bias drives the input layer, as in netx. It is
-set by `sim.set("input", bias_mant=...)` for LIF neurons, and by `sim.set("input", bias=...)` for SDNN. The input layer
-of SDNN sends the same messages as a Delta of lava. What netx refuses (pooling, average, concatenation, transposed
+A step is 1 ms. A spike takes one step to the next layer, as in lava. The bias drives the input layer, as in netx. Set
+the bias by `sim.set("input", bias_mant=...)` for LIF neurons, and by `sim.set("input", bias=...)` for SDNN. The input
+layer of SDNN sends the same messages as a Delta of lava. What netx refuses (pooling, average, concatenation, transposed
 convolution, other types of neurons) or ignores (delays, refractory periods) is refused. Source: lava-dl,
 `src/lava/lib/dl/netx`; its tests compare netx with chips.
 """

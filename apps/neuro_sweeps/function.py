@@ -238,7 +238,7 @@ class FunctionRun:
         file = self.file or f"{self.module.replace('.', os.sep)}.py"
         module = Path(named_by_user(file)).stem
         run = replace(self, module=module, file="", paths=())
-        # A name such as "os.system" finds a function that the file only imports. Such a function is refused.
+        # Refuse a function that the file only imports, e.g. one with the name "os.system".
         if getattr(run.function, "__module__", None) != module:
             raise ModelError(f"{file}: defines no function '{self.name}'")
         return run

@@ -62,7 +62,7 @@ class ChipRegisters:
         return self._arithmetic.current(part, name, arrays)
 
     def units(self, population: int, name: str, values: Floats) -> dict[str, NDArray[np.int32]]:
-        """Return the state registers that hold a state. Each has its values in its own units.
+        """Return the state registers that hold a state, with the values in units of each register.
 
         Raises:
             ModelError: a value does not fit.

@@ -1,8 +1,8 @@
 """Cases whose values are exact in floats and in integers: every backend must equal the reference, spike for spike.
 
 Weights, thresholds and currents are whole numbers of mV, potentials do not leak, and a source emits one spike in a
-step at most, so no arithmetic rounds. If a case needs a decay, values halve in each step. Such a case compares only
-spikes and counts, and its thresholds differ from all potentials. Cases of trials are in `neuro.testing.trials`.
+step at most, so no arithmetic rounds. If a case needs a decay, values halve in each step. A case with decays compares
+only spikes and counts, and its thresholds differ from all potentials. Cases of trials are in `neuro.testing.trials`.
 """
 
 from __future__ import annotations
