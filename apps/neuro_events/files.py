@@ -266,7 +266,7 @@ def _write(format: Format, parts: Iterator[Events], path: Path) -> None:
 
 
 def _parts_of(events: object) -> Iterator[Events]:
-    """Yield the parts of a recording, each checked to be `Events`."""
+    """Yield the parts of a recording, each checked to be ``Events``."""
     if isinstance(events, Events):
         yield events
         return

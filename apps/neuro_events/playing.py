@@ -93,7 +93,7 @@ def of_file(path: str | os.PathLike[str], format: str | None = None) -> OfFile:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class OfEvents:
-    """Events in memory: one or more parts, each `Events` or a structured array, which states no sensor."""
+    """Events in memory: one or more parts, each ``Events`` or a structured array, which states no sensor."""
 
     kind: ClassVar[str] = "recording"
     no_sensor: ClassVar[str] = "its events are an array, which has no sensor"

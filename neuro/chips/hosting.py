@@ -23,7 +23,7 @@ class HostWork:
         work: operations and bytes of one use, as `neuro.coding.Work` counts them; None without a count.
         each: what one use is for, e.g. "control step".
         steps: network steps from one use to the next; 0 if `times` says the number of uses.
-        times: number of uses in the run where `steps` is 0.
+        times: number of uses in the run if ``steps`` is 0.
     """
 
     name: str

@@ -128,7 +128,7 @@ class Train:
         model: name of the neuron model.
         shape: shape of the population.
         counts: counts of the run by name.
-        recorded: True if spikes were recorded; otherwise `steps`, `ids` and `multiplicity` are empty.
+        recorded: True if spikes were recorded; otherwise ``steps``, ``ids`` and ``multiplicity`` are empty.
         resolution_ms: length of a step in ms.
         steps, ids, multiplicity: one entry for each neuron and step with spikes.
         spike_counts, event_counts: number of spikes and of steps with spikes of each neuron, also without a recording.

@@ -179,7 +179,7 @@ class Engine(Protocol):
         """Set the dopamine concentration of all synapses that a signal modulates, one value per target neuron."""
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
-        """Return a copy of a state or parameter of all neurons, or of the neurons `ids`, in this order."""
+        """Return a copy of a state or parameter of all neurons, or of the neurons ``ids``, in this order."""
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters from the next step on, either all of them or none.

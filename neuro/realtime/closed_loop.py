@@ -134,7 +134,7 @@ class ClosedLoop:
 
         Args:
             steps: number of control steps of all environments, including steps before this call.
-            ms: time of the network, instead of `steps`; rounded up to whole steps.
+            ms: time of the network, instead of ``steps``; rounded up to whole steps.
             episodes: number of episodes, including episodes before this call.
             until: mean return of the last `window` episodes that ends the run.
             window: number of episodes of the mean.

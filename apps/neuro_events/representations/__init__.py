@@ -30,7 +30,7 @@ REPRESENTATIONS: Registry[Callable[..., Any]] = Registry(
     (event_frame, binary_frame, time_surface, leaky_surface, voxel_grid, event_spike_tensor, hats),
     group="neuro.representations",
 )
-"""Representations by name: functions from `Events` and keyword parameters to an array."""
+"""Representations by name: functions from ``Events`` and keyword parameters to an array."""
 
 __all__ = [
     "REPRESENTATIONS",

@@ -153,7 +153,7 @@ def send(
     Args:
         url: ``udp://HOST:PORT``, the address of a receiver. Or ``tcp://HOST:PORT``, an address of this machine that
             serves AEDAT 4 as dv-processing does; sending begins when the first receiver connects.
-        events: path of a recording, `Events`, or an iterable of parts in the order of time, which may be a stream.
+        events: path of a recording, ``Events``, or an iterable of parts in the order of time, which may be a stream.
         format: see `listen`. For TCP "aedat4". "spif" contains no times, so the receiver uses the time of receipt;
             "spif-timed" contains times.
         speed: speed relative to real time; infinite: as fast as possible.
