@@ -66,8 +66,8 @@ class Quantity:
             list of names), "words" (values by name), "part" (a `part`), "array" (numbers in a list or a file, not
             drawn), "states" (numbers by state), "neurons" (a population or some of its neurons), "codes" (of
             `neuro.coding`), "choice" (a `choice`; with bounds also a number, with `arrays` also numbers), "choices"
-            (`choice` objects by name), "expression" (text), "file" (a path; in YAML inside the folder of the description)
-            or "events" (an object with events, in Python only).
+            (`choice` objects by name), "expression" (text), "file" (a path; in YAML inside the description's folder) or
+            "events" (an object with events, in Python only).
         above, at_least, below, at_most: bounds of every element.
         nonzero: 0 is refused.
         infinite: infinite values are accepted.
