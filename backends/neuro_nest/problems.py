@@ -280,7 +280,7 @@ _NO_LEAK = "a current without leak"
 _TRIALS = "trials: NEST cannot drop spikes under way"
 _GROUP = "NEST has no winner-take-all"
 _RIVALS = "NEST has no lateral reset"
-_RULE = "NEST's stdp_synapse would apply them to post spikes from before, too"
+_RULE = "NEST's stdp_synapse would apply them to earlier post spikes, too"
 _AT_PRE = "learning weights can be read between steps only"
 _MOMENT = "NEST updates synapses with dopamine every 0.7 ms"
 

@@ -164,10 +164,10 @@ def test_a_sampled_distance_says_so(monkeypatch):
     net = neuro.Network("many", resolution=1.0)
     net.population("cells", 150, neuro.iaf_psc_exp(I_e=500.0))
     found = compare(net, ["event", "reference"], 50.0)
-    assert found.notes == ("the distance of 'cells' is of 100 of 150 neurons, evenly chosen",)
+    assert found.notes == ("the distance of 'cells' covers 100 of 150 neurons, evenly chosen",)
     assert found.first.populations["cells"].spikes > 0
     monkeypatch.setattr(differences, "MOST_SPIKES", 1)
     monkeypatch.setattr(differences, "MOST_NEURONS", 200)
     found = compare(net, ["event", "reference"], 50.0)
     second = found.first.trains["cells"].times_ms[150]  # all 150 spike at once
-    assert found.notes == (f"the distance of 'cells' is of all neurons, up to {second:g} ms",)
+    assert found.notes == (f"the distance of 'cells' covers all neurons, up to {second:g} ms",)

@@ -62,8 +62,8 @@ def test_kernels_run_where_nothing_can_be_kept(places, tmp_path, capsys):
     places(tmp_path / "file" / "cache")
     assert (double(3), double(1.5)) == (6, 3.0)
     assert capsys.readouterr().err == (
-        "neuro: compiling kernels for this machine, once; they cannot be cached, as no cache folder can be written: "
-        "set XDG_CACHE_HOME to one\n"
+        "neuro: compiling kernels for this machine, once; found no writable cache folder: "
+        "set XDG_CACHE_HOME to one, to compile only once\n"
     )
 
 

@@ -87,8 +87,7 @@ def shapes():
         codes, ids = (np.concatenate([np.zeros(0, int), *part]) for part in (codes, ids))
         ends = 10_000 * np.arange(1, len(lengths) + 1)
         one = {"codes": codes.astype(np.uint16), "ids": ids.astype(np.uint32)}
-        one |= {"pixels": np.full(len(lengths), 20), "events": np.array([107 * len(lengths)])}
-        one |= {"lasts": np.array([10_000 * len(lengths)])}
+        one |= {"pixels": np.full(len(lengths), 20), "events": np.array([100 * len(lengths) + 7])}
         evidence.append(one | {"lengths": np.array(lengths, np.int64), "ends": ends})
     return Features(evidence, labels, tuple(f"{k}.bin" for k in range(26)), ("a", "b", "c"))
 

@@ -565,8 +565,8 @@ def frames_to_learn_from(features: Features, segmenter: Segmenter) -> Frames:
     """
     frames = Frames.of(features)
     without = np.setdiff1d(np.arange(len(features)), frames.recording)
-    short = [features.evidence[k] for k in without]
-    sizes = [(evidence["events"][0], evidence["lasts"][0]) for evidence in short if evidence["events"][0]]
+    short = [evidence for k in without if "lasts" in (evidence := features.evidence[k]) and evidence["events"][0]]
+    sizes = [(evidence["events"][0], evidence["lasts"][0]) for evidence in short]
     if len(frames) and not sizes:
         return frames
     events, us = np.median(sizes, axis=0) if sizes else (0.0, 0.0)

@@ -75,4 +75,4 @@ def test_arrays_need_a_sensor_or_a_shape(walk):
             sim.run(70.0)
         same_run(*sims)
     beyond = neuro.compile(network(neuro.event_camera(events=records), (2, 9, 11)))
-    assert "expected within its shape" in refusal(beyond.run, 70.0)
+    assert "expected it within the shape" in refusal(beyond.run, 70.0)
