@@ -13,6 +13,7 @@ is the mean distance of the ball from the middle, px. Controls:
 - no critic: its synapses onto the dopaminergic neurons have weight 0
 - frozen: nothing is learnt
 - exact error: `neuro_models/drone.yaml` in its place, taught by the signed error
+- pid: the controller `Pid` of `drone_motors.py`, which learns nothing
 
 With --lesions what has been learnt is damaged: 20 % of the synapses onto the motors are cut for good (cut), one motor
 is mirrored, or all are turned by 45 degrees, as if the camera had turned. It flies so at once (repair of 0 steps), and
@@ -25,7 +26,8 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +35,11 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 import yaml
+from drone_motors import Pid
 
 import neuro
 import neuro_models
+from neuro_drone.controllers.pilot import loop_of
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import ENDLESS, Flights, FlightTest, fly_lap, grid, reset_arguments
 from neuro_drone.scenario import load
@@ -43,9 +47,9 @@ from neuro_drone.scenario import load
 Weights = dict[str, Any]
 Left = dict[str, npt.NDArray[np.bool_]]
 """For each projection onto the motors whether a synapse is left, (sources, targets)."""
-LATE = "computed: {{expression: 'trace(0.01 * rate({snc}), 50.0) - {base}', every: 10.0, delay: 5000.0, scale: {eta}}}"
 EXACT = "exact error"
-CONTROLS = ("loop", "late dopamine", "reward elsewhere", "no critic", "frozen", EXACT)
+PID = "pid"
+CONTROLS = ("loop", "late dopamine", "reward elsewhere", "no critic", "frozen", EXACT, PID)
 ONTO_MOTORS = {"columns_motors_x": (15, 2), "rows_motors_y": (15, 2), "cells_motors": (64, 4)}
 """Sources and targets of the projections that lesions cut, of both networks."""
 EPISODE, STEP = 100, 50.0
@@ -72,13 +76,15 @@ def network(control: str = "loop", left: Left | None = None, **parameters: float
     """
     text = Path(neuro_models.path("drone" if control == EXACT else "loop")).read_text("utf-8")
     if control == "late dopamine":
-        baseline = parameters.get("baseline", yaml.safe_load(text)["parameters"]["baseline"])
-        for axis in "xy":
-            for eta in ("$eta", "$eta_critic"):
-                scaled = f"tau: 50.0, baseline: $baseline, scale: {eta}, largest: $largest"
-                values = f"population: {{population: snc_{axis}, {scaled}}}"
-                assert text.count(values) == 1
-                text = text.replace(values, LATE.format(snc=f"snc_{axis}", base=baseline, eta=eta))
+        described = yaml.safe_load(text)
+        for signal in described["signals"].values():
+            words = signal["values"]["population"]
+            base = words["baseline"][1:]
+            base = parameters.get(base, described["parameters"][base])
+            expression = f"trace(0.01 * rate({words['population']}), 50.0) - {base}"
+            late = {"expression": expression, "every": 10.0, "delay": 5000.0, "scale": words["scale"]}
+            signal["values"] = {"computed": late}
+        text = yaml.safe_dump(described, sort_keys=False)
     if control == "reward elsewhere":
         fields = {":, 6:9": ":, 0:3", ":, 4:11": ":, 0:7", ":, 2:13": ":, 0:11"}
         fields |= {"6:9, :": "12:15, :", "4:11, :": "8:15, :", "2:13, :": "4:15, :"}
@@ -115,15 +121,24 @@ def fly(
     Returns:
         the laps, and what a control step of the last one took on each chip.
     """
+    learnt = neuro.closed_loop(network)
+    learnt.pilot.put({"learnt": weights})
+    frozen = learnt.network(frozen=True)
+    test, loop = fly_laps(partial(neuro.closed_loop, frozen, learns=False, block=ENDLESS), starts, **change)
+    return test, [f"flight, {joules(loop, chip)}" for chip in chips]
+
+
+def fly_laps(
+    make: Callable[[Flights], neuro.ClosedLoop], starts: int, **change: Any
+) -> tuple[FlightTest, neuro.ClosedLoop]:
+    """Fly one lap from each of starts x starts places of a world with a change; return the laps and the loop."""
     scenario = load("B60", **change)
     places = grid(scenario, starts)
     env = Flights(scenario, (reset_arguments(place, index) for index, place in enumerate(places)))
-    learnt = neuro.closed_loop(network)
-    learnt.pilot.put({"learnt": weights})
-    loop = neuro.closed_loop(learnt.network(frozen=True), env, learns=False, block=ENDLESS)
+    loop = make(env)
     laps = tuple(fly_lap(loop, env, place) for place in places)
     env.close()
-    return FlightTest(laps), [f"flight, {joules(loop, chip)}" for chip in chips]
+    return FlightTest(laps), loop
 
 
 def damaged(lesion: str, control: str, weights: Weights, seed: int) -> tuple[Left | None, Weights]:
@@ -167,6 +182,10 @@ def main() -> None:
             args.json.write_text(json.dumps(rows, indent=1))
 
     for control in args.only:
+        if control == PID:
+            test, _ = fly_laps(partial(loop_of, Pid()), args.starts)
+            print(f"pid: {test.error_px:.2f} px, {test.laps} of {test.starts} laps", flush=True)
+            continue
         for seed in args.seeds:
             loop = neuro.closed_loop(network(control, **parameters), seed=seed, backend=args.backend)
             for steps in range(args.curve or args.steps, args.steps + 1, args.curve or args.steps):

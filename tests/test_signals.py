@@ -105,6 +105,22 @@ def test_a_population_is_a_trace_of_its_spikes():
     np.testing.assert_allclose(values[:, 0], 2.0 * (trace - 0.5), rtol=1e-12)
 
 
+def test_a_bill_has_the_operations_of_expressions():
+    works = {}
+    for name, text, words in (
+        ("count", "count(motors)", {}),
+        ("scaled", "count(motors)", {"scale": [1.0, -1.0]}),
+        ("traced", "trace(count(motors[0]), 50)", {}),
+        ("after", "after(motors[0], motors[1])", {}),
+    ):
+        sim = neuro.compile(net(neuro.computed(text, every=20.0, **words)), seed=1)
+        (row,) = sim.host_work
+        works[name] = (row.steps, row.work and row.work.macs)
+    # a sum of two, the difference from the last sum, and factors; a difference, a trace, a factor
+    assert works == {"count": (20, 3), "scaled": (20, 4), "traced": (20, 3), "after": (20, None)}
+    assert neuro.compile(net(0.5), seed=1).host_work == []
+
+
 def test_delayed_values_are_set_late_and_doses_add_up():
     values, spikes = heard(held(neuro.computed("count(motors)", every=20.0, delay=60.0)), 10)
     assert values[:, 0].tolist() == [0.0] * 3 + spikes.sum((1, 2))[:-3].tolist()

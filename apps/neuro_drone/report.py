@@ -23,7 +23,7 @@ from neuro_drone.model import Model, unpack_network
 from neuro_drone.parts import Ball
 from neuro_drone.paths import FlightCourse
 from neuro_drone.scenario import NAMES, Scenario, load
-from neuro_drone.train import TrainingProgress
+from neuro_drone.train import FLIGHTS, TrainingProgress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,6 +98,10 @@ def describe_model(model: Model) -> str:
     return f"{model.controller} in {model.scenario.name}{training}"
 
 
+BODY = ", as the camera rolls and pitches with the drone (camera.mount=body): try a gain of at most 0.25"
+"""Addition to a training whose last test lost the target. Source of the gain: docs/how-to/drone.md, B60."""
+
+
 def describe_training(model: Model) -> str:
     """Describe the result of a training: first the error with frozen weights, since learning disturbs the flight."""
     if not model.steps:
@@ -106,6 +110,9 @@ def describe_training(model: Model) -> str:
     window = max(1, len(lengths) // 10)
     errors = model.curve.get("error_px", np.zeros(0))
     frozen = f"{errors[-1]:.1f} px with frozen weights in short flights from far starts; " if len(errors) else ""
+    if lost := int(model.curve["lost"][-1]) if len(errors) else 0:
+        frozen += f"the target was lost in {lost} of the last {FLIGHTS} of them"
+        frozen += f"{BODY if model.scenario.camera.mount == 'body' else ''}; "
     reward = returns[-window:].sum() / lengths[-window:].sum() if len(lengths) else np.nan
     return (
         f"{describe_model(model)}: {frozen}mean reward {reward:.3f} in the last tenth of {len(lengths):,} episodes, "

@@ -211,7 +211,8 @@ class NetworkPilot:
     def _pass_host_work(self) -> None:
         """Pass the work of the host to the simulations of all copies, for their bills."""
         for sim in self.copies:
-            sim.host_work[:] = self.host_work
+            signals = [] if sim._signals is None else sim._signals.host_work()
+            sim.host_work[:] = [*signals, *self.host_work]
 
     # a block
 

@@ -52,7 +52,7 @@ class RunningNetwork:
 
             self._signals = SignalFeeder(program, engine)
         self.steered: dict[str, None] = {}
-        self.host_work: list[HostWork] = []
+        self.host_work: list[HostWork] = [] if self._signals is None else self._signals.host_work()
         self._ports: WeakSet[Port] = WeakSet()
         self._calls: Turn = {}
         self._turn: Turn | None = None

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.chips.hosting import HostWork
+from neuro.coding.work import Work, on_numbers
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
@@ -25,6 +27,8 @@ _SIGNS: Mapping[str, Callable[..., Any]] = {
 }
 _REMEMBERED = {"count": 1, "mean": 1, "trace": 1, "after": 3}
 """Number of values that an operation stores from one period to the next."""
+_OPERATIONS = {"number": 0, "mean": 2}
+"""Multiply-accumulates of an operation, for all others 1."""
 
 
 def signals_of(program: Program, engine: Engine) -> SignalFeeder | None:
@@ -62,6 +66,11 @@ class SignalFeeder:
             size = program.populations[part.target].size
             players[id(plan)].targets.append((index, np.broadcast_to(scale, size)))
         self._players = list(players.values())
+
+    def host_work(self) -> list[HostWork]:
+        """Return the work of the host for one value of each expression."""
+        players = [player for player in self._players if isinstance(player, _Expression)]
+        return [HostWork(f"signal {player.name}", player.work(), "value", steps=player.every) for player in players]
 
     def stretches(self, steps: int) -> Iterator[int]:
         """Divide a run into parts. Signals are set before each part and at the end."""
@@ -150,6 +159,7 @@ class _Expression(_Player):
     def __init__(self, plan: Computed, engine: Engine, program: Program) -> None:
         self._plan, self._seed, self._clock = plan, program.seed, Clock(program.resolution)
         self._fired = counter(engine)
+        self._sizes = [part.size for part in program.populations]
         self._functions = [_function(operation) for operation in plan.operations]
         sizes = [_REMEMBERED.get(operation.name, 0) for operation in plan.operations]
         self._places = [sum(sizes[:k]) for k in range(len(sizes))]
@@ -183,6 +193,25 @@ class _Expression(_Player):
                 self._level = due_values[-1]
             self._set_signals(self._level)
         self.due = min(self._next, *(step for step, _ in self._delayed), NEVER)
+
+    @property
+    def every(self) -> int:
+        """Number of steps between two values."""
+        return self._plan.every
+
+    def work(self) -> Work | None:
+        """Return the operations of one value; None with `after`, whose count depends on the spikes."""
+        plan = self._plan
+        if self._afters:
+            return None
+        reads = [op.reads[0] for op in plan.operations if op.name == "count"]
+        spikes = [self._sizes[population] if ids is None else ids.size for population, ids in reads]
+        others = sum(_OPERATIONS.get(op.name, 1) for op in plan.operations)
+        dose = 4 * (plan.tau > 0.0)
+        targets = sum(scale.size for _, scale in self.targets)
+        factors = sum(np.unique(scale).size for _, scale in self.targets)
+        # The sum of the counts of n neurons has n - 1 additions; the difference from the last sum is in `others`.
+        return on_numbers(sum(spikes) - len(spikes) + others + dose + factors, sum(spikes) + 2 * targets)
 
     def _delay(self, period_end: int) -> int:
         """Return the delay of a value in steps. A drawn delay below 0 counts as 0."""

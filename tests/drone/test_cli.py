@@ -4,16 +4,20 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from neuro_drone.evaluate import grid
 from neuro_drone.live import fly_live
 from neuro_drone.model import Model
-from neuro_drone.train import pilot, train
+from neuro_drone.report import describe_training
+from neuro_drone.scenario import load
+from neuro_drone.train import pilot, train, untrained
 from players import tracks_of
 from refused import refused
 
@@ -55,6 +59,19 @@ def test_train_and_test(drone, tmp_path):
         image = imread(tmp_path / "pictures" / f"{name}.png")
         assert min(image.shape[:2]) > 400
         assert 0.003 < (image[..., :3].min(axis=2) < 0.9).mean() < 0.9
+
+
+def test_a_training_says_that_its_last_test_lost_the_target():
+    def told_of(lost, **changes):
+        model = untrained(load("B60", **changes), "snn", 0, None, {})
+        curve = {"steps": np.array([2000]), "error_px": np.array([9.0]), "lost": np.array([lost])}
+        history = {"returns": np.ones(10), "lengths": np.ones(10, dtype=np.int64)}
+        return describe_training(replace(model, steps=2000, curve=curve, history=history))
+
+    assert "lost" not in told_of(0)
+    assert "far starts; the target was lost in 2 of the last 2 of them; mean reward" in told_of(2)
+    body = told_of(1, **{"camera.mount": "body"})
+    assert "lost in 1 of the last 2 of them, as the camera rolls and pitches with the drone" in body
 
 
 def test_tests_and_flights_of_controllers_by_name(drone, tmp_path):
