@@ -572,12 +572,9 @@ def frames_to_learn_from(features: Features, segmenter: Segmenter) -> Frames:
     events, us = np.median(sizes, axis=0) if sizes else (0.0, 0.0)
     values = ", ".join(f"{row.name} = {row.value:g}" for row in segmenter.rows() if not isinstance(row.value, str))
     proposed = segmenter.proposal(events, us) if events else {}
-    hint = " ".join(f"--set segmenter.{name}={value:g}" for name, value in proposed.items())
-    hint = (
-        f"{hint} gives a recording about four frames"
-        if hint
-        else ("the settings of the segmenter, as neuro recognise list METHOD shows them, decide where frames end")
-    )
+    hint = "the settings of the segmenter, as neuro recognise list METHOD shows them, decide where frames end"
+    for name, value in proposed.items():
+        hint = f"--set segmenter.{name}={value:g} gives a recording about four frames"
     what = f"{events:,.0f} events in {us / 1000:,.0f} ms (median); segmenter {segmenter.called()}, {values}"
     if not len(frames):
         raise ModelError(f"no recording is long enough for a frame: found {what}: expected a frame", hint=hint)
