@@ -8,10 +8,13 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 import neuro
+import neuro_models
+from kills import arrays
 from neuro import ModelError
 from neuro.core.system import usable_cores
 from refused import refused
@@ -116,3 +119,41 @@ def test_memory_stays_the_same_while_a_file_is_written(tmp_path):
         )
     assert all(map(np.array_equal, results.spikes("a"), whole.spikes("a")))
     assert os.listdir(tmp_path) == ["a.h5"]
+
+
+KILLED_AT_A_CHECKPOINT = """
+import os, signal, sys
+count = 0
+def die(event, args):
+    global count
+    if event == "os.rename" and str(args[1]).endswith(".training"):
+        count += 1
+        if count == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+sys.addaudithook(die)
+from neuro.cli import main
+main()
+"""
+"""Runs the command, and kills the process when the second checkpoint is written and has not its name yet."""
+
+
+def test_resume_continues_a_killed_run_of_a_world_to_the_same_bits(folder, run, answer):
+    text = Path(neuro_models.path("cartpole")).read_text()
+    Path("world.yaml").write_text(text.replace("explore: 400", "explore: 50\n  block: 200"))
+    words = ("run", "world.yaml", "--set", "critics=5", "--steps", "900", "--seed", "3", "--out")
+    run(*words, "whole.h5")
+    for blocks, more in ((1, ()), (2, ("--resume",))):
+        killed = subprocess.run([sys.executable, "-c", KILLED_AT_A_CHECKPOINT, *words, "out.h5", *more], check=False)
+        assert killed.returncode == -signal.SIGKILL
+        with h5py.File("out.h5.training") as checkpoint:
+            assert checkpoint["counts"][2] == blocks  # the resumed run did not begin again
+        assert not Path("out.h5").exists()
+    refusal = answer(*words, "out.h5")
+    assert refusal.status == 2
+    assert "out.h5.training has an unfinished run\n  hint: --resume continues the run" in refusal.err
+    # A new process removes what the killed ones left.
+    subprocess.run([sys.executable, "-m", "neuro", *words, "out.h5", "--resume"], check=True)
+    assert arrays(Path("out.h5")) == arrays(Path("whole.h5"))
+    assert sorted(path.name for path in folder.glob("*.h5*")) == ["out.h5", "whole.h5"]
+    run("rerun", "out.h5")
+    run("report", "out.h5")
