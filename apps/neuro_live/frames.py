@@ -97,7 +97,7 @@ class Frames:
             if train.ids.size:
                 spikes.append((train.steps, train.ids))
         for k, samples in self._samples.items():
-            steps, values = self._sim._records.recorder.series[self.traces[k]["name"]].after(begin, MOST_SAMPLES)
+            steps, values = self._sim._records.recorder.series[self.traces[k]["name"]].thinned(begin, MOST_SAMPLES)
             if steps.size:
                 samples.append((steps, values[:, :MOST_COLUMNS]))
 

@@ -196,17 +196,12 @@ def _run_then_write(
     """
     from neuro.core.outputs import output
     from neuro.core.progress import advance
-    from neuro.core.system import shared, speaks
+    from neuro.core.system import speaks
     from neuro.files.results import KIND, read, write
     from neuro.run.collect import all_weights_of, collect
 
     first_s = advance(sim, steps, bar)
     bar.say("writing")
-    if not shared():
-        results = collect(sim, net, **outputs)
-        with output(out, KIND) as part:
-            write(results, part)
-        return results, first_s
     results = collect(sim, net, **outputs, weights=False)
     weights = all_weights_of(sim, outputs["all_weights"])
     if not speaks():
@@ -215,7 +210,7 @@ def _run_then_write(
         return results, first_s
     with output(out, KIND) as part:
         write(results, part, weights)
-    return read(out), first_s
+        return read(part), first_s  # the open file stays readable, also if the part is copied to a pipe and removed
 
 
 def _state_of_output(out: Path) -> str:

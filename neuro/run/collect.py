@@ -23,16 +23,14 @@ from neuro.core.inputs import file_path
 from neuro.core.outputs import check_output, free_part
 from neuro.core.provenance import ATTRIBUTE, provenance
 from neuro.core.version import VERSION
-from neuro.files.parts import Trace, Train, Weights
+from neuro.files.parts import Train, Weights
 from neuro.files.recorded import SMALL
 from neuro.files.results import KIND, RECORDING, YAML, Results, is_kept, values_of
 from neuro.files.state import fingerprint
 from neuro.model.language import save
 from neuro.model.network import Network
-from neuro.program.backend import Engine
 from neuro.program.counts import Counts
-from neuro.program.program import Ints, Population, Probe, Program, Projection, SynapseProbe
-from neuro.run.recorder import Recorder, columns, is_single
+from neuro.program.program import Ints, Population, Projection
 from neuro.run.results_file import RemoteFile, ResultsFile
 
 
@@ -78,24 +76,8 @@ def collect(
             p.name: weights_of(sim, p, counts, all_weights=all_weights, includes_weights=weights)
             for p in program.projections
         },
-        traces(sim) if records else {probe.name: trace_of(sim, probe) for probe in _probes_of_states(program)},
+        sim.traces if records else sim._records.empty_traces(),
     )
-
-
-def _probes_of_states(program: Program) -> list[Probe | SynapseProbe]:
-    return [*(probe for probe in program.probes if probe.record != "spikes"), *program.synapse_probes]
-
-
-def traces(sim: Any) -> dict[str, Trace]:
-    """Return the traces that the probes of states have recorded, by name."""
-    traces_by_name: dict[str, Trace] = {}
-    for probe in _probes_of_states(sim.program):
-        times, values = sim.trace(probe.name)
-        ends = {}
-        if isinstance(values, dict):
-            values, ends = values[probe.record], {"pre": values["pre"], "post": values["post"]}
-        traces_by_name[probe.name] = replace(trace_of(sim, probe), times_ms=times, values=values, **ends)
-    return traces_by_name
 
 
 def about(sim: Any, threads: int) -> dict[str, Any]:
@@ -195,31 +177,6 @@ def all_weights_of(sim: Any, all_weights: bool) -> Iterator[tuple[str, Weights]]
         yield part.name, weights_of(sim, part, counts, all_weights=all_weights)
 
 
-def trace_of(sim: Any, probe: Probe | SynapseProbe) -> Trace:
-    """Return a trace without values."""
-    fields: dict[str, Any] = {"probe": sim.handles.probe_name(probe.name), "mean": probe.mean}
-    if isinstance(probe, Probe):
-        population = sim.program.populations[probe.population]
-        states = {state.name: state.unit for state in population.model.states}
-        unit = "Hz" if probe.record == "rate" else states[probe.record]
-        none = np.zeros(0 if is_single(probe) else (0, columns(sim.program, probe)))
-        ids = None if is_single(probe) else probe.ids
-        return Trace(population.name, probe.record, unit, np.zeros(0), none, ids=ids, **fields)
-    part = sim.program.projections[probe.projection]
-    unit = {state.name: state.unit for state in part.synapse.states}.get(probe.record, "")
-    none = np.zeros(0 if probe.every == 0 or probe.mean else (0, columns(sim.program, probe)))
-    fields["projection"] = part.name
-    if probe.every == 0:
-        ends = (np.zeros(0, np.int64), np.zeros(0, np.int64))
-    elif part.grid is not None or probe.mean:
-        return Trace("", probe.record, unit, np.zeros(0), none, **fields)
-    else:
-        chosen = slice(None) if probe.synapses is None else probe.synapses
-        pre, post = sim.program.connections(probe.projection)
-        ends = (pre[chosen], post[chosen])
-    return Trace("", probe.record, unit, np.zeros(0), none, pre=ends[0], post=ends[1], **fields)
-
-
 COMMIT_S = 1.0
 """Seconds between commits. A run that is killed loses the records after the last commit."""
 
@@ -234,9 +191,6 @@ class ResultsWriter:
 
     Args:
         sim: the simulation, which calls `run`.
-        net: the network it was compiled from.
-        engine: the engine of the simulation.
-        recorder: the recorder of the simulation.
         path: the final path. The first free `.part` file beside it is written, so that no recording of an earlier run
             is lost.
         threads: number of threads of the run.
@@ -254,9 +208,6 @@ class ResultsWriter:
     def __init__(
         self,
         sim: Any,
-        net: Network,
-        engine: Engine,
-        recorder: Recorder,
         path: str | os.PathLike[str],
         *,
         threads: int = 1,
@@ -264,20 +215,20 @@ class ResultsWriter:
         all_weights: bool = False,
         live: bool = False,
     ) -> None:
-        self._sim, self._engine, self._recorder = sim, engine, recorder
+        self._sim, self._engine, self._recorder = sim, sim._engine, sim._records.recorder
         self._threads, self._all_weights = threads, all_weights
         self.path = Path(os.path.realpath(file_path(path, "path")))
         self.part = free_part(self.path, is_kept)
         for output in (self.path, self.part):
             check_output(output, KIND)
         results = collect(
-            sim, net, threads=threads, record=record, all_weights=all_weights, weights=False, records=False
+            sim, sim._net, threads=threads, record=record, all_weights=all_weights, weights=False, records=False
         )
         self._origin = results.about[ATTRIBUTE]
         self._recorded = [
             index for index, part in enumerate(sim.program.populations) if results.populations[part.name].recorded
         ]
-        self.live, self.drained, self._finished = live, engine.step, False
+        self.live, self.drained, self._finished = live, self._engine.step, False
         self._file: ResultsFile | RemoteFile = RemoteFile(self.part) if live else ResultsFile(self.part)
         self._fed: dict[str, list[tuple[Ints, Ints, NDArray[np.uint32]]]] = {}
         self._stretch = 1

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,59 @@ from numpy.typing import NDArray
 
 from neuro.compiler.memory import LEAST, Need, check_room
 from neuro.core.clock import NEVER, Clock
+from neuro.files.parts import Trace
 from neuro.program.backend import Engine, Notes, Samples, Sent
 from neuro.program.program import Floats, Ints, Probe, Program, SynapseProbe
 from neuro.program.spikes import one_by_one
 
+_NO_IDS: Ints = np.zeros(0, dtype=np.int64)
 
-class Series:
-    """The records of one probe, by step.
+
+class Columns:
+    """Records by step, as blocks of arrays with an entry for each record.
+
+    Args:
+        empty: arrays without entries, by name, for their types and columns; the first are the steps.
+    """
+
+    def __init__(self, **empty: NDArray[Any]) -> None:
+        self._empty, self._blocks = empty, list[tuple[NDArray[Any], ...]]()
+
+    def clear(self) -> None:
+        """Forget all records."""
+        self._blocks.clear()
+
+    def add(self, *block: NDArray[Any]) -> None:
+        """Append the records of later steps, one array for each name."""
+        if len(block[0]):
+            self._blocks.append(block)
+
+    def after(self, step: int) -> dict[str, NDArray[Any]]:
+        """Return copies of the records after a step, by name. Earlier blocks are not read."""
+        later = list(takewhile(lambda block: block[0][-1] > step, reversed(self._blocks)))
+        columns = zip(self._empty.values(), *reversed(later), strict=True)
+        joined = dict(zip(self._empty, map(np.concatenate, columns), strict=True))
+        begin = np.searchsorted(joined["steps"], step, side="right")
+        return {name: array[begin:] for name, array in joined.items()}
+
+    def forget(self, before: int) -> None:
+        """Drop the records up to a step."""
+        later = self.after(before)
+        self._blocks.clear()
+        self.add(*later.values())
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all records."""
+        return self.after(-1)
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Replace the records by those of a snapshot."""
+        self._blocks.clear()
+        self.add(*(arrays[name].copy() for name in self._empty))
+
+
+class Series(Columns):
+    """The records of a probe at intervals, shape (steps, columns).
 
     Args:
         clock: clock of the network.
@@ -27,51 +73,19 @@ class Series:
     """
 
     def __init__(self, clock: Clock, columns: int, single: bool = False) -> None:
-        self._clock, self._columns, self._single = clock, columns, single
-        self.clear()
+        super().__init__(steps=_NO_IDS, values=np.zeros((0, columns)))
+        self._clock, self._single = clock, single
 
-    def clear(self) -> None:
-        """Forget all records."""
-        self._steps: list[int] = []
-        self._values: list[Floats] = []
+    def thinned(self, step: int, most: int) -> tuple[Ints, Floats]:
+        """Return steps and values after a step. If there are more than `most` records, every n-th is returned."""
+        steps, values = self.after(step).values()
+        interval = -(-len(steps) // most) or 1
+        return steps[::interval], values[::interval]
 
-    def add(self, step: int, values: Floats) -> None:
-        """Append the values of a step."""
-        self._steps.append(step)
-        self._values.append(values)
-
-    def extend(self, steps: Ints, values: Floats) -> None:
-        """Append the values of many steps, shape (steps, columns)."""
-        self._steps += steps.tolist()
-        self._values += list(values)
-
-    def after(self, step: int, most: int) -> tuple[Ints, Floats]:
-        """Return steps and values after a step. If there are more than `most` records, every n-th is returned.
-
-        The time that the call needs depends on the number of returned records only.
-        """
-        begin = bisect_right(self._steps, step)
-        interval = -(-(len(self._steps) - begin) // most) or 1
-        steps = np.array(self._steps[begin::interval], dtype=np.int64)
-        return steps, np.array(self._values[begin::interval], dtype=np.float64).reshape(len(steps), self._columns)
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the trace; a single number per record has the shape (times,)."""
-        steps, values = self.after(-1, len(self._steps) + 1)
+    def arrays(self, step: int = -1) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the trace after a step; a single number per record has the shape (times,)."""
+        steps, values = self.after(step).values()
         return {"times_ms": self._clock.array_ms(steps), "values": values[:, 0] if self._single else values}
-
-    def forget(self, before: int) -> None:
-        """Drop the records up to a step."""
-        begin = bisect_right(self._steps, before)
-        del self._steps[:begin], self._values[:begin]
-
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return all records."""
-        return dict(zip(("steps", "values"), self.after(-1, len(self._steps) + 1), strict=True))
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Replace the records by those of a snapshot."""
-        self._steps, self._values = arrays["steps"].tolist(), list(arrays["values"])
 
 
 class Recorder:
@@ -83,17 +97,17 @@ class Recorder:
         ends: function that returns source and target of every synapse of a projection, by its index.
 
     Attributes:
+        probes: probes of states by name.
         series: records at intervals, by name.
         records: all records by name, those at presynaptic spikes last.
     """
 
     def __init__(self, program: Program, engine: Engine, ends: Callable[[int], tuple[Ints, Ints]]) -> None:
         self._engine = engine
-        probes = [p for p in program.probes if p.record != "spikes"]
-        self._to_read: dict[str, Probe | SynapseProbe] = {p.name: p for p in probes}
-        self._to_read |= {p.name: p for p in program.synapse_probes if p.every}
-        self._probes, self._program = tuple(self._to_read.values()), program
-        self._sampled: dict[str, int] = {}
+        self._program, self._sampled = program, dict[str, int]()
+        probes: list[Probe | SynapseProbe] = [probe for probe in program.probes if probe.record != "spikes"]
+        self.probes = {probe.name: probe for probe in (*probes, *program.synapse_probes)}
+        self._to_read = {name: probe for name, probe in self.probes.items() if probe.every}
         clock = Clock(program.resolution)
         self.series = {
             name: Series(clock, columns(program, probe), is_single(probe)) for name, probe in self._to_read.items()
@@ -119,7 +133,7 @@ class Recorder:
             ModelError: the records do not fit. The message names the largest probe.
         """
         needs = []
-        for probe in self._probes:
+        for probe in (self.probes[name] for name in self.series):
             times, values = steps // probe.every, columns(self._program, probe)
             text = f"probe '{probe.name}', {times:,} times {values:,} values"
             needs.append(Need(8.0 * times * (values + 1), text, probe.origin))  # + 1: the time of each record
@@ -138,15 +152,21 @@ class Recorder:
             engine.run(steps)
         else:
             end = engine.step + steps
-            while engine.step < end:
-                step = engine.step
-                engine.run(min(end, *(step - step % p.every + p.every for p in self._to_read.values())) - step)
-                for name, probe in self._to_read.items():
-                    if engine.step % probe.every == 0:
-                        self.series[name].add(engine.step, self._values(probe))
+            rows: dict[str, tuple[list[int], list[Floats]]] = {name: ([], []) for name in self._to_read}
+            try:
+                while engine.step < end:
+                    step = engine.step
+                    engine.run(min(end, *(step - step % p.every + p.every for p in self._to_read.values())) - step)
+                    for name, probe in self._to_read.items():
+                        if engine.step % probe.every == 0:
+                            rows[name][0].append(engine.step)
+                            rows[name][1].append(self._values(probe))
+            finally:  # an interrupt leaves the records of the finished steps
+                for name, (steps_of_rows, values) in rows.items():
+                    self.series[name].add(np.array(steps_of_rows, np.int64), np.array(values, np.float64))
         if self._samples is not None:
             for name, number in self._sampled.items():
-                self.series[name].extend(*self._samples.sampled(number))
+                self.series[name].add(*self._samples.sampled(number))
         for records in self._pre_spikes.values():
             records.update(engine)
 
@@ -165,6 +185,23 @@ class Recorder:
         else:
             values = self._engine.get(probe.population, probe.record, probe.ids)
         return values.mean(keepdims=True) if probe.mean else values
+
+    def trace_after(self, name: str, step: int, probe_name: str) -> Trace:
+        """Return the part of a trace after a step; `probe_name` is the name of the probe that recorded it."""
+        probe = self.probes[name]
+        fields: dict[str, Any] = {"state": probe.record, "probe": probe_name, "mean": probe.mean}
+        fields |= self.records[name].arrays(step)
+        if isinstance(probe, Probe):
+            part = self._program.populations[probe.population]
+            unit = {**{state.name: state.unit for state in part.model.states}, "rate": "Hz"}[probe.record]
+            return Trace(part.name, unit=unit, ids=None if is_single(probe) else probe.ids, **fields)
+        projection = self._program.projections[probe.projection]
+        unit = {state.name: state.unit for state in projection.synapse.states}.get(probe.record, "")
+        if probe.every and not probe.mean and projection.grid is None:
+            synapses = slice(None) if probe.synapses is None else probe.synapses
+            pre, post = self._program.connections(probe.projection)
+            fields |= {"pre": pre[synapses], "post": post[synapses]}
+        return Trace("", unit=unit, projection=projection.name, **fields)
 
     def take(self) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
         """Yield the arrays of all traces by name, and forget them."""
@@ -208,10 +245,7 @@ def columns(program: Program, probe: Probe | SynapseProbe) -> int:
     return program.populations[probe.population].size if probe.ids is None else probe.ids.size
 
 
-_NO_IDS: Ints = np.zeros(0, dtype=np.int64)
-
-
-class PreSpikes:
+class PreSpikes(Columns):
     """The records of one probe at presynaptic spikes.
 
     A spike that is emitted in a step acts when the next step begins, so a spike of the last step is recorded later. For
@@ -226,6 +260,7 @@ class PreSpikes:
     """
 
     def __init__(self, program: Program, index: int, clock: Clock, ends: Callable[[int], tuple[Ints, Ints]]) -> None:
+        super().__init__(steps=_NO_IDS, synapses=_NO_IDS, values=np.zeros(0))
         self._program, self._index, self._clock, self._ends = program, index, clock, ends
         self._probe = program.synapse_probes[index]
         self._part = program.projections[self._probe.projection]
@@ -233,8 +268,8 @@ class PreSpikes:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all records."""
-        self._records: list[Sent] = []
+        """Forget all records, also the spikes that have not acted yet."""
+        super().clear()
         self._last_step, self._pending = -1, (_NO_IDS, _NO_IDS)
 
     def update(self, engine: Engine) -> None:
@@ -243,7 +278,7 @@ class PreSpikes:
         new = engine.noted(self._index) if isinstance(engine, Notes) and learns else self._from_spikes(engine)
         if new.steps.size:
             order = np.lexsort((new.synapses, new.steps))
-            self._records.append(Sent(new.steps[order], new.synapses[order], new.values[order]))
+            self.add(new.steps[order], new.synapses[order], new.values[order])
 
     def _from_spikes(self, engine: Engine) -> Sent:
         """Return the synapses of the neurons that have fired, with their present weights."""
@@ -263,33 +298,20 @@ class PreSpikes:
         values = engine.get_synapses(self._probe.projection, self._probe.record)
         return Sent(np.repeat(steps[has_acted], fan_out), synapses, values[synapses])
 
-    def _read(self) -> Sent:
-        """Return all records, by step, then synapse."""
-        none = Sent(_NO_IDS, _NO_IDS, np.zeros(0))
-        parts = [none, *self._records]
-        return Sent(*(np.concatenate([getattr(part, word) for part in parts]) for word in Sent.__slots__))
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the trace."""
-        records, (pre, post) = self._read(), self._ends(self._probe.projection)
-        ends = {"pre": pre[records.synapses], "post": post[records.synapses]}
-        return {"times_ms": self._clock.array_ms(records.steps), "values": records.values, **ends}
-
-    def forget(self, before: int) -> None:
-        """Drop the records of spikes up to a step."""
-        records = self._read()
-        is_later = records.steps > before
-        self._records = [Sent(records.steps[is_later], records.synapses[is_later], records.values[is_later])]
+    def arrays(self, step: int = -1) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the trace after a step."""
+        records, (pre, post) = self.after(step), self._ends(self._probe.projection)
+        ends = {"pre": pre[records["synapses"]], "post": post[records["synapses"]]}
+        return {"times_ms": self._clock.array_ms(records["steps"]), "values": records["values"], **ends}
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return all records, and the spikes that have not acted yet."""
-        records = self._read()
         steps, ids = self._pending
         pending = {"waiting_steps": steps, "waiting_ids": ids, "seen": np.array(self._last_step)}
-        return {**{word: getattr(records, word) for word in Sent.__slots__}, **pending}
+        return {**super().snapshot(), **pending}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Replace all records by those of a snapshot."""
-        self._records = [Sent(*(arrays[word].copy() for word in Sent.__slots__))]
+        super().restore(arrays)
         self._pending = arrays["waiting_steps"].copy(), arrays["waiting_ids"].copy()
         self._last_step = int(arrays["seen"])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -11,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, a
 from neuro.core.quantities import in_ms
-from neuro.files.parts import entries, spikes_in_ms
+from neuro.files.parts import Trace, entries, spikes_in_ms
 from neuro.model.neurons import Generator
 from neuro.model.parts import Probe
 from neuro.program.program import Floats, Ints
@@ -40,7 +42,7 @@ class Records:
     """
 
     def __init__(self, run: Run) -> None:
-        self._net, self._engine, self._clock, self._handles = run.net, run.engine, run.clock, run.handles
+        self._engine, self._clock, self._handles = run.engine, run.clock, run.handles
         self._program = run.program
         self._probed = bool(run.program.synapse_probes) or any(p.record != "spikes" for p in run.program.probes)
         self.recording: ResultsWriter | None = None
@@ -76,23 +78,21 @@ class Records:
 
     @contextmanager
     def to_file(
-        self,
-        sim: Any,
-        path: str | PathLike[str],
-        threads: int,
-        record: Collection[str],
-        all_weights: bool,
-        live: bool,
-        turn: Turn | None,
+        self, sim: Any, path: str | PathLike[str], turn: Turn | None, **options: Any
     ) -> Iterator[ResultsWriter]:
-        """Write records to a file of results within the block, instead of storing them in memory."""
+        """Write records to a file of results within the block, instead of storing them in memory.
+
+        Args:
+            sim: the simulation.
+            path: path of the file.
+            turn: the turn of the simulation's calls, None within a call.
+            options: further arguments of `ResultsWriter`.
+        """
         from neuro.run.collect import ResultsWriter
 
         with hold(turn, "record_to"):
             self.refuse_while_recording("record_to")
-            parts = (sim, self._net, self._engine, self.recorder)
-            recording = ResultsWriter(*parts, path, threads=threads, record=record, all_weights=all_weights, live=live)
-            self.recording = recording
+            self.recording = recording = ResultsWriter(sim, path, **options)
         try:
             yield recording
             with hold(turn, "record_to", wait=True):
@@ -204,8 +204,21 @@ class Records:
             return results.trace(name)
         arrays = self.recorder.records[name].arrays()
         times, values = arrays.pop("times_ms"), arrays.pop("values")
-        state = next(probe.record for probe in self._program.synapse_probes if probe.name == name) if arrays else ""
-        return times, {**arrays, state: values} if arrays else values
+        return times, {**arrays, self.recorder.probes[name].record: values} if arrays else values
+
+    def traces(self) -> dict[str, Trace]:
+        """Return all traces by name, in the order of the program."""
+        if (results := self._results_in_file()) is not None:
+            return {name: replace(trace) for name, trace in results.traces.items()}  # reads the open file now
+        return self._traces_after(-1)
+
+    def empty_traces(self) -> dict[str, Trace]:
+        """Return the traces without records."""
+        return self._traces_after(NEVER)
+
+    def _traces_after(self, step: int) -> dict[str, Trace]:
+        names = self.recorder.probes
+        return {name: self.recorder.trace_after(name, step, self._handles.probe_name(name)) for name in names}
 
     @property
     def _in_file(self) -> bool:

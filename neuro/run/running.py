@@ -156,8 +156,8 @@ class RunningNetwork:
             ModelError: the file cannot be written, or the simulation records to a file already.
         """
         inner = self if self._turn is None else self._inner
-        arguments = (path, threads, record, all_weights, live)
-        with self._records.to_file(inner, *arguments, self._turn) as recording:
+        options = {"threads": threads, "record": record, "all_weights": all_weights, "live": live}
+        with self._records.to_file(inner, path, self._turn, **options) as recording:
             yield recording
 
     @exclusive

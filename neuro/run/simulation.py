@@ -387,11 +387,10 @@ class Simulation(RunningNetwork):
         return Stepper(Joined(self._run, [self._engine], [self._watch]), ms, emit, count)
 
     @property
+    @exclusive
     def traces(self) -> dict[str, Trace]:
         """Return the traces that probes of states have recorded so far, by name, with units, as in results."""
-        from neuro.run.collect import traces
-
-        return traces(self)
+        return self._records.traces()
 
     def plot(self, of: Any = None, window: tuple[float, float] | None = None) -> Figure:
         """Draw raster, rates and traces of the run so far, as `neuro.plots.overview` does.
