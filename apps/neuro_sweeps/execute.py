@@ -206,12 +206,7 @@ def _do_all(
 
 def _begin(runs: Runs, folder: Folder) -> None:
     """Create the folder, or continue in it. The number of trials of a search may differ."""
-    content = runs.as_dict() | {"inputs": list(runs.inputs), "provenance": provenance(runs.inputs)}
-    folder.begin(content, "same" if "plan" in content else "digest_of_runs", "same")
-    existing = folder.read()
-    if "plan" in content and existing["plan"]["trials"] != content["plan"]["trials"]:
-        unchanged = {word: value for word, value in existing.items() if word not in ("format", "digest")}
-        folder.write(unchanged | {"plan": content["plan"]})
+    folder.begin(runs.as_dict() | {"inputs": list(runs.inputs), "provenance": provenance(runs.inputs)})
 
 
 def _retry_failed(plan: SearchPlan, key_prefix: str, folder: Folder) -> None:

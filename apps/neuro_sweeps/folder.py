@@ -335,13 +335,8 @@ class Folder:
         self.kind = kind or (TUNING if (path / TUNING.file).exists() else SWEEP)
         self.runs, self.claims = path / "runs", path / "claims"
 
-    def begin(self, content: Mapping[str, Any], same: str, what: str) -> None:
-        """Create the folder, or continue in the folder of the same sweep.
-
-        Args:
-            content: content of the folder's file.
-            same: key of `content` whose value tells whether two sweeps are the same.
-            what: key of `content` with the inputs of the runs. An error message names the first input that differs.
+    def begin(self, content: Mapping[str, Any]) -> None:
+        """Create the folder with `content` as that of its file, or continue in the folder of the same sweep.
 
         Raises:
             ModelError: the folder belongs to another sweep, has other files, or cannot be written.
@@ -352,7 +347,7 @@ class Folder:
         has_other_files = self._has_other_files()  # before other processes of the same sweep add theirs
         file = self.path / self.kind.file
         if file.exists():
-            self._check_same(content, same, what)
+            self._check_same(content)
         elif has_other_files:
             raise ModelError(f"{self.path}: is not the folder of a {self.kind.what}: expected a new or empty folder")
         with writing(self.path):
@@ -363,12 +358,12 @@ class Folder:
             (self.claims / f".try-{os.getpid()}").unlink()
         if not file.exists():
             self.write(content)
-            self._check_same(content, same, what)
+            self._check_same(content)
         # Workers run the code that the file names. A file of someone else must not choose the code.
         existing = self.read()
-        if _code_of(existing) != _code_of(content):
+        if _code_and_plan(existing) != _code_and_plan(content):
             unchanged = {word: value for word, value in existing.items() if word not in ("format", "digest")}
-            self.write(unchanged | {word: content[word] for word in ("what", "with")})
+            self.write(unchanged | {word: content[word] for word in ("what", "with", "plan") if word in content})
 
     def tidy(self) -> None:
         """Remove temporary folders of killed processes of this machine."""
@@ -424,14 +419,15 @@ class Folder:
         command = self.kind.command
         return f"neuro {command} run {command}.yaml --out FOLDER creates one"
 
-    def _check_same(self, content: Mapping[str, Any], same_key: str, inputs_key: str) -> None:
-        """Refuse the folder of another sweep or tuning."""
+    def _check_same(self, content: Mapping[str, Any]) -> None:
+        """Refuse the folder of another sweep or tuning. The message names the first input that differs."""
         existing, name = self.read(), self.kind.what
-        if existing.get(same_key) == content[same_key]:
+        identity = "same" if self.kind == TUNING else "digest_of_runs"
+        if existing.get(identity) == content[identity]:
             return
         hint = f"expected the same {name}, or the name of a new folder"
         message = f"{self.path}: the folder of another {name}"
-        stored, inputs = existing.get(inputs_key, {}), content[inputs_key]
+        stored, inputs = existing.get("same", {}), content["same"]
         for word in inputs:
             if stored.get(word) != inputs[word]:
                 old, new = (_difference(stored.get(word), inputs[word]), _difference(inputs[word], stored.get(word)))
@@ -498,10 +494,10 @@ class Folder:
         return self.runs / f".{key}.{_tag()}.{os.getpid()}-{began(os.getpid())}.{next(_number)}"
 
 
-def _code_of(content: Mapping[str, Any]) -> object:
-    """Return the parts of the file of a folder that name code."""
-    run = content.get("what", {})
-    return content.get("with"), run if not isinstance(run, Mapping) or run.get("kind") != "network" else None
+def _code_and_plan(content: Mapping[str, Any]) -> object:
+    """Return the parts of the file of a folder that name code, and the plan, whose number of trials may differ."""
+    run = content["what"]
+    return content.get("with"), content.get("plan"), None if run["kind"] == "network" else run
 
 
 def sum_of(content: Mapping[str, Any], before: str = "") -> str:

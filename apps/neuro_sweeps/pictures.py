@@ -149,10 +149,10 @@ def plot_data(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind
 def varied(table: SweepTable) -> tuple[str, ...]:
     """Return the parameters with several values."""
     first_values: dict[str, list[Any]] = {name: [] for name in table.parameters}
-    for point, _ in table.points:
+    for item in table.items:
         for name, values in first_values.items():
-            if len(values) < 2 and point.get(name) not in values:
-                values.append(point.get(name))
+            if len(values) < 2 and item.point.get(name) not in values:
+                values.append(item.point.get(name))
     return tuple(name for name, values in first_values.items() if len(values) > 1)
 
 
@@ -160,10 +160,10 @@ def _data_of_metric(
     table: SweepTable, finished: Mapping[str, RunOutcome], metric: str, names: tuple[str, ...], kind: str
 ) -> PlotData:
     runs: dict[str, tuple[Values, list[float]]] = {}
-    for key, (point, _) in zip(table.keys, table.points, strict=True):
-        value: Any = finished[key].metrics.get(metric) if key in finished else None
+    for item in table.items:
+        value: Any = finished[item.key].metrics.get(metric) if item.key in finished else None
         if _finite(value):
-            values = tuple(point.get(name) for name in names)
+            values = tuple(item.point.get(name) for name in names)
             runs.setdefault(repr(values), (values, []))[1].append(float(value))
     points = tuple((values, tuple(metrics)) for values, metrics in runs.values())
     kind = _best_kind(PlotData("lines", metric, names, points)) if kind == "auto" else kind
@@ -171,7 +171,7 @@ def _data_of_metric(
         raise ModelError(f"a map needs two parameters: found only {names[0]}")
     max_names = 2 if kind == "map" else len(names)
     cut = tuple((values[:max_names], metrics) for values, metrics in points)
-    seeds = ("seeds",) if len({repr(point) for point, _ in table.points}) < len(table.points) else ()
+    seeds = ("seeds",) if len({repr(item.point) for item in table.items}) < len(table) else ()
     averaged = tuple(name for name in varied(table) if name not in names[:max_names]) + seeds
     return PlotData(kind, metric, names[:max_names], cut, averaged)
 

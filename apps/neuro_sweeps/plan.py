@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from neuro import ModelError
 from neuro.apps import in_ms, is_number, nearest, shown, unknown, words_of
-from neuro_sweeps.space import Axis, Point, RunItem, axes, key_of, seeds_of
+from neuro_sweeps.space import Axis, Point, RunItem, axes, check_numbers, key_of, seeds_of
 
 SAMPLERS = ("tpe", "nsga2", "random", "grid")
 PRUNERS = {
@@ -129,13 +129,10 @@ def plan_of(
     space = axes(parameters)
     if not space:
         raise ModelError("the space is empty: expected parameters with values")
+    check_numbers(space, chosen, f"sampler {chosen}")
     for axis in space:
         if axis.name in ("fold", "folds", "seed"):
             raise ModelError(f"{axis.name}: set by 'folds' and 'seeds': expected another parameter")
-        if chosen == "grid" and not axis.values and not axis.number:
-            raise ModelError(f"{axis.name}: a range of a grid needs 'number', the number of values")
-        if chosen != "grid" and axis.number:
-            raise ModelError(f"{axis.name}.number = {axis.number}: not used with sampler {chosen}")
         if axis.whole and chosen != "grid" and (axis.low % 1 or axis.high % 1):
             raise ModelError(
                 f"{axis.name}: from {axis.low:g} to {axis.high:g}: expected whole numbers with 'whole: true'"

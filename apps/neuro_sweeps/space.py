@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -114,6 +114,24 @@ def axes(space: Mapping[str, Any]) -> tuple[Axis, ...]:
     if not isinstance(space, Mapping):
         raise ModelError(f"parameters = {shown(space)}: expected values by name, such as {{g: [4, 5, 6]}}")
     return tuple(_axis(str(name), values) for name, values in space.items())
+
+
+def check_numbers(axes: Iterable[Axis], way: str, way_text: str) -> None:
+    """Check that ranges have a number of values in a grid, and nowhere else.
+
+    Args:
+        axes: the parameters with their values.
+        way: "grid", or another way to choose points.
+        way_text: the way in messages.
+
+    Raises:
+        ModelError: a range of a grid has no number, or another range has one.
+    """
+    for axis in axes:
+        if way == "grid" and not axis.values and not axis.number:
+            raise ModelError(f"{axis.name}: a range of a grid needs 'number', the number of values")
+        if way != "grid" and axis.number:
+            raise ModelError(f"{axis.name}.number = {axis.number}: not used with {way_text}")
 
 
 def _axis(name: str, values: Any) -> Axis:
@@ -243,11 +261,7 @@ def space_of(
             raise ModelError("the space is empty: expected parameters with values, or seeds")
         if not space.axes and space.sampling != "grid":
             raise ModelError(f"the space is empty: sampling {space.sampling} needs parameters")
-        for axis in space.axes:
-            if space.sampling == "grid" and not axis.values and not axis.number:
-                raise ModelError(f"{axis.name}: a range of a grid needs 'number', the number of values")
-            if space.sampling != "grid" and axis.number:
-                raise ModelError(f"{axis.name}.number = {axis.number}: not used with sampling {space.sampling}")
+        check_numbers(space.axes, space.sampling, f"sampling {space.sampling}")
     if space.size() > MOST:
         sizes = [f"{axis.name} has {axis.count():,}" for axis in space.axes if space.sampling == "grid"]
         message = ", ".join(sizes[:6]) + "; " if sizes else ""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from neuro import ModelError
 from neuro.apps import Kind, curves, file_path, marked, needed, output, quantity, tables, unknown
 from neuro_sweeps.folder import PRUNED, SWEEP, Folder, RunOutcome, claimed
+from neuro_sweeps.space import RunItem
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -185,17 +186,18 @@ class SweepTable(RunRows):
         path: folder of the sweep.
         name: name of the sweep.
         parameters: names of the parameters, in order.
-        seeded: the runs have seeds.
-        keys: hashes of all runs, in the order of the space.
-        points: values of the parameters and seed of each run.
+        items: all runs, in the order of the space.
     """
 
     path: Path
     name: str
     parameters: tuple[str, ...]
-    seeded: bool
-    keys: tuple[str, ...]
-    points: tuple[tuple[Mapping[str, Any], int | None], ...]
+    items: tuple[RunItem, ...]
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Hashes of all runs, in the order of the space."""
+        return tuple(item.key for item in self.items)
 
     def outcomes(self) -> dict[str, RunOutcome]:
         """Return the outcomes of all kept runs by hash."""
@@ -211,7 +213,7 @@ class SweepTable(RunRows):
             "done": len(outcomes) - failed,
             "failed": failed,
             "under way": len(running_keys & set(self.keys)),
-            "left": len(self.keys) - len(outcomes),
+            "left": len(self) - len(outcomes),
         }
 
     def metrics(self) -> tuple[str, ...]:
@@ -228,11 +230,12 @@ class SweepTable(RunRows):
 
     def _rows(self, outcomes: Mapping[str, RunOutcome], times: bool) -> Iterator[dict[str, Any]]:
         names = names_of(outcome.metrics for outcome in outcomes.values())
-        for key, (point, seed) in zip(self.keys, self.points, strict=True):
-            run = outcomes.get(key)
-            row: dict[str, Any] = {"run": key, "outcome": run.outcome if run else LEFT, **point}
-            if self.seeded:
-                row["seed"] = seed
+        has_seeds = any(item.seed is not None for item in self.items)
+        for item in self.items:
+            run = outcomes.get(item.key)
+            row: dict[str, Any] = {"run": item.key, "outcome": run.outcome if run else LEFT, **item.point}
+            if has_seeds:
+                row["seed"] = item.seed
             row |= {name: run.metrics.get(name) if run else None for name in names}
             if times:
                 row |= {"seconds": run.seconds if run else None, "attempts": run.attempts if run else None}
@@ -240,7 +243,7 @@ class SweepTable(RunRows):
             yield row
 
     def __len__(self) -> int:
-        return len(self.keys)
+        return len(self.items)
 
     def __repr__(self) -> str:
         counts = self.counts()
@@ -257,10 +260,8 @@ def table_of(path: str | PathLike[str]) -> SweepTable:
     folder = file_path(path, "path")
     content = Folder(folder, SWEEP).read()
     try:
-        keys = tuple(key for key, _, _ in content["runs"])
-        points = tuple((point, seed) for _, point, seed in content["runs"])
-        seeded = any(seed is not None for _, seed in points)
-        return SweepTable(folder, content["name"], tuple(content["parameters"]), seeded, keys, points)
+        items = tuple(RunItem(key, point, seed) for key, point, seed in content["runs"])
+        return SweepTable(folder, content["name"], tuple(content["parameters"]), items)
     except (KeyError, TypeError, ValueError):
         raise ModelError(f"{folder / 'sweep.json'}: damaged: expected the file that 'neuro sweep run' wrote") from None
 

@@ -490,9 +490,8 @@ class TuneTable(RunRows):
     def runs(self) -> SweepTable:
         """Return the table of all runs of the trials, as for a sweep."""
         items = {item.key: item for trial in self.trials() for item in trial.items}
-        points = tuple((item.point, item.seed) for item in items.values())
         names = (*self.plan.names, *(("fold",) if self.plan.folds else ()))
-        return SweepTable(self.path, self.name, names, bool(self.plan.seeds), tuple(items), points)
+        return SweepTable(self.path, self.name, names, tuple(items.values()))
 
     def strays(self) -> int:
         """Return the number of kept runs without a trial in the journal, e.g. after the journal was cut."""
