@@ -344,12 +344,12 @@ def trace_text(trace: Trace) -> str:
     """Describe the record of a probe, e.g. "V_m of 3 neurons at 1,000 times"."""
     from neuro.core.errors import some
 
-    part, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
+    times = some(trace.times_ms.size, "time")
     if trace.at_pre_spikes:
-        return f"{trace.state} of {part} at {some(trace.times_ms.size, 'pre spike')}"
+        return f"{trace.state} of {trace.of} at {some(trace.times_ms.size, 'pre spike')}"
     if trace.single:
-        return f"{'mean ' * trace.mean}{trace.state} of {part} at {times}"
-    return f"{trace.state} of {some(trace.columns, 'synapse' if trace.projection else 'neuron')} at {times}"
+        return f"{'mean ' * trace.mean}{trace.state} of {trace.of} at {times}"
+    return f"{trace.state} of {some(trace.columns, trace.noun)} at {times}"
 
 
 class PictureFormat(StrEnum):

@@ -281,6 +281,16 @@ class Trace:
     post: Lazy = Lazy(None)
 
     @property
+    def of(self) -> str:
+        """Name of the recorded population or projection."""
+        return self.projection or self.population
+
+    @property
+    def noun(self) -> str:
+        """Kind of the columns, "neuron" or "synapse"; "" for a rate or a mean."""
+        return "" if self.single else "synapse" if self.projection else "neuron"
+
+    @property
     def at_pre_spikes(self) -> bool:
         """True if the probe recorded synapses at each pre spike instead of at regular times."""
         return not self.single and bool(self.values.ndim == 1)

@@ -9,13 +9,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.extras import needed
 from neuro.core.quantities import in_ms
 from neuro.core.values import shown
+from neuro.files.parts import Trace
 from neuro.model.parts import Part
 from neuro.model.views import NameAndShape, View, view_of_index
 from neuro.program.program import Floats, Ints, Program
@@ -77,43 +77,6 @@ def variation(times_ms: Floats, ids: Ints) -> Floats:
     square = np.bincount(index, (lengths - mean[index]) ** 2) / count
     defined = (count >= 2) & (mean > 0)
     return np.asarray(np.sqrt(square[defined]) / mean[defined])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StateTrace:
-    """Values of one state that a probe recorded, in `unit`.
-
-    Attributes:
-        of: name of the population or projection.
-        noun: "neuron" or "synapse", the kind of the columns; "" for a rate or a mean, which has one column.
-        columns: ids of the neurons in the population, or indices of the synapses among the recorded ones.
-        values: shape (times, columns); (times,) at pre spikes, one entry for each spike and synapse.
-        pre, post: source and target neuron of each column, or of each entry at pre spikes; None for neurons, means and
-            grids.
-    """
-
-    of: str
-    state: str
-    unit: str
-    noun: str
-    columns: Ints
-    times_ms: Floats
-    values: NDArray[Any]
-    pre: Ints | None = None
-    post: Ints | None = None
-
-    @property
-    def at_pre_spikes(self) -> bool:
-        """True if the probe recorded synapses at each pre spike instead of at regular times."""
-        return self.values.ndim == 1
-
-    def within(self, window: Window) -> StateTrace:
-        """Return the part of the trace in a window, begin and end included."""
-        rows = slice(int(np.searchsorted(self.times_ms, window[0])), up_to(self.times_ms, window[1]))
-        pre, post = self.pre, self.post
-        if pre is not None and post is not None and self.at_pre_spikes:
-            pre, post = pre[rows], post[rows]
-        return replace(self, times_ms=self.times_ms[rows], values=self.values[rows], pre=pre, post=post)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +148,7 @@ class Recorded:
         return SynapseWeights(shape, *(values if isinstance(values, tuple) else (None, None, values)))
 
     @cached_property
-    def _traces(self) -> Mapping[str, Any]:
+    def _traces(self) -> Mapping[str, Trace]:
         return dict(self._run.traces)  # a simulation copies its recording
 
     @property
@@ -193,14 +156,18 @@ class Recorded:
         """Name of the probe of each trace, by the name of the trace."""
         return {name: trace.probe or name for name, trace in self._traces.items()}
 
-    def trace(self, name: str) -> StateTrace:
-        """Return the trace of a name."""
-        part = self._traces[name]
-        noun = "" if part.single else "synapse" if part.projection else "neuron"
-        columns = part.ids if part.ids is not None else np.arange(0 if part.at_pre_spikes else part.columns)
-        values = part.values[:, None] if part.single else part.values
-        fields = (part.state, part.unit, noun, columns, part.times_ms, values)
-        return StateTrace(part.projection or part.population, *fields, part.pre, part.post)
+    def trace(self, name: str) -> Trace:
+        """Return the trace of a name, with `ids` of all columns; a rate or a mean has values of shape (times, 1)."""
+        trace = self._traces[name]
+        ids = np.arange(0 if trace.at_pre_spikes else trace.columns) if trace.ids is None else trace.ids
+        return replace(trace, ids=ids, values=trace.values[:, None] if trace.single else trace.values)
+
+
+def within(trace: Trace, window: Window) -> Trace:
+    """Return the part of a trace in a window, begin and end included."""
+    rows = slice(int(np.searchsorted(trace.times_ms, window[0])), up_to(trace.times_ms, window[1]))
+    ends = {"pre": trace.pre[rows], "post": trace.post[rows]} if trace.at_pre_spikes else {}
+    return replace(trace, times_ms=trace.times_ms[rows], values=trace.values[rows], **ends)
 
 
 def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain]:
@@ -316,7 +283,7 @@ def to_pandas(run: object) -> DataFrames:
             columns = {"time_ms": trace.times_ms, "pre": trace.pre, "post": trace.post, trace.state: trace.values}
             frame = pandas.DataFrame(columns)
         else:
-            of = pandas.Index(trace.columns, name=trace.noun) if trace.noun else pandas.Index([trace.state])
+            of = pandas.Index(trace.ids, name=trace.noun) if trace.noun else pandas.Index([trace.state])
             frame = pandas.DataFrame(trace.values, index=pandas.Index(trace.times_ms, name="time_ms"), columns=of)
         frame.attrs |= {"of": trace.of, "state": trace.state, "unit": trace.unit}
         traces[name] = frame
@@ -396,14 +363,14 @@ def _spike_trains(train: SpikeTrain) -> Any:
         yield neo.SpikeTrain(times[begin:end], units="ms", t_start=0.0, t_stop=train.window[1], **source)
 
 
-def _signal(name: str, trace: StateTrace, run: Recorded) -> Any:
+def _signal(name: str, trace: Trace, run: Recorded) -> Any:
     """Return a signal; a trace with gaps, where a part of the run was forgotten, becomes one with explicit times."""
     import neo
 
     unit = trace.unit or "dimensionless"
     annotations: dict[str, Any] = {
         "name": trace.state,
-        "array_annotations": {"channel_index": trace.columns},
+        "array_annotations": {"channel_index": trace.ids},
         "probe": name,
         "source_projection" if trace.noun == "synapse" else "source_population": trace.of,
     }

@@ -131,10 +131,7 @@ class Results:
             Table(
                 "traces",
                 ("name", "of", "state", ">columns", ">times"),
-                tuple(
-                    (name, t.projection or t.population, t.state, f"{t.columns:,}", f"{t.times_ms.size:,}")
-                    for name, t in traces
-                ),
+                tuple((name, t.of, t.state, f"{t.columns:,}", f"{t.times_ms.size:,}") for name, t in traces),
             ),
         ]
 

@@ -120,16 +120,15 @@ def end_ms(results: Results) -> float:
 
 
 def _trace(name: str, trace: Trace, last: float) -> Html:
-    of, noun = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
     x, values = _of_synapses(trace) if trace.at_pre_spikes else (trace.times_ms, trace.values)
     values = values[:, None] if values.ndim == 1 else values
     chosen = evenly(values.shape[1], MOST_LINES)
     if trace.single:
-        label = f"{'mean ' * trace.mean}{trace.state} of {of}"
+        label = f"{'mean ' * trace.mean}{trace.state} of {trace.of}"
     else:
         n = values.shape[1]
-        selection = f"{chosen.size:,} of {n:,} {noun}s of " if chosen.size < n else ""
-        label = f"{trace.state} of {selection}{of}"
+        selection = f"{chosen.size:,} of {n:,} {trace.noun}s of " if chosen.size < n else ""
+        label = f"{trace.state} of {selection}{trace.of}"
         label += ", as pre spikes leave it" * trace.at_pre_spikes
     lines = [values[:, column] for column in chosen]
     names = [] if trace.single else _names(trace, chosen)
@@ -143,8 +142,7 @@ def _names(trace: Trace, chosen: Ints) -> list[str]:
         return [f"{pre} to {post}" for pre, post in ends[:, chosen].T]
     if trace.pre is not None and trace.post is not None:
         return [f"{trace.pre[k]} to {trace.post[k]}" for k in chosen]
-    noun = "neuron" if trace.population else "synapse"
-    return [f"{noun} {k if trace.ids is None else trace.ids[k]}" for k in chosen]
+    return [f"{trace.noun} {k if trace.ids is None else trace.ids[k]}" for k in chosen]
 
 
 def _of_synapses(trace: Trace) -> tuple[Floats, Floats]:

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.values import literal, shown
-from neuro.files.recorded import Recorded, StateTrace, SynapseWeights, Window, checked_window, trains
+from neuro.files.parts import Trace
+from neuro.files.recorded import Recorded, SynapseWeights, Window, checked_window, trains, within
 from neuro.model.views import View
 from neuro.plots._canvas import (
     COLOURS,
@@ -75,7 +76,7 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
     return figure
 
 
-def among(whole: StateTrace, of: Any) -> StateTrace | None:
+def among(whole: Trace, of: Any) -> Trace | None:
     """Return the part of a trace for the neurons in some views.
 
     The whole trace is returned if no view belongs to the recorded population. The result is None if the views of that
@@ -85,23 +86,23 @@ def among(whole: StateTrace, of: Any) -> StateTrace | None:
     own_views = [view for view in views if view.population.name == whole.of]
     if whole.noun != "neuron" or not own_views:
         return whole
-    columns = np.flatnonzero(np.isin(whole.columns, np.concatenate([view.ids for view in own_views])))
+    columns = np.flatnonzero(np.isin(whole.ids, np.concatenate([view.ids for view in own_views])))
     if not columns.size:
         return None
-    return replace(whole, columns=whole.columns[columns], values=whole.values[:, columns])
+    return replace(whole, ids=whole.ids[columns], values=whole.values[:, columns])
 
 
-def draw(figure: Figure, axis: Any, name: str, whole: StateTrace) -> None:
+def draw(figure: Figure, axis: Any, name: str, whole: Trace) -> None:
     """Draw one trace into axes of a figure, with title and labels."""
     quantity = f"{whole.state} ({whole.unit})" if whole.unit else whole.state
     title = f"{name}: {'mean ' * (whole.noun == '' and whole.state != 'rate')}{whole.state} of {whole.of}"
     if whole.at_pre_spikes:
         _dots(axis, whole)
         label(axis, f"{title} at pre spikes", quantity)
-    elif whole.columns.size <= MOST_LINES:
+    elif whole.ids.size <= MOST_LINES:
         for column, (name_of_line, colour) in enumerate(zip(_column_names(whole), COLOURS, strict=False)):
             axis.plot(whole.times_ms, whole.values[:, column], color=colour, lw=1.0, label=name_of_line)
-        if whole.columns.size > 1:
+        if whole.ids.size > 1:
             legend(axis, MOST_LINES, "right")
         label(axis, title, quantity)
     else:
@@ -110,14 +111,14 @@ def draw(figure: Figure, axis: Any, name: str, whole: StateTrace) -> None:
         label(axis, title + note, whole.noun)
 
 
-def _column_names(part: StateTrace) -> list[str]:
+def _column_names(part: Trace) -> list[str]:
     """Return a name for each column, e.g. "neuron 3", or "3 to 7" for a synapse."""
     if part.pre is not None and part.post is not None:
         return [f"{pre} to {post}" for pre, post in zip(part.pre, part.post, strict=True)]
-    return [f"{part.noun} {number}" for number in part.columns]
+    return [f"{part.noun} {number}" for number in part.ids]
 
 
-def _dots(axis: Any, part: StateTrace) -> None:
+def _dots(axis: Any, part: Trace) -> None:
     assert part.pre is not None
     assert part.post is not None
     ends, synapse_index = np.unique(np.stack([part.pre, part.post]), axis=1, return_inverse=True)
@@ -132,7 +133,7 @@ def _dots(axis: Any, part: StateTrace) -> None:
         legend(axis, MOST_LINES, "right")
 
 
-def _traces(run: Recorded, probe: Any) -> list[tuple[str, StateTrace]]:
+def _traces(run: Recorded, probe: Any) -> list[tuple[str, Trace]]:
     probes = list(probe) if isinstance(probe, (list, tuple)) else run.probes if probe is None else [probe]
     names = []
     for name in (getattr(each, "name", each) for each in probes):
@@ -147,21 +148,21 @@ def _traces(run: Recorded, probe: Any) -> list[tuple[str, StateTrace]]:
     return traces
 
 
-def _cut(name: str, whole: StateTrace, window: Window) -> StateTrace:
-    cut = whole.within(window)
+def _cut(name: str, whole: Trace, window: Window) -> Trace:
+    cut = within(whole, window)
     if not cut.times_ms.size:
         raise ModelError(f"probe '{name}' recorded nothing in {window[0]:g} to {window[1]:g} ms")
     return cut
 
 
-def _map(axis: Any, part: StateTrace) -> tuple[Any, str]:
+def _map(axis: Any, part: Trace) -> tuple[Any, str]:
     steps = slice(None, None, -(-part.times_ms.size // MOST_TIMES))
     times, values = part.times_ms[steps], part.values[steps]
-    n = part.columns.size
+    n = part.ids.size
     pick = np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(int))
     interval = times[1] - times[0] if times.size > 1 else 1.0
     # Columns that are not consecutive neurons are numbered by their place in the view.
-    first = int(part.columns[0]) if (np.diff(part.columns) == 1).all() else 0
+    first = int(part.ids[0]) if (np.diff(part.ids) == 1).all() else 0
     extent = (times[0] - interval, times[-1], first - 0.5, first + n - 0.5)
     whole_numbers(axis)
     options: dict[str, Any] = {"aspect": "auto", "origin": "lower", "cmap": "cividis", "interpolation": "nearest"}
