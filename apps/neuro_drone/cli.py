@@ -123,7 +123,7 @@ def try_model(
     path: PathKind = "varied",
     seed: PathSeed = 0,
     learning: Annotated[
-        bool, typer.Option("--learning", help="Keep learning: dopamine then steers, too, beside the weights.")
+        bool, typer.Option("--learning", help="Keep learning during the test; dopamine then also affects the flight.")
     ] = False,
     json: Json = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Folder for pictures.")] = None,

@@ -48,7 +48,15 @@ Set = Annotated[
     Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Setting of the method (see 'neuro recognise list METHOD'); crops, scenes, detect: their own; repeatable.",
+        help="Setting of the method (see 'neuro recognise list METHOD'); repeatable.",
+    ),
+]
+DetectionSet = Annotated[
+    list[str],
+    Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Setting of the scenes or of the detector, e.g. gap=10 or segmenter=msd; repeatable.",
     ),
 ]
 Json = Annotated[bool, Option("--json", help="Print the figures as JSON.")]
@@ -255,7 +263,10 @@ def compare(
         Option(metavar="NAME", help="Method to compare, or a preset such as 'hats:poker'; repeatable; default: all."),
     ] = [],  # noqa: B006
     part: Part = "Train",
-    without: Annotated[list[str], Option(metavar="PATTERN", help="Recordings to omit ('*i.aedat'); repeatable.")] = [],  # noqa: B006
+    without: Annotated[
+        list[str],
+        Option(metavar="PATTERN", help="Leave out recordings whose name matches, e.g. '*i.aedat'; repeatable."),
+    ] = [],  # noqa: B006
     folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Number of folds; each is tested once.")] = 5,
     repeats: Annotated[int, Option(metavar="N", parser=at_least(1), help="Repetitions with other seeds.")] = 1,
     chips: Chips = PRICED,
@@ -288,7 +299,10 @@ def relearn(
         Option(metavar="NAME", help="Method to test, a preset such as 'remus:thesis', or 'linear'; repeatable."),
     ] = [],  # noqa: B006
     part: Part = "Train",
-    without: Annotated[list[str], Option(metavar="PATTERN", help="Recordings to omit ('*i.aedat'); repeatable.")] = [],  # noqa: B006
+    without: Annotated[
+        list[str],
+        Option(metavar="PATTERN", help="Leave out recordings whose name matches, e.g. '*i.aedat'; repeatable."),
+    ] = [],  # noqa: B006
     before: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs before the labels are permuted.")] = 8,
     after: Annotated[int, Option(metavar="N", parser=at_least(1), help="Epochs with permuted labels.")] = 10,
     folds: Annotated[int, Option(metavar="N", parser=at_least(2), help="Number of folds; the first is tested.")] = 5,
@@ -369,7 +383,7 @@ def scenes(
     fold: Annotated[int, Option(metavar="K", min=0, help="Index of the fold to use, from 0.")] = 0,
     others: Annotated[bool, Option("--others", help="Use all folds except --fold.")] = False,
     seed: Seed = 0,
-    set: Set = [],  # noqa: B006
+    set: DetectionSet = [],  # noqa: B006
 ) -> None:
     """Compose scenes of several moving objects with true boxes from recordings of one object each; resumable.
 
@@ -398,7 +412,7 @@ def scenes(
 def crops(
     scenes: SceneFolder,
     out: Annotated[Path, Option(metavar="FOLDER", help="Folder for the recordings.")],
-    set: Set = [],  # noqa: B006
+    set: DetectionSet = [],  # noqa: B006
 ) -> None:
     """Cut scenes into recordings of single objects to train on, cropped as a detector crops them."""
     from neuro_recognise.detection.detector import Detecting, write_crops
@@ -417,11 +431,15 @@ def detect(
     data: Annotated[Path | None, Option(metavar="SCENES", help="Scenes to measure the detection on.")] = None,
     out: Annotated[Path | None, Option(metavar="FILE", help="File for the boxes: .html, .png or .csv.")] = None,
     way: Annotated[
-        str, Option(metavar="WAY", help="proposals, or dense (a remus network over the whole sensor).")
+        str,
+        Option(
+            metavar="WAY",
+            help="Method: proposals (classify proposed regions) or dense (a remus network over the whole sensor).",
+        ),
     ] = "proposals",
     json: Annotated[bool, Option("--json", help="Print boxes or figures as JSON.")] = False,
     backend: Backend = "event",
-    set: Set = [],  # noqa: B006
+    set: DetectionSet = [],  # noqa: B006
 ) -> None:
     """Detect several objects in a recording, with boxes and identities, or measure the detection on scenes."""
     from neuro_events import load

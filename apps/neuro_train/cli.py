@@ -30,10 +30,12 @@ Option = typer.Option
 # recordings
 Data = Annotated[Path, Option("--data", metavar="PATH", help="Recordings: a folder, zip or HDF5; --loss mse: a .npz.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the data set, e.g. Train or Test.")]
-Without = Annotated[list[str], Option(metavar="PATTERN", help="Recordings to leave out, e.g. '*i.aedat'; repeatable.")]
+Without = Annotated[
+    list[str], Option(metavar="PATTERN", help="Leave out recordings whose name matches, e.g. '*i.aedat'; repeatable.")
+]
 Test = Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on; default: no test.")]
 Folds = Annotated[
-    int | None, Option(metavar="N", parser=apps.at_least(2), help="Folds of a cross-validation; each is tested once.")
+    int | None, Option(metavar="N", parser=apps.at_least(2), help="Cross-validate with N folds, each tested once.")
 ]
 
 # settings of the training beside the plan
@@ -53,7 +55,11 @@ Out = Annotated[Path, Option("--out", metavar="FILE", help="Network file to writ
 Html = Annotated[Path | None, Option(metavar="FILE", help="HTML page to write; default: the name of --out with .html.")]
 Search = Annotated[
     str | None,
-    Option("--search", metavar="A,B=1:2,...", help="Settings to vary (B: 1, 2), for a Pareto front: accuracy, joules."),
+    Option(
+        "--search",
+        metavar="A,B=1:2,...",
+        help="Search settings for the front of accuracy and joules: A in its usual range, B from 1 to 2.",
+    ),
 ]
 Budget = Annotated[int, Option(metavar="N", min=1, help="Number of networks that --search trains.")]
 

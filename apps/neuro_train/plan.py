@@ -56,23 +56,27 @@ class TrainingPlan(Settings):
     input: str = setting("pixels", "", "population that receives the recordings", option="NAME")
     output: str = setting("out", "", "population with one neuron per class", option="NAME")
     trainable: tuple[str, ...] = setting(
-        (), "", "what learns: PROJECTION, PROJECTION=weight,delay or POPULATION=tau_m,V_th; default: all; repeatable",
+        (), "", "part to train: PROJECTION, PROJECTION=weight,delay or POPULATION=tau_m,V_th; default: all; repeatable",
         kind="names", option="--learn NAME",
     )  # fmt: skip
     epochs: int = setting(60, "", "number of passes over the recordings; 0 only tests", at_least=0, option="N")
     duration: float = setting(100.0, "ms", "duration of the used part of a recording, ms", above=0, option="--for MS")
-    start: float = setting(0.0, "", "begin of the used part of a recording, ms", at_least=0, option="MS")
-    scale: int = setting(1, "", "side of the blocks of N x N pixels that share a neuron, px", at_least=1, option="N")
+    start: float = setting(0.0, "", "time in each recording at which the used part begins, ms", at_least=0, option="MS")
+    scale: int = setting(1, "", "binning: N x N neighbouring pixels feed one neuron", at_least=1, option="N")
     window: str | None = setting(
-        None, "", "place of the input on a larger sensor: column and row of its first pixel, or 'centred' on events",
+        None, "", "part of a larger sensor to use: column and row of its upper left pixel, or 'centred' on the events",
         kind="name", option="X,Y",
     )  # fmt: skip
     batch: int = setting(20, "", "batch size: number of recordings per update of the weights", at_least=1, option="N")
-    rate: float = setting(0.01, "", "peak learning rate for weights of about 0.1; grows with them", above=0, option="R")
-    decay: float = setting(0.01, "", "share of weight lost per update, times the rate (AdamW)", at_least=0, option="R")
+    rate: float = setting(
+        0.01, "", "peak learning rate for weights near 0.1; grows with the weights", above=0, option="R"
+    )
+    decay: float = setting(
+        0.01, "", "weight decay of AdamW: share of each weight lost per update, times the rate", at_least=0, option="R"
+    )
     loss: str = setting("count", "", "loss function: " + ", ".join(LOSSES), option="NAME")
     temperature: float = setting(
-        3.0, "", "temperature of the softmax over classes: spikes, mV or steps, by --loss", above=0, option="N"
+        3.0, "", "temperature of the softmax over classes, in units of --loss: spikes, mV, steps", above=0, option="N"
     )  # fmt: skip
     surrogate: str = setting("fast_sigmoid", "", "gradient: fast_sigmoid, arctan, slayer or triangle", option="NAME")
     slope: float = setting(1.0, "", "steepness of --surrogate, for V_m in units of V_th - V_reset", above=0, option="X")
@@ -81,14 +85,18 @@ class TrainingPlan(Settings):
     mirror: float = setting(0.0)
     cost: Mapping[str, float] = field(default_factory=dict)
     bits: int | None = setting(
-        None, "", "bits per weight, on the grid of --chip; default: no rounding", kind="integer", at_least=1, option="N"
+        None, "", "round weights to N bits during training, on the grid of --chip; default: no rounding",
+        kind="integer", at_least=1, option="N",
     )  # fmt: skip
     on: str | None = setting(
         None, "", "chip for --bits; default: the chip of --cost, or loihi", kind="name", option="--chip NAME"
     )  # fmt: skip
-    prune: float = setting(0.0, "", "share of the synapses to remove half way, smallest first", option="SHARE")
+    prune: float = setting(
+        0.0, "", "share of the synapses to remove after half of the epochs, smallest weights first", option="SHARE"
+    )
     neurons_per_core: int | None = setting(
-        None, "", "most neurons per core (energy); default: the chip's limit", kind="integer", at_least=1, option="N"
+        None, "", "largest number of neurons per core, for the energy; default: the chip's limit",
+        kind="integer", at_least=1, option="N",
     )  # fmt: skip
     seed: int = 0
     device: str = setting("cpu", "", "PyTorch device, e.g. cuda", option="NAME")

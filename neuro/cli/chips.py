@@ -100,7 +100,12 @@ def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set
 
 ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="Chip, or file of a chip's table.")]
 Order = Annotated[
-    str, typer.Option("--order", metavar="NAME", help="Order of populations: connected (synapses) or declared (file).")
+    str,
+    typer.Option(
+        "--order",
+        metavar="NAME",
+        help="Order of the populations on the cores: connected (follows synapses) or declared (as in the file).",
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -198,7 +203,7 @@ Per = Annotated[
     typer.Option(
         "--per",
         metavar="N WHAT",
-        help="Divide by the number of equal parts of the run, e.g. 100 recording: figures per recording.",
+        help="Print figures per part of the run: '100 recording' divides by 100 and prints joules per recording.",
     ),
 ]
 StepTime = Annotated[
@@ -207,7 +212,7 @@ StepTime = Annotated[
         "--step-time",
         metavar="MS",
         parser=milliseconds,
-        help="Time of a step on the chip in ms; by default both the fastest possible and real time.",
+        help="Time that the chip takes for a step, in ms; by default the fastest possible and real time, both.",
     ),
 ]
 ChipsOn = Annotated[

@@ -22,7 +22,11 @@ BACKENDS = "event,loihi,spinnaker"
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="JSON file of all numbers.")]
 Rules = Annotated[
-    bool, typer.Option("--rules", help="Compare only Loihi 1 and 2: print integers that differ, and the rule behind.")
+    bool,
+    typer.Option(
+        "--rules",
+        help="Compare Loihi 1 and 2 instead: print the integers that differ, and the rule that explains each.",
+    ),
 ]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="HTML page with numbers and pictures.")]
 

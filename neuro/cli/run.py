@@ -68,7 +68,8 @@ CopiesOf = Annotated[
     ),
 ]
 Pace = Annotated[
-    float | None, typer.Option("--pace", metavar="X", help="Speed limit of the world, times real time; default: none.")
+    float | None,
+    typer.Option("--pace", metavar="X", help="Speed limit of the world, as a multiple of real time; default: none."),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted or killed run of a world.")]
 Verbose = Annotated[

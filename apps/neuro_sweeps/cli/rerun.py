@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
-RepeatedFile = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
+RepeatedFile = Annotated[
+    Path, typer.Argument(metavar="FILE", help="File to repeat: results, a model or a page; or the folder of a run.")
+]
 OtherBackend = Annotated[
     str, typer.Option("--backend", metavar="NAME", help="Run on this backend instead of the recorded one.")
 ]

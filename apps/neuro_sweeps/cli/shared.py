@@ -13,7 +13,7 @@ On = Annotated[
     str,
     typer.Option(
         metavar="WHERE",
-        help="Place of the runs: cores, here (this process), or a Dask scheduler, by tcp://HOST:PORT or its file.",
+        help="Where runs are computed: cores (processes), here (this process), or tcp://HOST:PORT or file of Dask.",
     ),
 ]
 Workers = Annotated[
