@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         assignments as assignments,
         at_least as at_least,
         group as group,
+        input_file as input_file,
         milliseconds as milliseconds,
         option as option,
         refuse_unused as refuse_unused,

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from neuro.apps import Backend, Chips, Seed, Sources, assignments, at_least, seeds
+from neuro.apps import Backend, Chips, Seed, Sources, assignments, at_least, input_file, seeds
 
 app = typer.Typer(
     name="agent", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
@@ -22,7 +22,10 @@ MaybeEnvironment = Annotated[
     str | None,
     typer.Argument(metavar="ENV", help="Environment.", show_default="that of the training"),
 ]
-AgentFile = Annotated[Path, typer.Argument(metavar="FILE", help="Agent file from 'neuro agent train'.")]
+AgentFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", callback=input_file("a neuro agent 1"), help="Agent file from 'neuro agent train'."),
+]
 Episodes = Annotated[int, typer.Option("--episodes", metavar="N", parser=at_least(1), help="Episodes per test.")]
 Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=at_least(1), help="Control steps per training.")]
 Set = Annotated[

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import PRICED, Backend, Chips, Seed, Sources, at_least
+from neuro.apps import PRICED, Backend, Chips, Seed, Sources, at_least, input_file
 
 if TYPE_CHECKING:
     from neuro_drone.model import Model
@@ -27,9 +27,20 @@ def errors(text: str) -> tuple[float, ...]:
         raise typer.BadParameter(f"'{text}': expected numbers separated by commas, e.g. 20,-10") from None
 
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file written by 'train'.")]
+ModelFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MODEL", callback=input_file("a neuro drone model 2"), help="Model file written by 'train'."
+    ),
+]
 MaybeModel = Annotated[
-    Path | None, typer.Argument(metavar="[MODEL]", help="Model file written by 'train'.", show_default=False)
+    Path | None,
+    typer.Argument(
+        metavar="[MODEL]",
+        callback=input_file("a neuro drone model 2"),
+        help="Model file written by 'train'.",
+        show_default=False,
+    ),
 ]
 ScenarioName = Annotated[
     str, typer.Option("--scenario", metavar="NAME", help="Name (see 'neuro drone scenarios') or YAML file.")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.apps import PRICED, Backend, Chips, Seed, Sources, assignments, at_least, resumable
+from neuro.apps import PRICED, Backend, Chips, Seed, Sources, assignments, at_least, input_file, resumable
 
 if TYPE_CHECKING:
     from neuro_events import Recordings
@@ -32,7 +32,9 @@ Option, Argument = typer.Option, typer.Argument
 MethodName = Annotated[str, Argument(metavar="METHOD", help="Name of a method, of 'neuro recognise list'.")]
 Data = Annotated[Path, Option("--data", metavar="FOLDER", help="Labelled recordings: a folder, zip or HDF5 data set.")]
 Part = Annotated[str, Option("--part", metavar="NAME", help="Part of the data set, e.g. Train or Test.")]
-ModelFile = Annotated[Path, Argument(metavar="MODEL", help="Recogniser file written by 'train'.")]
+ModelFile = Annotated[
+    Path, Argument(metavar="MODEL", callback=input_file("a neuro recogniser 1"), help="Recogniser file of 'train'.")
+]
 Allow = Annotated[
     float | None,
     Option(

@@ -246,6 +246,24 @@ def network(path: Path) -> Path:
     raise missing(path)
 
 
+def input_file(expected: str = "", or_folder: bool = False) -> Callable[[Path | None], Path | None]:
+    """Return the callback of an argument that names a file to read; None, an omitted argument, stays None.
+
+    The callback refuses a missing file with the error of reading it, but before the imports that reading needs.
+
+    Args:
+        expected: noun for the message, as in `existing`.
+        or_folder: accept a folder in place of a file.
+    """
+
+    def callback(path: Path | None) -> Path | None:
+        from neuro.core.inputs import existing
+
+        return path if path is None or (or_folder and path.is_dir()) else existing(path, expected)
+
+    return callback
+
+
 NetworkFile = Annotated[
     Path, typer.Argument(metavar="FILE", callback=network, help="Network file (YAML), or name of a published network.")
 ]

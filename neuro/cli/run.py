@@ -361,7 +361,15 @@ class PictureFormat(StrEnum):
     svg = "svg"
 
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="Results of 'neuro run'.")]
+def _results(path: Path) -> Path:
+    """Return the path of results, and refuse a missing file before the imports that reading needs."""
+    from neuro.core.inputs import existing
+    from neuro.core.outputs import kept_parts
+
+    return path if next(kept_parts(path)).exists() else existing(path)
+
+
+File = Annotated[Path, typer.Argument(metavar="FILE", callback=_results, help="Results of 'neuro run'.")]
 Folder = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Folder of the pictures; by default the folder of FILE.")
 ]

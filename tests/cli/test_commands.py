@@ -43,6 +43,10 @@ START = {
     "run missing.yaml": CALCULATING | {"yaml", "rich", "neuro.core.values", "neuro.program"},
     "run bad.yaml": CALCULATING - {"numpy"} | {"rich", "neuro.compiler", "neuro.program", "neuro.run"},
     "check bad.yaml": CALCULATING - {"numpy"} | {"rich", "neuro.run"},
+    "report missing.h5": CALCULATING | {"yaml"},
+    "plot missing.h5": CALCULATING | {"yaml"},
+    "rerun missing.h5": CALCULATING | {"yaml"},
+    "sweep run missing.yaml": CALCULATING | {"yaml"},
 }
 """Modules that a command must not import, as they take longer than its answer."""
 

@@ -8,8 +8,15 @@ from typing import Annotated
 
 import typer
 
+from neuro.apps import input_file
+
 RepeatedFile = Annotated[
-    Path, typer.Argument(metavar="FILE", help="File to repeat: results, a model or a page; or the folder of a run.")
+    Path,
+    typer.Argument(
+        metavar="FILE",
+        callback=input_file("results, a model, a page, or the folder of a run", or_folder=True),
+        help="File to repeat: results, a model or a page; or the folder of a run.",
+    ),
 ]
 OtherBackend = Annotated[
     str, typer.Option("--backend", metavar="NAME", help="Run on this backend instead of the recorded one.")

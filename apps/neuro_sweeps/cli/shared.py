@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from neuro.apps import at_least, group, stoppable
+from neuro.apps import at_least, group, input_file, stoppable
 
 On = Annotated[
     str,
@@ -62,7 +62,9 @@ def commands_of(name: str, about: str, texts: Texts) -> tuple[typer.Typer, Any]:
         texts: what differs between both.
     """
     commands = group(name, about)
-    definition = typer.Argument(metavar=texts.what.upper(), help=f"Definition of the {texts.what}, as YAML.")
+    definition = typer.Argument(
+        metavar=texts.what.upper(), callback=input_file(), help=f"Definition of the {texts.what}, as YAML."
+    )
     folder_argument = typer.Argument(metavar="FOLDER", help=f"Folder of 'neuro {name} run'.")
     page_file = typer.Option("--out", metavar="FILE", help=f"HTML file; default: {name}.html in FOLDER.")
     out_folder = typer.Option(metavar="FOLDER", help="Folder for the runs; runs in it are not repeated.")
