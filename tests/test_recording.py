@@ -357,3 +357,20 @@ def test_a_run_that_is_replayed_is_not_saved(path):
     again.run(5.0)
     assert again.counts().populations["eye"].spikes == 1
     assert list(again.steered) == ["replay"]
+
+
+@pytest.mark.parametrize("pieces", [(2500.0,), (1024.0, 1.0, 1475.0)])
+def test_a_long_trace_of_one_neuron_is_that_of_the_reference(pieces):
+    """The buffers of a probe hold 1,024 steps; a trace that fills several of them is complete and in order."""
+    net = neuro.Network("long", resolution=1.0)
+    cells = net.population("cells", 3, neuro.iaf_psc_exp(I_e=380.0))
+    net.probe("v", cells[1:2], "V_m")
+    traces = []
+    for backend in ("event", "reference"):
+        sim = neuro.compile(net, backend=backend, seed=1)
+        for piece in pieces:
+            sim.run(piece)
+        traces.append(sim.trace("v"))
+    assert len(traces[0][0]) == 2500
+    for ours, reference in zip(*traces, strict=True):
+        np.testing.assert_array_equal(ours, reference)

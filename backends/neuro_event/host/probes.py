@@ -12,8 +12,8 @@ from neuro_event.building.learning import make_record_buffers, probes_of
 from neuro_event.loop import tables as t
 from neuro_event.loop.together import notes_to_come, sample
 
-ARRAY_SIZE = 1 << 16
-"""Numbers of values that a probe records in one array."""
+ARRAY_SIZE, ARRAY_ROWS = 1 << 16, 1 << 10
+"""Largest numbers of values and of steps that a probe records in one array; many probes of few neurons stay small."""
 
 
 class StateProbe:
@@ -31,7 +31,7 @@ class StateProbe:
         ids = np.arange(part.size) if probe.ids is None else probe.ids
         self._places = place.begin + (ids if place.inside is None else np.asarray(place.inside)[ids]).astype(np.int64)
         self._block = np.zeros((arrays.net["state"].shape[0] + 1, t.BLOCK))  # a copy of a sleeping block, to update
-        self._rows = max(1, ARRAY_SIZE // ids.size)
+        self._rows = max(1, min(ARRAY_ROWS, ARRAY_SIZE // ids.size))
         self._steps: list[int] = []
         self._values = [np.zeros((self._rows, ids.size))]
 
@@ -49,7 +49,9 @@ class StateProbe:
     def take(self) -> tuple[Ints, Floats]:
         """Return the steps and values since the last call, and discard them."""
         steps = np.array(self._steps, dtype=np.int64)
-        values = np.concatenate(self._values)[: steps.size]
+        # Rows that are not filled are left out: a copy of them would take memory that `zeros` does not.
+        filled = steps.size - self._rows * (len(self._values) - 1)
+        values = np.concatenate([*self._values[:-1], self._values[-1][:filled]])
         self._steps, self._values = [], self._values[:1]
         return steps, values
 
