@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from docutils import nodes
+from docutils.parsers.rst import roles
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
@@ -108,6 +109,7 @@ def to_models(app: Sphinx, env: BuildEnvironment, node: pending_xref, text: node
 def setup(app: Sphinx) -> dict[str, object]:
     """Called by Sphinx."""
     before_napoleon = 400
+    roles.register_generic_role("mpltype", nodes.literal)  # in docstrings that pictures inherit from Matplotlib
     app.connect("autodoc-process-docstring", to_rst, priority=before_napoleon)
     app.connect("autodoc-skip-member", described_elsewhere, priority=before_napoleon)
     app.connect("missing-reference", to_models)
