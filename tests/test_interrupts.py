@@ -78,6 +78,22 @@ def test_a_run_goes_on_where_it_was_interrupted():
     assert (sims[0].get("cells", "V_m") == sims[1].get("cells", "V_m")).all()
 
 
+def test_weights_that_are_set_after_an_interrupt_leave_the_spikes_under_way():
+    net = long()
+    net.connect("cells", "cells", neuro.fixed_indegree(n=20), weight=30.0, delay=10.0, name="wires")
+    sims = [neuro.compile(net, "event", threads=1, seed=3) for _ in range(2)]
+    for sim in sims:
+        sim.run(1.0)
+        sim.set("wires", weight=10.0)
+    interrupted(sims[0], 1e7, 0.5)
+    sims[1].run(sims[0].time - 1.0)
+    for sim in sims:
+        sim.set("wires", weight=-200.0)
+        sim.run(30.0)
+    assert sims[0].counts() == sims[1].counts()
+    assert (sims[0].get("cells", "V_m") == sims[1].get("cells", "V_m")).all()
+
+
 def test_a_handler_of_the_program_may_let_a_run_go_on():
     """A handler that raises nothing: the run ends between two steps, and goes on."""
     calls = []

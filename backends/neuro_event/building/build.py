@@ -277,7 +277,6 @@ def restore(arrays: EventArrays, saved: Mapping[str, NDArray[Any]]) -> None:
         else:
             owner[array.name] = saved[name].copy()
     rings = [q for q in range(len(arrays.program.projections)) if arrays.net["projections"][q, t.LAG] == 0]
-    arrays.net["at_emission"] = np.array([q for q in rings if q not in arrays.plastic_of], dtype=np.int64)
     for q in arrays.joined.intersection(rings):
         leave_joined_rows(arrays, q)
     set_buffer(arrays, arrays.net["buf"])
@@ -320,7 +319,6 @@ def _needed(arrays: EventArrays) -> Iterator[str]:
     counted = arriving[arriving[:, t.LAG] != 0, t.DENSE_COUNTS] == 1
     callers: dict[str, Any] = {
         "add_row": bool(arrays.joined),
-        "at_emission": len(net["at_emission"]),
         "deliver_log": len(net["at_emission"]) or ~counted,
         "add_counts": counted,
         "draw_counts": net["pops"][:, t.COUNTS] >= 0,

@@ -31,13 +31,13 @@ def add_projections(arrays: EventArrays) -> None:
 
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
     ring = layout.input_rows(program) * arrays.net["empty_input"].shape[1]
-    at_emission = []
     for q, (part, arranged, row) in enumerate(zip(program.projections, arrays.synapses, table, strict=True)):
         longest = part.delay_range(h)[1]
         own_delays = layout.has_own_delays(part)
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = part.source, part.target, arranged.layout
         row[t.RECEPTOR] = t.NONE if part.receptor is None else part.receptor.index
         row[t.LAG], row[t.WAKE_ALL], row[t.DENSE_COUNTS] = longest, NEVER, 0
+        row[t.SENDS_AT_ONCE] = int(program.sends_at_once(part))
         if q in arrays.joined:
             continue
         if arranged.layout == t.CSR:
@@ -74,19 +74,15 @@ def add_projections(arrays: EventArrays) -> None:
             row[t.WAKE_ALL] = 1 + 2 * blocks * (arranged.row_ends.size - 1) // arranged.targets.size
         if q in arrays.plastic_of or learns_shared(part) or own_delays:
             ring = _place_ring(arrays, row, longest, ring)
-            if q not in arrays.plastic_of:
-                at_emission.append(q)
         else:
             row[t.LAG] = int(delay[0]) if delay.size else 1
     kinds = {array.name: array.kind for array in t.NET_ARRAYS}
     arrays.net |= {name: _concatenated(values, np.dtype(kinds[name])) for name, values in parts.items()}
     arrays.net["projections"] = table
-    arrays.net["set_out"][:] = t.NONE
     if any(part.synapse.learns in ("moves", "trials") or learns_shared(part) for part in program.projections):
         copy_shared_weights(arrays)
     if any(part.synapse.delays and part.synapse.learns == "trials" for part in program.projections):
         arrays.net["late"] = arrays.net["delays"] * h
-    arrays.net["at_emission"] = np.array(at_emission, dtype=np.int64)
     set_buffer(arrays, np.full(ring, -0.0))
     list_incoming(arrays)
 
@@ -111,15 +107,20 @@ def _place_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
     return int(at + slots * n * arrays.net["pops"][row[t.TARGET], t.RECEPTORS])
 
 
-def give_ring(arrays: EventArrays, q: int) -> None:
-    """Give a projection a new ring, into which it delivers at emission from now on."""
+def give_ring(arrays: EventArrays, q: int) -> int:
+    """Give a projection a ring, into which it delivers at emission from now on.
+
+    Return the number of steps after which spikes were read from the log, 0 if the projection had a ring already.
+    """
+    row, buf = arrays.net["projections"][q], arrays.net["buf"]
+    if (lag := int(row[t.LAG])) == 0:
+        return 0
     if q in arrays.joined:
         leave_joined_rows(arrays, q)
-    row, buf = arrays.net["projections"][q], arrays.net["buf"]
     end = _place_ring(arrays, row, arrays.program.projections[q].delay_range(arrays.program.resolution)[1], buf.size)
     set_buffer(arrays, np.concatenate([buf, np.full(end - buf.size, -0.0)]))
-    arrays.net["at_emission"] = np.append(arrays.net["at_emission"], q)
     list_incoming(arrays)
+    return lag
 
 
 def leave_joined_rows(arrays: EventArrays, q: int) -> None:
@@ -160,7 +161,7 @@ def _concatenated(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
 def list_incoming(arrays: EventArrays) -> None:
     """List the projections into each population: first those read from the spike log on arrival, then with a ring.
 
-    Currents are not listed.
+    Currents are not listed. Static projections with a ring are also listed in `at_emission`.
     """
     incoming: list[int] = []
     pops, rows = arrays.net["pops"], arrays.net["projections"]
@@ -181,4 +182,6 @@ def list_incoming(arrays: EventArrays) -> None:
         if can_collect and isinstance(model, Neuron) and type(model) in NEURONS and model.collects:
             pops[k, t.COLLECTS] = [state.name for state in type(model).states].index(model.collects[0])
     arrays.net["incoming"] = np.array(incoming, dtype=np.int64)
+    ringed_rows = np.flatnonzero(rows[:, t.LAG] == 0)
+    arrays.net["at_emission"] = np.setdiff1d(ringed_rows, list(arrays.plastic_of)).astype(np.int64)
     layout.clear_joined_rows(arrays)

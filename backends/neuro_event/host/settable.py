@@ -137,20 +137,18 @@ class Settable(Running):
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights, or the chosen ones. Spikes under way keep the old weights."""
-        part = self._program.projections[projection]
-        if self._arrays.net["projections"][projection, t.DENSE_COUNTS] == 1:
-            # From now on the generator lists its spikes instead of keeping counts. The counts under way are delivered
-            # first, because they are added with the present weight, which all synapses share.
-            for q in [q for q, p in enumerate(self._program.projections) if p.source == part.source]:
-                lag = self._place_ring(q)
-                arrivals.deliver_counts(self._view, q, self._step - lag + 1, self._step)
-                self._arrays.net["projections"][q, t.DENSE_COUNTS] = 0
-            self._arrays.net["pops"][part.source, t.COUNTS] = t.NONE
-        elif self._step > 0 and not self._learns(projection):
-            # Spikes under way are delivered into a ring, with the present weights.
-            last, lag = self._step - (not self._program.sends_at_once(part)), self._place_ring(projection)
-            arrivals.deliver_between(self._view, projection, self._step - lag + 1, last, self._step)
-            self._arrays.net["set_out"][projection] = last
+        net, source = self._arrays.net, self._program.projections[projection].source
+        keeps_counts = net["projections"][projection, t.DENSE_COUNTS] == 1
+        moved = [projection] if self._step > 0 and not self._learns(projection) else []
+        if keeps_counts:  # from now on the generator lists its spikes, for all its projections
+            moved = [q for q, p in enumerate(self._program.projections) if p.source == source]
+        for q in moved:
+            if lag := projections.give_ring(self._arrays, q):
+                self._pack()
+                arrivals.carry(self._view, q, lag, self._step)
+        if keeps_counts:
+            net["projections"][moved, t.DENSE_COUNTS] = 0
+            net["pops"][source, t.COUNTS] = t.NONE
         self._write_weights(projection, weights, chosen)
 
     def _learns(self, projection: int) -> bool:
@@ -159,15 +157,6 @@ class Settable(Running):
             projection in numbers
             for numbers in (self._arrays.plastic_of, self._arrays.moves_of, self._arrays.shared_of)
         )
-
-    def _place_ring(self, projection: int) -> int:
-        """Move a projection to a ring. Return the number of the most recent steps whose spikes the ring lacks."""
-        lag = int(self._arrays.net["projections"][projection, t.LAG])
-        if lag == 0:
-            return 1
-        projections.give_ring(self._arrays, projection)
-        self._pack()
-        return lag
 
     def _write_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         part, row = self._program.projections[projection], self._arrays.net["projections"][projection]

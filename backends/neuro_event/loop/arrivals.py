@@ -41,59 +41,6 @@ def prefetch_lines(begin, end):
         prefetch(place)
 
 
-@kernel
-def at_emission(view, q, step, after, thread):
-    """Write the spikes emitted in `step` that arrive later than step `after` into the projection's ring."""
-    # If weights were set after this step, `deliver_between` has already written its spikes with the old weights.
-    if step > net_of(view).set_out[q]:
-        log_delivery(view, q, step, after, thread, thread + 1, True)
-
-
-@subkernel
-def owner(edges, block):
-    """Return the thread that owns a block."""
-    thread = 0
-    while block >= edges[thread + 1]:
-        thread += 1
-    return thread
-
-
-@kernel
-def deliver_counts(view, q, first, last):
-    """Write the spike counts of the steps first..last of a poisson_generator into the ring of a projection.
-
-    The projection is one-to-one, and each step has a slot in the ring.
-    """
-    net = net_of(view)
-    row = net.projections[q]
-    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
-    n = source[t.END] - source[t.BEGIN]
-    blocks = net.awake.shape[0]
-    slots = slot_mask(net)
-    for step in range(max(first, net.clock[0, t.HORIZON] + 1), last + 1):
-        at = step + np.int64(net.delays[row[t.DELAY]])
-        place = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n
-        ring = row[t.RING] + ((at & row[t.RING_MASK]) * target[t.RECEPTORS] + first_receptor(row)) * row[t.RING_SIZE]
-        for i in range(n):
-            m = net.counts[place + i]
-            if m > 0:
-                weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
-                receptor_index = receptor(weight, receptors_by_sign(row, target[t.RECEPTORS]))
-                net.buf[ring + receptor_index * row[t.RING_SIZE] + i] += weight * m
-                # Each thread has its own row of arrival marks, so the row of the owner of the block is marked.
-                block = target[t.FIRST_BLOCK] + i // t.BLOCK
-                net.due[owner(net.edges[row[t.TARGET]], block), (at & slots) * blocks + block] = 1
-
-
-@kernel
-def deliver_between(view, q, first, last, now):
-    """Write the spikes of the steps first..last that arrive after `now` into the ring of a projection."""
-    net = net_of(view)
-    for thread in range(net.edges.shape[1] - 1):
-        for step in range(max(first, net.clock[thread, t.HORIZON] + 1), last + 1):
-            at_emission(view, q, step, now, thread)
-
-
 @inlined
 def log_delivery(view, q, j, k, begin, stop, ring):
     """Deliver the spikes of step j over projection q with `deliver_log`, if there are any."""
@@ -101,6 +48,42 @@ def log_delivery(view, q, j, k, begin, stop, ring):
     # Tested before the call, because most projections have no spike in most steps.
     if count_spikes(net, net.projections[q, t.SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
         deliver_log(view, q, j, k, begin, stop, ring)
+
+
+@kernel
+def carry(view, q, lag, now):
+    """Write the spikes under way over a projection at the end of step `now` into its new ring, with their weights.
+
+    Until now they were read from the log `lag` steps after emission. Neurons send the spikes of step `now` when the
+    next step begins, so these spikes get the next weights.
+    """
+    net = net_of(view)
+    row = net.projections[q]
+    last = now if row[t.SENDS_AT_ONCE] == 1 else now - 1
+    for thread in range(net.edges.shape[1] - 1):
+        for step in range(max(now - lag, net.clock[thread, t.HORIZON]) + 1, last + 1):
+            if row[t.DENSE_COUNTS] == 1:
+                carry_counts(view, row, step, thread)
+            else:
+                log_delivery(view, q, step, now, thread, thread + 1, True)
+
+
+@subkernel
+def carry_counts(view, row, step, thread):
+    """Write the spike counts of a step of a poisson_generator into the ring of a one-to-one projection."""
+    net = net_of(view)
+    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+    n, edges = source[t.END] - source[t.BEGIN], net.edges[row[t.TARGET]]
+    counts = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n
+    at = step + np.int64(net.delays[row[t.DELAY]])
+    ring = row[t.RING] + ((at & row[t.RING_MASK]) * target[t.RECEPTORS] + first_receptor(row)) * row[t.RING_SIZE]
+    weight = net.weights[row[t.WEIGHT]]
+    ring += receptor(weight, receptors_by_sign(row, target[t.RECEPTORS])) * row[t.RING_SIZE]
+    due = (at & slot_mask(net)) * net.awake.shape[0]
+    for i in range(edges[thread] * t.BLOCK - target[t.BEGIN], min(edges[thread + 1] * t.BLOCK - target[t.BEGIN], n)):
+        if net.counts[counts + i] > 0:
+            net.buf[ring + i] += weight * net.counts[counts + i]
+            net.due[thread, due + target[t.FIRST_BLOCK] + i // t.BLOCK] = 1
 
 
 @inlined
@@ -113,11 +96,11 @@ def deliver(view, first, last, begin, stop, step):
     | --- | --- | --- |
     | the target of a current | `generators.drive` | no spikes: currents are summed along lines |
     | learns by spike pairs | ring, at emission, by the rule's entry | the weight is that at emission |
-    | a grid whose kernels learn by spike pairs | ring, `at_emission`, before it learns | the same, per step |
+    | a grid whose kernels learn by spike pairs | ring, `steps.act`, before it learns | the same, per step |
     | static, own delays, joined with others | `deliver_joined` | one look-up, long runs for all targets |
     | static, own delays, a row of its own | `add_row` | its input stays in the cache: 5 ns an event |
     | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
-    | weights were set | ring, `at_emission` | spikes under way keep the old weights |
+    | weights were set | ring, `steps.act` | spikes under way keep the old weights (`carry`) |
     | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts instead of a list: 0.7 ns a draw |
     | CSR, one weight, busy and large (below) | `deliver_in_ranges` | the input of a range fits the second-level cache |
     | CSR, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is prefetched |
@@ -155,6 +138,15 @@ def deliver(view, first, last, begin, stop, step):
 
 QUEUE = 256
 """Number of runs that are gathered before they are added, so that their memory can be prefetched."""
+
+
+@subkernel
+def owner(edges, block):
+    """Return the thread that owns a block."""
+    thread = 0
+    while block >= edges[thread + 1]:
+        thread += 1
+    return thread
 
 
 @inlined

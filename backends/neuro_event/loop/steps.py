@@ -10,13 +10,12 @@ import numpy as np
 from neuro.kernels.instructions import load_acquire, store_release
 from neuro.kernels.jit import inlined, kernel, subkernel
 from neuro_event.loop import tables as t
-from neuro_event.loop.arrivals import deliver
+from neuro_event.loop.arrivals import deliver, log_delivery
 from neuro_event.loop.generators import draw_poisson, list_spikes, step_generator
 from neuro_event.loop.groups import open_groups, record_potentials, unmute_all
 from neuro_event.loop.lazy_rules import ARRIVE, PRE_SPIKE
 from neuro_event.loop.neurons import step_neurons, wake
 from neuro_event.loop.tables import (
-    at_emission,
     call_rule,
     charge,
     deliver_joined,
@@ -43,30 +42,34 @@ PATIENCE = 50_000
 
 
 @subkernel
-def act_at_emission(view, thread, upto, dopamine_upto, h):
-    """Act on the spikes emitted up to a step: fill the rings, and learn."""
-    net = net_of(view)
-    clock = net.clock[thread]
+def act_at_emission(view, thread, upto, arrivals_upto, h):
+    """Act on the spikes emitted up to a step: fill the rings, and learn; see `act`."""
+    clock = net_of(view).clock[thread]
     for step in range(clock[t.DONE] + 1, upto + 1):
         # Spikes up to the horizon were dropped by a trial, a reset or a restored state.
-        if step <= clock[t.HORIZON]:
-            continue
-        for k in range(net.at_emission.shape[0]):
-            at_emission(view, net.at_emission[k], step, step, thread)
-        # Static synapses come first, in the order of `at_emission`, so that sums in rings have the same order for any
-        # number of threads.
-        learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, False)
-        if plastic_of(view).shared_table.shape[0] > 0:
-            learn_kernels(view, step, clock[t.DONE_DOPAMINE], 0, h)
+        if step > clock[t.HORIZON]:
+            act(view, step, clock[t.DONE_ARRIVALS], thread, h, 0)
     clock[t.DONE] = max(clock[t.DONE], upto)
-    clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], upto)
-    # At the end of a run, dopamine and post spikes act up to one step later than pre spikes: a read must not show the
-    # pre spikes of the last step yet.
-    for step in range(clock[t.DONE_DOPAMINE] + 1, dopamine_upto + 1):
-        learn_step(view, step, clock[t.DONE_DOPAMINE], thread, h, True)
-        if plastic_of(view).shared_table.shape[0] > 0:
-            learn_kernels(view, step, clock[t.DONE_DOPAMINE], 1, h)
-    clock[t.DONE_DOPAMINE] = max(clock[t.DONE_DOPAMINE], dopamine_upto)
+    clock[t.DONE_ARRIVALS] = max(clock[t.DONE_ARRIVALS], upto)
+    # At the end of a run, dopamine and post spikes act and devices send up to one step later than neurons: a read must
+    # not show the pre spikes of the last step yet, and neurons send them with weights that are set now.
+    for step in range(clock[t.DONE_ARRIVALS] + 1, arrivals_upto + 1):
+        act(view, step, clock[t.DONE_ARRIVALS], thread, h, 1)
+    clock[t.DONE_ARRIVALS] = max(clock[t.DONE_ARRIVALS], arrivals_upto)
+
+
+@subkernel
+def act(view, step, done_arrivals, thread, h, arrivals_only):
+    """Act on the spikes of one step: those of devices and arrivals at plastic synapses, then those of neurons."""
+    net = net_of(view)
+    # Static synapses come before learning, so that sums in rings have the same order for any number of threads.
+    for k in range(net.at_emission.shape[0]):
+        q = net.at_emission[k]
+        if step > done_arrivals if net.projections[q, t.SENDS_AT_ONCE] == 1 else arrivals_only == 0:
+            log_delivery(view, q, step, step, thread, thread + 1, True)
+    learn_step(view, step, done_arrivals, thread, h, arrivals_only)
+    if plastic_of(view).shared_table.shape[0] > 0:
+        learn_kernels(view, step, done_arrivals, arrivals_only, h)
 
 
 @inlined
@@ -165,11 +168,9 @@ def run(view, first, last, longest, reach, h):
     while step < last:
         # Tested once for many steps: a test at each spike would cost more than the memory that an exact bound saves.
         until = step + room(view, step, last - step, reach)
-        if until == step:
-            return step
-        while step < until:
-            if net.stop[0] != 0:
-                return step
+        if until == step or net.stop[0] != 0:
+            break
+        while step < until and net.stop[0] == 0:
             # All delays are at least `longest` steps, so within a slice no population needs spikes of another one.
             end = min(step + longest, until)
             advance(view, 0, threads, step, end, h)
@@ -177,8 +178,8 @@ def run(view, first, last, longest, reach, h):
             net.reached[0] = step
     # A read at the last step shows dopamine and post spikes up to this step, but not the pre spikes emitted in it.
     for thread in range(threads):
-        act_at_emission(view, thread, last - 2, last - 1, h)
-    return last
+        act_at_emission(view, thread, step - 2, step - 1, h)
+    return step
 
 
 @subkernel
@@ -336,7 +337,7 @@ def drop_all(view, step):
     for thread in range(net.clock.shape[0]):
         net.clock[thread, t.HORIZON] = step
         net.clock[thread, t.DONE] = step
-        net.clock[thread, t.DONE_DOPAMINE] = step
+        net.clock[thread, t.DONE_ARRIVALS] = step
     # In `buf` the rings follow the input of the present step. -0.0 means no input, since adding -0.0 changes no bit.
     ring = net.x.shape[0] * net.x.shape[1]
     if net.buf.shape[0] > ring:
@@ -354,7 +355,7 @@ def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
                 dopamine_arrivals(view, q, step, thread, h)
             elif plastic.table[q, t.EAGER] == 1:
                 call_rule(view, plastic.table[q], ARRIVE, 0, step, thread, h)
-        if arrivals_only:
+        if arrivals_only == 1:
             continue
         # Pre spikes act at emission, after all arrivals of the step. So post acts before pre, as in NEST.
         source = net.projections[plastic.table[q, t.PROJECTION], t.SOURCE]

@@ -105,8 +105,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     SHORTEST,  # shortest delay of the runs
     DELAYS,  # number of delays of the runs
     SINGLE,  # 1: the weights have 32 bits
+    SENDS_AT_ONCE,  # 1: spikes are sent with the weights of their step, see `Program.sends_at_once`
     PROJECTION_COLUMNS,
-) = range(36)
+) = range(37)
 
 # plastic projections
 (
@@ -189,10 +190,11 @@ MOVE_TRACES = 4
 TO_ALL, TO_EACH, AS_LISTED = range(3)
 
 # columns of `clock`, for each thread
-DONE, DONE_DOPAMINE, HORIZON, OVERRUN, UNCOUNTED = range(5)
+DONE, DONE_ARRIVALS, HORIZON, OVERRUN, UNCOUNTED = range(5)
 """The columns hold:
 
-- DONE, DONE_DOPAMINE: last step whose spikes have acted at emission, and whose post and dopamine spikes have acted.
+- DONE: last step whose spikes have acted at emission.
+- DONE_ARRIVALS: last step whose post and dopamine spikes have acted, and whose spikes of devices are in the rings.
 - HORIZON: step up to which spikes under way were dropped.
 - OVERRUN, UNCOUNTED: 1 + population of which a history or a spike count overflowed, else 0.
 """
@@ -289,7 +291,6 @@ stages         i8 stages            program addresses of the functions in `STAGE
 projections    i8 0,0               columns columns of `tables`, a row per projection
 incoming       i8 0                 program projections by target: those delivered on arrival, then those with a ring
 at_emission    i8 0                 program static projections that are delivered into a ring at emission
-set_out        i8 projections       run     step whose spikes are last in the ring, with the weights at emission
 joined         i8 0,PROJECTION_COLUMNS program columns of `tables`; TARGET is NONE for a row of several projections
 joined_reach   u1 0,populations     program 1 if a joined row has synapses onto a population
 queue          i8 threads,queue,3   step    runs to be added: first synapse, end, multiplicity
@@ -465,7 +466,6 @@ Destination = namedtuple("Destination", "out receptors receptor_stride mark spot
 # `building.build.link` writes the addresses to `stages`; stages that a network does not need have address 0.
 STAGES = {
     "add_row": ("arrivals", "view, k, step, thread", types.void),
-    "at_emission": ("arrivals", "view, q, step, after, thread", types.void),
     "deliver_log": ("deliver", "view, q, sent_step, now, begin, stop, ring", types.void),
     "add_counts": ("generators", "view, thread, q, step, n_all, slots, blocks", types.void),
     "draw_counts": ("generators", "view, thread, pop, step", types.void),
@@ -510,10 +510,8 @@ def _stage(name: str) -> Any:
     return inlined(space[name])
 
 
-add_row, at_emission, deliver_log, add_counts, draw_counts, drive, charge = map(_stage, _STAGED[:7])
-step_collecting, settle, post_spike, dopamine_arrivals, note, gather_moves, deliver_joined, learn_kernels = map(
-    _stage, _STAGED[7:]
-)
+add_row, deliver_log, add_counts, draw_counts, drive, charge, step_collecting = map(_stage, _STAGED[:7])
+settle, post_spike, dopamine_arrivals, note, gather_moves, deliver_joined, learn_kernels = map(_stage, _STAGED[7:])
 
 
 def stage_entry(name: str) -> Entry:
