@@ -34,6 +34,7 @@ V_M, W, G_EX, G_IN, REFRACTORY, SIZE = range(6)
 I_EX, I_IN = G_EX, G_IN
 V_TH, V_RESET, V_FIRE, B, R, H, TOLERANCE, SUBSTEPS, BY_C, G_L, E_L, DELTA_T, A, BY_TAU_W, V_PEAK = range(15)
 RATE_EX, RATE_IN, I_E, E_EX, E_IN = range(15, 20)
+# V_FIRE, the potential of a spike, is V_peak, or V_th if Delta_T is 0.
 
 rkf45, rkf45_by_slope = fehlberg(4, 2), fehlberg(4, 2, by_slope=True)
 rk4, (take, put) = runge_kutta(4, 2), rows(4)
@@ -75,8 +76,8 @@ def step_and_reset(rates, system, s, c, i_0, lo, hi, fired):
 def step_adaptively(rates, system, s, c, i_0, lo, hi, fired):
     """Advance a step by RKF45, trying a whole step first.
 
-    A step whose error is below the tolerance is accepted whatever the slope, so a whole step is enough for most
-    neurons.
+    A whole step whose error is below the absolute tolerance is accepted for every slope, which is enough for most
+    neurons. Shorter steps have the tolerance that is also relative to the slope.
     """
     h, tolerance = c[H], c[TOLERANCE]
     step_whole(rkf45, take, put, rates, system, s, c, i_0, lo, hi, h, SIZE, tolerance, fired)
@@ -110,7 +111,7 @@ def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
 
 
 def reset(s, c, i):
-    """Hold V_m during refractoriness, and reset it at V_peak. Return whether the neuron spiked."""
+    """Hold V_m during refractoriness, and reset V_m at a spike. Return 1 if the neuron spiked, else 0."""
     v, w, refractory_left = s[V_M, i], s[W, i], s[REFRACTORY, i]
     v_reset, b, r = c[V_RESET], c[B], c[R]
     is_refractory = refractory_left != 0.0
@@ -194,11 +195,11 @@ def system_of_conductances(s, c, i_0, i):
 class aeif_cond_exp(AdaptiveExponential):
     """Adaptive exponential neuron. A spike adds its weight in nS to a conductance that decays exponentially.
 
-    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. The
-    integrator is NEST's adaptive RKF45 with an error of at most `gsl_error_tol` (1 + |h y'|) per step. With
-    `rk4_substeps` it is RK4 with this number of steps per step of the grid. V_m is tested and reset after each step of
-    the integrator, so a neuron may emit several spikes, at most 255, in a step of the grid. With `Delta_T` 0 there is
-    no exponential term, and the neuron spikes at V_th.
+    Positive weights open the excitatory conductance. Negative weights open the inhibitory conductance by their absolute
+    value. The integrator is NEST's adaptive RKF45 with an error of at most `gsl_error_tol` (1 + |h y'|) per step.
+    `rk4_substeps` selects RK4 instead, with this number of steps per step of the grid. V_m is tested and reset after
+    each step of the integrator, so a neuron may emit several spikes, at most 255, in a step of the grid. With `Delta_T`
+    0 there is no exponential term, and the neuron spikes at V_th.
 
     Source: NEST 3.10, `aeif_cond_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
     """
@@ -260,11 +261,11 @@ def system_of_currents(s, c, i_0, i):
 class aeif_psc_exp(AdaptiveExponential):
     """Adaptive exponential neuron. A spike adds its weight in pA to a current that decays exponentially.
 
-    Positive weights go to the excitatory current, negative ones to the inhibitory. The integrator is NEST's adaptive
-    RKF45 with an error of at most `gsl_error_tol` (1 + |h y'|) per step. With `rk4_substeps` it is RK4 with this number
-    of steps per step of the grid. V_m is tested and reset after each step of the integrator, so a neuron may emit
-    several spikes, at most 255, in a step of the grid. With `Delta_T` 0 there is no exponential term, and the neuron
-    spikes at V_th.
+    Positive weights go to the excitatory current, negative weights to the inhibitory current. The integrator is NEST's
+    adaptive RKF45 with an error of at most `gsl_error_tol` (1 + |h y'|) per step. `rk4_substeps` selects RK4 instead,
+    with this number of steps per step of the grid. V_m is tested and reset after each step of the integrator, so a
+    neuron may emit several spikes, at most 255, in a step of the grid. With `Delta_T` 0 there is no exponential term,
+    and the neuron spikes at V_th.
 
     Source: NEST 3.10, `aeif_psc_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
     """

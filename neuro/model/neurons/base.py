@@ -7,19 +7,20 @@ constants `c`.
 
     constants(p, h, c)                    fill `c` from the parameters `p` (in order of definition) for a step of h ms
     step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` input of the step, `i_0` current in pA;
-                                          set `fired[i]` to 1 if the threshold is reached, else to 0; with
-                                          `resets_in_step` to the number of times that it is reached
+                                          set `fired[i]` to 1 if neuron i reaches its threshold, else to 0; a model
+                                          with `resets_in_step` sets it to the number of spikes in the step
     fire(s, c, i)                         apply the effects of a spike to neuron i
     quiet(s, c, i_0, lo, hi)              return whether no neuron can fire before its next input
 
-For a model with `linear`, one step of length n h must be equal to n steps without input, or else there is a fifth
-function:
+The event backend skips steps without input. For a model with `linear`, one step of length n h must then be equal to n
+steps of length h. If the two differ, the model needs a fifth function:
 
     catch_up(s, p, c, i_0, lo, hi, h, n)  advance n steps of h ms without input, in which no neuron fires;
                                           `c` is a buffer for constants
 
 A neuron that fires at random sets `draws`. The step is then `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a
-uniform random number in [0, 1) per neuron and step, and `quiet` is false if a draw can make a neuron fire.
+uniform random number in [0, 1) per neuron and step. `quiet` then returns false if a random number can make a neuron
+fire.
 
 A generator has, beside `constants`,
 
@@ -75,7 +76,7 @@ class Model(Choice):
         chip: the chip with the parameters as registers; "" for a model of all backends.
         role: the way in which backends run the model: "neuron" (stepped), "poisson", "listed" and "current" (generators
             of this package), or "generator" (any other).
-        width: the largest number of parameters, including `tau_minus`, and of constants.
+        width: the length of `c`. A model may have at most this number of parameters, including `tau_minus`.
         fixed: parameters that cannot be set while the network runs.
         graded: whether a spike carries a whole number, its payload, instead of a multiplicity. The payload of a neuron
             is its state `payload`, which `step` sets together with `fired`.
@@ -108,7 +109,8 @@ class Generator(Model):
     Class attributes:
         timed: whether the model has the parameters `start` and `stop`. Backends apply both, so `constants` does not get
             them.
-        schedule: names of the parameters with the times of changes and with the values from each time on, or ().
+        schedule: for a generator that changes at listed times, the names of two parameters: the times, and the values
+            that apply from each time on; otherwise ().
         arithmetic: the class or module with `constants` and `emit`, see above and `OfModule`.
     """
 
@@ -156,22 +158,22 @@ class Neuron(Model):
         receptor_names: names of the receptors, for synapses that name a receptor. Two receptors are called "ex" and
             "in" by default.
         conductances: names of the receptors that are conductances. Weights of synapses that name a conductance must
-            be >= 0. The second of two receptors receives -w, as if the weight had been routed by sign.
-        filters: receptors that accept a current, by name: the state that filters the current, and the parameter with
-            the time constant of the filter.
-        collects: two adjacent states, one for each of two receptors, to which `step` adds its input, unscaled and as
-            its last operation, and which `fire` does not change. The event loop may then add the input itself. ()
-            otherwise.
+            be >= 0. At the second of two receptors `x[1]` then sums -w, as for negative weights without a name.
+        filters: receptors that accept the current of a generator. The key is the receptor; the value has the state that
+            filters the current, and the parameter with the time constant of this filter.
+        collects: two adjacent states, one for each of two receptors, or (). `step` adds the input to them, unscaled and
+            as its last operation, and `fire` does not change them. The event loop may then add the input itself.
         weight_unit: unit of the weights of incoming synapses, or "".
-        relay: whether a spike carries the multiplicity of the incoming spikes, whatever the weight.
+        relay: whether a neuron repeats incoming spikes with their multiplicity. Weights then have no effect.
         linear: whether n steps of h without input can be computed at once, by `catch_up` or by one step of length n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing. A winner-take-all
             group, which chooses between step and reset, cannot have such neurons.
         takes_current: whether the neurons accept currents of generators.
-        draws: whether `step` gets a random number per neuron, see above.
+        draws: whether `step` gets a random number per neuron, see the module.
         signed: whether weights are routed to two receptors by sign if a synapse names no receptor. If not, a synapse
             must name a receptor.
-        most: largest size of a population, for a `step` that treats all neurons together; 0 for independent neurons.
+        most: largest size of a population whose neurons depend on each other within a `step`; 0 for independent
+            neurons, whose number is not limited.
         arithmetic: the class or module with `constants`, `step`, `fire` and `quiet`, see above and `OfModule`. The
             first constant is the threshold and the first state is V_m, if the model has them.
     """
@@ -212,7 +214,7 @@ class Neuron(Model):
 
     @staticmethod
     def caution(parameters: Mapping[str, Any], resolution: float) -> str:
-        """Return a warning about parameters that are probably a mistake in steps of `resolution` ms, or ""."""
+        """Return a warning if parameters are probably a mistake for steps of `resolution` ms, otherwise ""."""
         return ""
 
     @staticmethod

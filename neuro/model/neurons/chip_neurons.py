@@ -12,10 +12,11 @@ from neuro.model.neurons.base import Neuron, State
 
 LARGEST = 2**31 - 1
 FRACTION = 2**32 - 1
+"""The largest signed register, and the largest unsigned one, of 32 bits."""
 
 
 def register(default: int, doc: str, low: int = -LARGEST, high: int = LARGEST) -> Any:
-    """Return a parameter that is a register, a whole number within the bounds, for all neurons or per neuron."""
+    """Return a parameter for a register: a whole number from `low` to `high`, one for all neurons or one per neuron."""
     return quantity(default, "", doc, whole=True, at_least=low, at_most=high, arrays=True)
 
 
@@ -57,7 +58,7 @@ class Loihi2Neuron(Neuron):
 
     Each step computes, in this order, in integers, with t(y) = y / 4096 truncated towards 0:
     u = v = 0 in steps k, counted from 1, for which `reset_interval` is not 0 and divides k - reset_offset;
-    u <- t(u (4095 - du)) + 64 a, where a is the input, with 24 bits: -2^23 is 2^23;
+    u <- t(u (4095 - du)) + 64 a, where a is the input; u wraps at 24 bits to the range -2^23 + 1 to 2^23;
     v <- t(v (4096 - dv)) + u + bias_mant 2^bias_exp, clipped to +-(2^23 - 1).
     """
 
@@ -121,7 +122,8 @@ class Loihi2Resonator(Neuron):
 
     Every parameter is a register.
 
-    Each step computes in integers, with t(y) = y / 4096 truncated towards 0 and the input a of either receptor:
+    Each step computes in integers, with t(y) = y / 4096 truncated towards 0, and with a_real and a_imag, the inputs of
+    the two receptors:
     real <- t(cos_decay real) - t(sin_decay imag) + a_real 2^state_exp, and
     imag <- t(sin_decay real) + t(cos_decay imag) + a_imag 2^state_exp, both clipped to +-(2^23 - 1).
     """
@@ -152,7 +154,7 @@ class loihi2_rf(Loihi2Resonator):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class loihi2_rf_iz(Loihi2Resonator):
-    """Resonator that fires at imag >= vth. Then real is 0 and imag is 1 below the threshold. In lava: RF_IZ.
+    """Resonator that fires at imag >= vth. Then real becomes 0, and imag becomes the threshold minus 1. In lava: RF_IZ.
 
     Synapses (`static`) name the receptor, real or imag.
     """
@@ -166,11 +168,11 @@ class spinnaker_lif(Neuron):
     """Leaky integrate-and-fire neuron of SpiNNaker. Every parameter is a register.
 
     Values are s16.15 (value x 32768), decays are unsigned 0.32. Each tick computes:
-    g <- g decay + (slot << shift) init for each receptor, with slots saturating at 65535;
-    alpha = (g_exc - g_inh + i_offset) r_m + v_rest, and outside refractoriness v <- alpha - exp_tc (alpha - v).
+    g <- g decay + (slot << shift) init per receptor, where slot is its input in the ring buffer, at most 65535;
+    alpha = (g_exc - g_inh + i_offset) r_m + v_rest; v <- alpha - exp_tc (alpha - v), outside refractoriness only.
     At v >= v_thresh the neuron spikes, and v is v_reset for t_refract ticks.
-    Weights are the 16-bit words of the ring buffer, negative ones for the inhibitory receptor. A spike emitted in tick
-    t with a delay of d ticks is added to the slot of tick t + d.
+    A weight is a 16-bit word of the ring buffer. Negative weights go to the inhibitory receptor. A spike emitted in
+    tick t with a delay of d ticks is added to the slot of tick t + d.
 
     Source: the sources of sPyNNaker and spinn_common (Rhodes et al., Front. Neurosci. 12:816, 2018).
     """

@@ -13,7 +13,7 @@ from neuro.model.neurons.integrators import are_at_rest, fehlberg, rows, runge_k
 
 V_M, G_EX, G_IN, REFRACTORY, SIZE = range(5)
 D_EX, D_IN, REFRACTORY_5, SIZE_5 = range(3, 7)
-"""Rows of the states. Names that end in 5 belong to `iaf_cond_alpha`, which has five variables instead of three."""
+"""Rows of the states. Names with D or 5 belong to `iaf_cond_alpha`, which has five variables instead of three."""
 
 V_TH, V_RESET, G_L, E_L, E_EX, E_IN, RATE_EX, RATE_IN, I_E, BY_C, R, H, SUBSTEPS, JUMP_EX, JUMP_IN = range(15)
 TOLERANCE = 1e-3
@@ -73,9 +73,9 @@ def hold_or_fire(s, c, lo, hi, refractory, fired):
 class iaf_cond_exp(Resting):
     """Leaky integrate-and-fire neuron. A spike adds its weight in nS to a conductance that decays exponentially.
 
-    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. The
-    integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. With `rk4_substeps` it is RK4 with this
-    number of steps per step of the grid, which is faster.
+    Positive weights open the excitatory conductance. Negative weights open the inhibitory conductance by their absolute
+    value. The integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. `rk4_substeps` selects RK4
+    instead, which is faster, with this number of steps per step of the grid.
 
     Source: NEST 3.10, `iaf_cond_exp`; Meffin et al., J. Comput. Neurosci. 16:159, 2004.
     """
@@ -143,9 +143,9 @@ class iaf_cond_exp(Resting):
 class iaf_cond_alpha(iaf_cond_exp):
     """Leaky integrate-and-fire neuron. A spike opens an alpha-shaped conductance whose peak is its weight in nS.
 
-    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. The
-    integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. With `rk4_substeps` it is RK4 with this
-    number of steps per step of the grid, which is faster.
+    Positive weights open the excitatory conductance. Negative weights open the inhibitory conductance by their absolute
+    value. The integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. `rk4_substeps` selects RK4
+    instead, which is faster, with this number of steps per step of the grid.
 
     Source: NEST 3.10, `iaf_cond_alpha`; Meffin et al., J. Comput. Neurosci. 16:159, 2004.
     """

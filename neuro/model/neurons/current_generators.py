@@ -1,8 +1,11 @@
 """Generators of currents. The current of a step arrives after the delay and acts from the next step on.
 
-A current is a function `values(p, t, z)` of arrays: `p` has the parameters by name, shape (1,) or (columns,), `t` the
-times of some steps, shape (steps, 1), and `z` standard normal numbers for a generator with `draws`, shape
-(steps, columns).
+The function `values(p, t, z)` of a generator computes the currents of several steps at once. A column is a neuron, or
+a synapse if `individual` is true. The arguments are arrays:
+
+    p    parameters by name, each of shape (1,) or (columns,)
+    t    times of the steps in ms, shape (steps, 1)
+    z    standard normal numbers for a generator with `draws`, shape (steps, columns)
 """
 
 from __future__ import annotations
@@ -40,7 +43,7 @@ class CurrentGenerator(Timed):
         return False
 
     def steps_per_value(self, resolution: float) -> int:
-        """Return the number of steps with the same value."""
+        """Return the number of successive steps that share one value of the current."""
         return 1
 
     @staticmethod
@@ -100,9 +103,9 @@ class ac_generator(CurrentGenerator):
 class noise_generator(CurrentGenerator):
     """Gaussian white noise current, drawn every `dt` and constant in between. Source: NEST 3.10.
 
-    As in NEST, each connection has its own noise, including the connections of one neuron to many. With
-    `individual_noise: false`, each neuron has one noise current, which all its targets share. A changed parameter takes
-    effect at the next draw.
+    As in NEST, each connection has its own noise, so two targets of one generator neuron receive different currents.
+    With `individual_noise: false`, each generator neuron has one noise current, which all its targets share. A changed
+    parameter takes effect at the next draw.
     """
 
     equation: ClassVar[str] = (
@@ -125,7 +128,7 @@ class noise_generator(CurrentGenerator):
 
     @property
     def individual(self) -> bool:
-        """The parameter `individual_noise`."""
+        """The value of the parameter `individual_noise`."""
         return self.individual_noise
 
     def steps_per_value(self, resolution: float) -> int:

@@ -27,15 +27,16 @@ from neuro.model.neurons.propagators import (
 
 V_M, I_EX, I_IN, REFRACTORY = range(4)
 D_EX, D_IN = 4, 5
-"""Rows of the states. The rows after the first four are used by one model only."""
+"""Rows of the states. D_EX and D_IN belong to `iaf_psc_alpha`."""
 
-# Propagators of a step, by NEST's names: P33 and P11 are the decay factors of V_m and of a synaptic current, P32 and
-# P30 the mV per pA of a synaptic and of a constant current. CHARGE: mV that 1 pA adds until the current has decayed.
+# Propagators of a step have the names of NEST. P33 is the decay factor of V_m, P11 that of a synaptic current. P32, P31
+# and P30 are the mV that a synaptic current of 1 pA, a slope of 1 pA/ms and a constant current of 1 pA add in a step.
+# CHARGE is the mV that a synaptic current of 1 pA adds until it has decayed.
 V_TH, V_RESET, E_L, P33, P30, I_E, R, GAIN, P32_EX, P32_IN, P11_EX, P11_IN, CHARGE_EX, CHARGE_IN = range(14)
 FALL, MOST = 14, 15
 V_MIN, H, P31_EX, P31_IN, C_M, TAU_EX, TAU_IN = *range(14, 19), CHARGE_EX, CHARGE_IN
-"""Indices of the constants. Those after the first fourteen are used by one model only, and `iaf_psc_alpha` has no
-charges."""
+"""Indices of the constants. The last line belongs to `iaf_psc_alpha`, which uses the places of CHARGE for time
+constants."""
 
 STATES = (
     State("V_m", "mV", "membrane potential"),
@@ -69,7 +70,7 @@ def highest_with_currents(s, c, i_0, i):
 class iaf_psc_exp(LeakyWithCurrents):
     """Leaky integrate-and-fire neuron. A spike adds its weight in pA to a current that decays exponentially.
 
-    Positive weights go to the excitatory current, negative ones to the inhibitory.
+    Positive weights go to the excitatory current, negative weights to the inhibitory current.
     Source: NEST 3.10, `iaf_psc_exp`; Tsodyks, Uziel & Markram, J. Neurosci. 20:RC50, 2000.
     """
 
@@ -150,7 +151,7 @@ class cuba_lif(iaf_psc_exp):
     max_spikes: int = quantity(
         1,
         "",
-        "most spikes per step, while V_m after the reset by subtraction is at V_th or above",
+        "largest number of spikes per step; after a reset by subtraction V_m may still be at V_th or above",
         kind="integer",
         at_least=1,
         at_most=255,
@@ -162,7 +163,7 @@ class cuba_lif(iaf_psc_exp):
         check_fall("cuba_lif", parameters)
 
     def constants(p, h, c):
-        """Fill `c` for a step of h ms, with the constants of `iaf_psc_exp` and the most spikes per step."""
+        """Fill `c` with the constants of `iaf_psc_exp` for a step of h ms and the largest number of spikes per step."""
         set_leaky(p, h, c)
         c[FALL], c[MOST] = fall_of(p[10], p[6], p[5]), p[11]
 
@@ -209,7 +210,7 @@ class cuba_lif(iaf_psc_exp):
 class iaf_psc_alpha(Leaky):
     """Leaky integrate-and-fire neuron. A spike starts an alpha-shaped current whose peak is its weight in pA.
 
-    Positive weights go to the excitatory current, negative ones to the inhibitory.
+    Positive weights go to the excitatory current, negative weights to the inhibitory current.
     Source: NEST 3.10, `iaf_psc_alpha`; Rotter & Diesmann, Biol. Cybern. 81:381, 1999.
     """
 

@@ -21,7 +21,7 @@ _READER = "the reader of recordings"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class crop(Choice):
-    """A rectangle of a sensor. An axis without a range is used whole."""
+    """A rectangle of a sensor. All pixels of an axis are used if it has no range."""
 
     kind: ClassVar[str] = "crop"
     x: Any = quantity(None, "px", "first column and last column + 1", kind="shape", at_least=0)
@@ -36,7 +36,7 @@ class crop(Choice):
                 raise ModelError(message, where=here(), path=(word,))
 
     def sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Return the columns and rows of a sensor that are inside, each as (first, last + 1).
+        """Return the columns and the rows of the rectangle, each as (first, last + 1), for a sensor of this size in px.
 
         Raises:
             ModelError: the rectangle reaches beyond the sensor.
@@ -55,14 +55,14 @@ class crop(Choice):
 class event_camera(Generator):
     """Generator of the events of a recording as spikes, at the times of the recording.
 
-    While running it is a `spike_generator`.
+    While the network runs, the population behaves as a `spike_generator`.
 
-    With the polarity `split` its shape is [2, height, width], OFF before ON, otherwise [height, width]. The shape
-    `auto` is read from the recording. An event at time t of the recording is emitted in the step of `start` + t, and an
-    event at t = 0 in the first step after `start`. Several events of a neuron in one step make a spike of that
-    multiplicity. The recording is read while the network runs, a few 100,000 events ahead. Without a recording, the
-    population emits the events given to `sim.feed`. With a stream, events are received from the first step on, and the
-    network waits for them.
+    With the polarity `split` the population has the shape [2, height, width], OFF before ON, otherwise [height, width].
+    The shape `auto` is read from the recording. An event at time t of the recording is emitted in the step of `start` +
+    t, and an event at t = 0 in the first step after `start`. Several events of a neuron in one step make a spike of
+    that multiplicity. The recording is read while the network runs, a few 100,000 events ahead. Without a recording,
+    the population emits the events given to `sim.feed`. With a stream, events are received from the first step on, and
+    the network waits for them.
     """
 
     equation: ClassVar[str] = "emits in step floor((t - origin - offset) / h) + 1 after start"
@@ -105,7 +105,7 @@ class event_camera(Generator):
         at_least=1,
     )
     origin: float | None = quantity(
-        None, "us", "time stamp that is the beginning; by default the one of the first event", whole=True
+        None, "us", "time stamp at which the recording begins; by default that of the first event", whole=True
     )
     offset: float = quantity(0.0, "ms", "duration to skip at the beginning", at_least=0)
     start: float = quantity(0.0, "ms", "simulated time at which the recording begins", at_least=0)
@@ -143,7 +143,7 @@ class event_camera(Generator):
         return (2, height, width) if self.polarity == "split" else (height, width)
 
     def sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Return the visible columns and rows of a sensor, each as (first, last + 1)."""
+        """Return the visible columns and rows of a sensor of this size in px, each as (first, last + 1)."""
         if self.crop is None:
             return (0, width), (0, height)
         return self.crop.sides(width, height)  # type: ignore[no-any-return]

@@ -35,23 +35,24 @@ from neuro.model.neurons.propagators import LeakyWithCurrents
 
 THETA = 4
 TH_1, TH_2, TH = 4, 5, 6
-"""Rows of the states after the first four of `neuro.model.neurons.currents`. Each line belongs to one model."""
+"""Rows of the states that follow the four rows of `neuro.model.neurons.currents`. Each line belongs to one model."""
 
 THETA_PLUS, FADE = 14, 15
 FADE_1, FADE_2, ALPHA_1, ALPHA_2 = range(14, 18)
-"""Indices of the constants after the first fourteen. Each line belongs to one model."""
+"""Indices of the constants that follow the fourteen of `neuro.model.neurons.currents`. Each line is for one model."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class iaf_psc_exp_adaptive_threshold(LeakyWithCurrents):
     """Leaky integrate-and-fire neuron with an adaptive threshold, for unsupervised learning.
 
-    A spike adds its weight in pA to a current that decays exponentially. Positive weights go to the excitatory current,
-    negative ones to the inhibitory. Each spike raises the threshold V_th + theta by `theta_plus`. theta decays slowly,
-    so neurons that fire more often than others become less excitable: the mean of theta is theta_plus x tau_theta x
-    rate. A group ranks its neurons by V_m - V_th, without theta.
+    A received spike adds its weight in pA to a current that decays exponentially: the excitatory current, or the
+    inhibitory current if the weight is negative. Each emitted spike raises the threshold V_th + theta by `theta_plus`.
+    theta decays slowly, so neurons that fire more often than others become less excitable: the mean of theta is
+    theta_plus x tau_theta x rate. A group ranks its neurons by V_m - V_th, without theta.
 
-    Source: Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015, section 2.2. All else is the same as in `iaf_psc_exp`.
+    Source: Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015, section 2.2. The other dynamics are those of
+    `iaf_psc_exp`.
     """
 
     equation: ClassVar[str] = (
@@ -97,7 +98,7 @@ class iaf_psc_exp_adaptive_threshold(LeakyWithCurrents):
         s[REFRACTORY, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):
-        """Return whether V_m cannot reach the threshold. theta only approaches 0."""
+        """Return whether V_m cannot reach the threshold. A positive theta only falls, a negative one only rises."""
         for i in range(lo, hi):
             if s[REFRACTORY, i] != 0.0 or not highest_with_currents(s, c, i_0, i) < c[V_TH] + min(s[THETA, i], 0.0):
                 return False
@@ -108,10 +109,11 @@ class iaf_psc_exp_adaptive_threshold(LeakyWithCurrents):
 class mat2_psc_exp(Neuron):
     """Multi-timescale adaptive threshold (MAT) neuron with exponential currents.
 
-    A spike raises V_th and does not reset V_m.
+    An emitted spike raises V_th and does not reset V_m.
 
-    V_th relaxes to `omega` with two time constants. The neuron spikes at most once in `t_ref`. A spike adds its weight
-    in pA to the excitatory current, or to the inhibitory current if the weight is negative. Integrated exactly.
+    V_th relaxes to `omega` with two time constants. The neuron spikes at most once in `t_ref`. A received spike
+    adds its weight in pA to the excitatory current, or to the inhibitory current if the weight is negative. The
+    integration is exact.
 
     Source: NEST 3.10, `mat2_psc_exp`; Kobayashi et al., Front. Comput. Neurosci. 3:9, 2009.
     """
@@ -157,7 +159,7 @@ class mat2_psc_exp(Neuron):
         c[FADE_1], c[FADE_2], c[ALPHA_1], c[ALPHA_2] = math.exp(-h / p[8]), math.exp(-h / p[9]), p[10], p[11]
 
     def step(s, c, x, i_0, lo, hi, fired):
-        """Advance V_m with the currents before the step, then the threshold and the currents, then compare."""
+        """Advance V_m with the currents before the step, then the threshold and the currents, then test it."""
         e_l, p33, p30, i_e, omega = c[E_L], c[P33], c[P30], c[I_E], c[V_TH]
         p32_ex, p32_in, p11_ex, p11_in = c[P32_EX], c[P32_IN], c[P11_EX], c[P11_IN]
         fade_1, fade_2 = c[FADE_1], c[FADE_2]

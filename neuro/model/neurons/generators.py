@@ -56,10 +56,10 @@ class spike_generator(Generator):
 class spike_train(Generator):
     """Generator of the spikes of a recording. More spikes can be injected while running.
 
-    Two spikes of a neuron at one time make a spike of multiplicity 2. `file` (and `key`) may replace `spikes`, in YAML
-    also as `spikes: {file: ..., key: ...}`. The file is a group of an HDF5 file with the data sets `times` and `ids`,
-    as written by `neuro run --out`, a data set with two columns, an NPY file with these columns or fields, or a CSV
-    file whose first line names the columns.
+    Two spikes of a neuron at one time make a spike of multiplicity 2. `file` (and `key`) may replace `spikes`; in YAML
+    `spikes: {file: ..., key: ...}` is also accepted. An HDF5 file has under `key` a group with the data sets `times`
+    and `ids`, as written by `neuro run --out`, or a data set with these two columns. An NPY file has these columns or
+    fields. The first line of a CSV file names the columns.
     """
 
     equation: ClassVar[str] = "emits at the recorded times"
@@ -166,9 +166,10 @@ def binomial(u, trials, chance):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class encode(Generator):
-    """Generator of the spikes of a code of values.
+    """Generator of the spikes that a code makes from values.
 
-    While running it is a `spike_generator`, or a `poisson_generator` for rates.
+    While the network runs, the population behaves as a `spike_generator`, or as a `poisson_generator` if the code
+    returns rates.
 
     A spike at time t of the code is emitted in the step of `start` + t, and a spike at t = 0 in the first step after
     `start`. Random codes depend on the network's seed and the population's name. In YAML `{file: ..., key: ...}` may
@@ -213,7 +214,7 @@ class encode(Generator):
             seed: seed of random codes.
 
         Returns:
-            Times in ms after `start`, with spikes on the last axis and NaN for missing ones, or rates in Hz.
+            Times in ms after `start`, with the spikes of a neuron on the last axis and NaN as padding, or rates in Hz.
 
         Raises:
             ModelError: a code refuses the values or its parameters. The path of the error leads to the wrong value.
@@ -238,8 +239,8 @@ MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
 class sinusoidal_poisson_generator(Timed):
     """Generator of a Poisson number of spikes per step, at a sinusoidal rate. Negative rates count as 0.
 
-    In NEST each target receives a separate spike train unless `individual_spike_trains` is false. In neuro a neuron has
-    one spike train, so a neuron may have only one target while the parameter is true.
+    In NEST each target receives a separate spike train unless `individual_spike_trains` is false. In neuro each neuron
+    has one spike train, so a neuron may have only one target while the parameter is true.
     """
 
     equation: ClassVar[str] = (
@@ -282,7 +283,7 @@ for _k in range(LARGEST_SHAPE):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class gamma_sup_generator(Timed):
-    """Generator of the superposition of independent gamma processes, as the input from a population of neurons.
+    """Generator of the spikes of many independent gamma processes, like the input from a population of neurons.
 
     A process passes through `gamma_shape` stages and spikes at the end of the last one. The probability to leave a
     stage in a step is rate gamma_shape h / 1000. All targets of a neuron receive the same spike train.
@@ -314,13 +315,13 @@ class gamma_sup_generator(Timed):
         c[CHANCE], c[STAGES] = p[0] * p[1] * h / 1000.0, p[1]
 
     def emit(s, c, u, step, lo, hi, out):
-        """Move binomial numbers of processes to the next stage. All stages use the same uniform number."""
+        """Move binomial numbers of processes to the next stage. One uniform number serves all stages of a neuron."""
         stages = int(c[STAGES])
         for i in range(lo, hi):
-            u_left, came = u[i], 0
+            u_left, n_arriving = u[i], 0
             for stage in range(stages):
-                leave, u_left = binomial(u_left, int(s[stage, i]), c[CHANCE])
-                s[stage, i] += came - leave
-                came = leave
-            s[0, i] += came
-            out[i] = came
+                n_leaving, u_left = binomial(u_left, int(s[stage, i]), c[CHANCE])
+                s[stage, i] += n_arriving - n_leaving
+                n_arriving = n_leaving
+            s[0, i] += n_arriving
+            out[i] = n_arriving

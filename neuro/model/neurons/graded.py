@@ -14,12 +14,12 @@ PAYLOAD_STATE = State("payload", "", "payload sent in the last step, 0 without a
 
 SENT, ACT, RESIDUE, ERROR, SIGMA = range(5)
 SUM = 1
-"""Rows of the states. The payload is the first."""
+"""Rows of the states. Row 0, SENT, is the payload. SUM belongs to `sigma_decoder`."""
 
 VTH, GRAIN, CUM, BIAS, RELU = range(5)
 UNIT = 3
 DIVISOR = 1
-"""Indices of the constants. Models use the same index for different constants."""
+"""Indices of the constants. Models may use the same index for different constants."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,9 +47,10 @@ class Encoding(Graded):
     """Base of the neurons that send a value only after it has changed by a threshold.
 
     With the new value y and the value `act` of the last step, delta = y - act + residue. The neuron sends delta if
-    |delta| >= vth, and 0 otherwise. The residue is the part that was not sent. With `cum_error` the sum of delta since
-    the last message is compared instead of delta. States are in units of 2^-(spike_exp + state_exp), so that vth
-    corresponds to vth 2^(spike_exp + state_exp) in these units. Messages are in units of 2^state_exp, rounded down.
+    |delta| >= vth, and 0 otherwise. The residue is the part of delta that was not sent. With `cum_error` the sum of
+    delta since the last message is compared with vth, instead of delta. States are integers on a chip: a value v is
+    stored as v 2^(spike_exp + state_exp), and vth is scaled in the same way. The payload is delta / 2^state_exp,
+    rounded down.
     """
 
     states: ClassVar[tuple[State, ...]] = (
@@ -66,7 +67,7 @@ class Encoding(Graded):
 
 
 def send_change(s, i, y, vth, grain, cumulative):
-    """Send the change of the value to `y` if it reaches the threshold, and return the payload."""
+    """Send the change of the value to `y` if the change reaches `vth`. Return the payload, in units of `grain`."""
     delta = y - s[ACT, i] + s[RESIDUE, i]
     compared = s[ERROR, i] + delta if cumulative != 0.0 else delta
     out = delta if abs(compared) >= vth else 0.0
@@ -78,7 +79,7 @@ def send_change(s, i, y, vth, grain, cumulative):
 
 
 def stays_silent(s, i, y, vth, cumulative):
-    """Return whether nothing is sent and no state changes while the value remains `y`."""
+    """Return whether neuron i sends nothing and keeps its state while its value is `y`."""
     residue = s[RESIDUE, i]
     return y == s[ACT, i] and abs(residue) < vth and (cumulative == 0.0 or residue == 0.0) and s[SENT, i] == 0.0
 
@@ -176,7 +177,7 @@ class delta_encoder(Encoding):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class sigma_delta(Encoding):
-    """Sigma-delta neuron, which sums the input, and sends the change of the activation once the change reaches vth.
+    """Sigma-delta neuron. It sums its input, and sends the change of its activation once the change reaches vth.
 
     sigma is the sum of all input, so messages only need to carry differences. With `relu` y = max(sigma + bias, 0),
     otherwise y = sigma + bias. `vth` and `bias` are in units of 2^(spike_exp + state_exp). In lava: SigmaDelta, with
@@ -210,7 +211,7 @@ class sigma_delta(Encoding):
     def quiet(s, c, i_0, lo, hi):
         """Return whether the neurons are silent.
 
-        Without input the activation is constant, so only errors may add up.
+        Without input the activation is constant, so only changes that were not sent may add up.
         """
         for i in range(lo, hi):
             y = s[SIGMA, i] + c[BIAS]

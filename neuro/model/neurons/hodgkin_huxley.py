@@ -31,7 +31,7 @@ rkf45, rk4, (take, put) = fehlberg(8), runge_kutta(8), rows(8)
 
 
 def opening_rates(v):
-    """Return the opening and closing rates alpha and beta of m, h and n in 1/ms."""
+    """Return the opening rate alpha and the closing rate beta of m, then of h, then of n, in 1/ms."""
     return (
         linear_over_exponential(v + 40.0),
         4.0 * finite_exp(-(v + 65.0) / 18.0),
@@ -43,7 +43,7 @@ def opening_rates(v):
 
 
 def linear_over_exponential(u):
-    """Return 0.1 u / (1 - exp(-u / 10)), with the limit 1 at 0."""
+    """Return 0.1 u / (1 - exp(-u / 10)). Its limit at u = 0 is 1."""
     e = finite_exp(-0.1 * u)
     return 1.0 if e == 1.0 else 0.1 * u / (1.0 - e)
 
@@ -77,9 +77,10 @@ def system(s, c, i_0, i):
 class hh_psc_alpha(Neuron):
     """Hodgkin-Huxley neuron of the squid axon. A spike starts an alpha-shaped current whose peak is its weight in pA.
 
-    The neuron spikes when V_m has passed a maximum above 0 mV, at most once in `t_ref`. Nothing is reset. The
-    integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. With `rk4_substeps` it is RK4 with this
-    number of steps per step of the grid. Steps of 0.025 ms are accurate. Steps above 0.05 ms are unstable and refused.
+    The neuron spikes when V_m has passed a maximum above 0 mV, at most once in `t_ref`. A spike resets no variable. The
+    integrator is NEST's adaptive RKF45 with an error of at most 1e-3 per step. `rk4_substeps` selects RK4 instead, with
+    this number of steps per step of the grid. RK4 steps of 0.025 ms are accurate; steps above 0.05 ms are unstable and
+    refused.
 
     Source: NEST 3.10, `hh_psc_alpha`; Hodgkin & Huxley, J. Physiol. 117:500, 1952.
     """
@@ -121,8 +122,8 @@ class hh_psc_alpha(Neuron):
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return V_m = -65 mV, and m, h and n at their steady state, as in NEST."""
-        opening = opening_rates(RESTING)
-        values = [alpha / (alpha + beta) for alpha, beta in zip(opening[::2], opening[1::2], strict=True)]
+        rates_at_rest = opening_rates(RESTING)
+        values = [alpha / (alpha + beta) for alpha, beta in zip(rates_at_rest[::2], rates_at_rest[1::2], strict=True)]
         return {"V_m": RESTING, **dict(zip(("Act_m", "Inact_h", "Act_n"), values, strict=True))}
 
     @staticmethod
@@ -163,7 +164,7 @@ class hh_psc_alpha(Neuron):
             fired[i] = free and s[V_M, i] >= 0.0 and s[V_BEFORE, i] > s[V_M, i]
 
     def fire(s, c, i):
-        """Begin refractoriness. Nothing is reset."""
+        """Begin refractoriness. No variable is reset."""
         s[REFRACTORY, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):

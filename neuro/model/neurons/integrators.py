@@ -3,7 +3,7 @@
 A system consists of two functions of a model's module. `rates(y, p)` returns the derivatives of the variables `y`, both
 as tuples of floats. `system(s, c, i_0, i)` returns the argument `p` of `rates` for neuron i as a tuple. The variables
 are the first rows of the states `s`. A module creates the integrators for the number of variables, and uses the
-integrators in `step`:
+integrators in `step`. A step of the grid is a time step of the network, of h ms:
 
     rkf45, rk4, (take, put) = fehlberg(3), runge_kutta(3), rows(3)
 
@@ -12,9 +12,9 @@ integrators in `step`:
     is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps)     # for `quiet`
 
 The size of the adaptive step is a hidden state of the neuron, row SIZE, and is kept from one step of the grid to the
-next as in NEST. The size 0 stands for a whole step of the grid, which is the initial and the most frequent value. A
-whole step is therefore tried for all neurons in a vectorised loop without branches, and the few neurons that need
-shorter steps are integrated afterwards.
+next as in NEST. The size 0 stands for a whole step of the grid. It is the initial and the most frequent value, so a
+whole step is tried for all neurons in a vectorised loop without branches. The few neurons that need shorter steps
+are integrated afterwards.
 
 Source: Fehlberg, NASA TR R-315, 1969, table III; step control of GSL 2.7, `cstd.c` and `evolve.c`, as used by NEST
 3.10. The tolerance is absolute. For some neurons it is also relative to the slope.
@@ -35,8 +35,8 @@ ACCEPTED = 1.1
 """Largest accepted error of a step, in units of the tolerance."""
 
 MOST_STEPS = 1_000_000
-"""Largest number of adaptive steps within a step of the grid. Beyond it the variables of the neuron become NaN, which
-is reported as a numerical instability. A diverging conductance would otherwise need ever shorter steps."""
+"""Largest number of adaptive steps within a step of the grid. After more steps the variables of the neuron become NaN,
+which is reported as a numerical instability. A diverging conductance would otherwise need ever shorter steps."""
 
 TINY = 1e-300
 """Smallest error, which replaces an error of 0 in divisions."""
@@ -107,9 +107,9 @@ def rows(variables: int) -> tuple[FunctionType, FunctionType]:
 def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished):
     """Advance a step of the grid by adaptive steps.
 
-    `attempt` is a step of a method with an error estimate, see `fehlberg`. `take` and `put` come from `rows`. `rates`
-    and `system` are the equations, see the module. `s, c, i_0, lo, hi` are those of a model's `step`. `h` is the step
-    of the grid in ms, `size` the row of `s` with the size of the next adaptive step, and `tolerance` the largest error
+    `attempt` is a function that `fehlberg` returns. `take` and `put` come from `rows`. `rates` and `system` are the
+    equations, see the module. `s`, `c`, `i_0`, `lo` and `hi` are arguments of a model's `step`. `h` is the step of the
+    grid in ms, `size` the row of `s` with the size of the next adaptive step, and `tolerance` the largest error
     of a variable per step. `unfinished` is a buffer, e.g. the array `fired` of a model's `step` before it is set.
     """
     step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished)
@@ -126,16 +126,17 @@ def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, siz
 
 
 def step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished):
-    """Take a whole step of the grid for each neuron whose error is small enough, and set `unfinished` for the others.
+    """Take a whole step of the grid for each neuron whose error is small enough.
 
-    Neurons that are unfinished do not change. The arguments are those of `step_adaptively`.
+    For the other neurons set `unfinished[i]` to 1, and leave their states as they are. The arguments are those of
+    `step_adaptively`.
     """
     for i in range(lo, hi):
         y = take(s, i)
         new, error = attempt(rates, y, system(s, c, i_0, i), h)
-        short = s[size, i] != 0.0 or error > ACCEPTED * tolerance
-        put(s, i, y if short else new)
-        unfinished[i] = short
+        is_unfinished = s[size, i] != 0.0 or error > ACCEPTED * tolerance
+        put(s, i, y if is_unfinished else new)
+        unfinished[i] = is_unfinished
 
 
 def step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, h, substeps):
@@ -146,7 +147,7 @@ def step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, h, substeps):
 
 
 def is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps):
-    """Return whether a step without input leaves neuron i unchanged. With 0 `substeps` the step is one of RKF45."""
+    """Return whether a step without input leaves neuron i unchanged. `substeps` of 0 selects RKF45, otherwise RK4."""
     y, p = take(s, i), system(s, c, i_0, i)
     new = rkf45(rates, y, p, h)[0] if substeps == 0.0 else rk4(rates, y, p, h / substeps)
     return new == y
@@ -167,10 +168,10 @@ def are_at_rest(rkf45, rk4, take, rates, system, s, c, i_0, lo, hi, h, substeps,
 
 
 def advance(attempt, rates, y, p, t, h, size, tolerance):
-    """Take one accepted step between 0 and h. Return the new `y`, the time, and the size of the next step.
+    """Take one step with an accepted error. Return the new `y`, the new `t`, and the size of the next step.
 
-    `t` is the time in ms since the last step of the grid, `h` the length of that step, and `size` the size of the
-    adaptive step, where 0 stands for h.
+    `t` is the time in ms since the beginning of the step of the grid, whose length is `h`. `size` is the size of the
+    adaptive step, where 0 stands for the rest of the step of the grid.
     """
     remaining = h - t
     step = remaining if size == 0.0 or size > remaining else size
@@ -189,15 +190,16 @@ def advance(attempt, rates, y, p, t, h, size, tolerance):
 
 
 def finite_exp(x):
-    """Return e^x, at most e^709, because Python raises an error for larger values and compiled code does not."""
+    """Return e^x, at most e^709. For larger values Python would raise an error, and compiled code would not."""
     return math.exp(709.0 if x > 709.0 else x)
 
 
 def _generate_step(tableau: Tableau, variables: int, decaying: int, by_slope: bool) -> FunctionType:
     """Generate a step of a method as straight-line code without arrays, with a variable for every number.
 
-    Decaying variables are multiplied, at each stage and in the result, by a number that depends on their rate and h
-    only. The number is the same for all neurons and is computed once. The rate of a variable is its derivative at 1.
+    A decaying variable is multiplied by a factor at each stage and in the result. The factor depends only on h and on
+    the rate of the variable, which is its derivative at y = 1. So compiled code computes the factor once for all
+    neurons.
     """
     variables_range, n_free = range(variables), variables - decaying
 
@@ -227,16 +229,16 @@ def _generate_step(tableau: Tableau, variables: int, decaying: int, by_slope: bo
     if tableau.error:
         lines.append("error = 0.0")
         for v in variables_range:
-            lines.append(f"of_one = abs({f'y_{v} * ' if v >= n_free else ''}({increment(tableau.error, v)}))")
+            lines.append(f"error_of_y = abs({f'y_{v} * ' if v >= n_free else ''}({increment(tableau.error, v)}))")
             if by_slope:
-                lines.append(f"of_one /= 1.0 + abs(h * slope_{v})")
-            lines.append("error = of_one if of_one > error else error")
+                lines.append(f"error_of_y /= 1.0 + abs(h * slope_{v})")
+            lines.append("error = error_of_y if error_of_y > error else error")
     lines.append(f"return {tuple_of_numbered('new')}{', error' if tableau.error else ''}")
     return _function("step(rates, y, p, h)", lines)
 
 
 def _function(head: str, lines: list[str]) -> FunctionType:
-    """Compile generated lines to a function whose source `inspect` can read."""
+    """Compile generated lines to a function. The source stays readable for `inspect`."""
     text, scope = "\n    ".join([f"def {head}:", *lines]), dict[str, FunctionType]()
     file = f"<neuro {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)

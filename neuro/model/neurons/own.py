@@ -27,7 +27,7 @@ DEVIATIONS = np.repeat([0.0, 1.0, 30.0, 1000.0], 2)
 """Standard deviations of the tested states around their initial values, one per tested neuron."""
 
 LIMIT = 1e-9
-"""Largest relative error of many steps computed as one."""
+"""Largest accepted relative difference between `SILENCE` steps and the same time computed at once."""
 
 
 def complete(model: type[Model]) -> type[Model]:
@@ -42,7 +42,7 @@ def complete(model: type[Model]) -> type[Model]:
         if model.role == "generator":
             message = f"generator '{model.__name__}'"
             check_functions(message, model, EMITTING)
-            _complete_numbers(message, model)
+            _checked_constants(message, model)
         return model
     if model.chip:
         return model
@@ -61,7 +61,7 @@ def complete(model: type[Model]) -> type[Model]:
         )
     if unknown := [name for name in model.conductances if name not in receptors]:
         raise TypeError(f"{message}: conductance '{unknown[0]}' is not in its receptor_names")
-    c = _complete_numbers(message, model)
+    c = _checked_constants(message, model)
     if c is None:
         return model
     if "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:
@@ -72,8 +72,11 @@ def complete(model: type[Model]) -> type[Model]:
     return model
 
 
-def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | None:
-    """Return the constants for the default parameters, or None if a parameter has no default."""
+def _checked_constants(prefix: str, model: type[Model]) -> NDArray[np.float64] | None:
+    """Check the number and the kinds of the parameters.
+
+    Return the constants for the default parameters, shape (width,), or None if a parameter has no default.
+    """
     time_words = ("start", "stop") if getattr(model, "timed", False) else ()
     kinds = {word: q.kind for word, q in model.quantities().items() if word not in time_words}
     if wrong_words := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
@@ -93,11 +96,11 @@ def _complete_numbers(prefix: str, model: type[Model]) -> NDArray[np.float64] | 
 
 
 def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.1) -> None:
-    """Raise an error if many steps of a neuron model without input differ from one long step.
+    """Raise an error if steps of a neuron model without input must not be computed at once or skipped.
 
-    Neurons in random states are tested. A neuron for which `quiet` is true must not fire within `SILENCE` steps. If the
-    model is `linear`, `catch_up` or one long step must lead to the same state as these steps; otherwise the state must
-    not change.
+    Neurons in random states are tested. A neuron for which `quiet` is true must not fire within `SILENCE` steps of h.
+    If the model is `linear`, `catch_up` or one step of `SILENCE` h must lead to the same state as these steps. For
+    other models these steps must not change the state.
 
     Args:
         model: the class.

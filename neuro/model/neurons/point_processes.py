@@ -51,11 +51,11 @@ class srm0(Resting):
 
     A received spike adds its weight in pA to a current that decays exponentially: the excitatory current, or the
     inhibitory current if the weight is negative. An emitted spike adds -eta_0 exp(-t/tau_m) to V_m. By default this
-    after-potential replaces the one of the spike before; with `eta_sum` the after-potentials of all spikes add up.
-    Nothing else of V_m is reset. The neuron spikes at most once in `t_ref`.
+    after-potential replaces that of the previous spike; with `eta_sum` the after-potentials of all spikes add up. A
+    spike does not change V_m in any other way. The neuron spikes at most once in `t_ref`.
 
-    With `lambda_0` above 0 the neuron has escape noise: instead of a sharp threshold, a rate of spikes that grows
-    exponentially with V_m - V_th.
+    With `lambda_0` above 0 the neuron has escape noise: it has no sharp threshold, but spikes at random at a rate that
+    grows exponentially with V_m - V_th.
 
     Source: Gerstner & Kistler, Spiking Neuron Models, 2002, sections 4.2.3 and 5.3.
     """
@@ -88,7 +88,7 @@ class srm0(Resting):
 
     @staticmethod
     def caution(parameters: Mapping[str, Any], resolution: float) -> str:
-        """Warn about a current that keeps V_m above V_th in spite of the after-potential: every step has a spike."""
+        """Warn about a current that keeps V_m above V_th in spite of the after-potential, so every step has a spike."""
         p = parameters
         only_last = (p["eta_sum"] == 0) & (p["lambda_0"] == 0) & (p["t_ref"] < resolution)
         overdrive = (
@@ -146,9 +146,9 @@ class srm0(Resting):
 class pp_psc_delta(Neuron):
     """Point process neuron. V_m integrates its input with a leak, and spikes are drawn at a rate that depends on V_m.
 
-    Input changes V_m by its weight in mV. The rate in Hz is c_1 V_m + c_2 exp(c_3 V_m), or 0 if that is negative. After
-    a spike the neuron is silent for `dead_time`, while V_m evolves. Each spike raises the threshold E_sfa by `q_sfa`,
-    which decays. The rate is that of V_m - E_sfa, so spikes become more regular. The state `p` is the probability of a
+    Input changes V_m by its weight in mV. With V = V_m - E_sfa the rate in Hz is c_1 V + c_2 exp(c_3 V), or 0 if this
+    sum is negative. After a spike the neuron is silent for `dead_time`, while V_m evolves. Each spike raises the
+    threshold E_sfa by `q_sfa`, and E_sfa decays, so spikes become more regular. The state `p` is the probability of a
     spike in the last step, for learning rules that use it. NEST's lists of several adaptations and its random dead
     times are not supported.
 
@@ -223,8 +223,8 @@ class soft_wta(Neuron):
     Input to `ex` changes V_m by its weight in mV. V_m leaks towards 0 and is not reset. In a step with input to `ask`,
     the neurons with this input compete: neuron k spikes with the probability p_k = exp(V_k / Delta_V) /
     sum_j exp(V_j / Delta_V). Among point processes with rates exp(V / Delta_V), p_k is the probability to spike first.
-    The state `p` is p_k, and 0 in other steps, for rules that learn by (S - p) x. A population is one circuit of at
-    most 64 neurons.
+    The state `p` is p_k in such a step, and 0 in other steps. Learning rules compare it with the spikes. A population
+    is one circuit of at most 64 neurons.
 
     Source: Nessler, Pfeiffer, Buesing & Maass, PLoS Comput. Biol. 9:e1003037, 2013, eqs. 2 to 4.
     """
@@ -273,7 +273,7 @@ class soft_wta(Neuron):
                 # Potentials relative to the largest one keep the exponential from overflowing.
                 s[P, i] = math.exp((s[V_M, i] - top) * per_delta_v)
                 total += s[P, i]
-        # The random number of the first neuron decides. Those of the other neurons are not used.
+        # The random number of the first neuron decides. The numbers of the other neurons are not used.
         remaining, last = u[lo], lo
         is_chosen = False
         for i in range(lo, hi):
@@ -283,14 +283,14 @@ class soft_wta(Neuron):
                 if not is_chosen and remaining < s[P, i]:
                     fired[i], is_chosen = 1, True
                 remaining -= s[P, i]
-        if not is_chosen:  # by rounding, the probabilities may add up to slightly less than 1
+        if not is_chosen:  # rounded probabilities may add up to slightly less than 1
             fired[last] = 1
 
     def fire(s, c, i):
         """Do nothing, because a spike does not reset V_m."""
 
     def quiet(s, c, i_0, lo, hi):
-        """Return whether all probabilities are 0, because a step without input only clears them."""
+        """Return whether all probabilities are 0, because a step without input only sets them to 0."""
         has_probability = False
         for i in range(lo, hi):
             has_probability |= s[P, i] != 0.0

@@ -24,19 +24,19 @@ from neuro.model.neurons.propagators import (
 
 V_M, REFRACTORY, HELD = range(3)
 U_M = 1
-"""Rows of the states."""
+"""Rows of the states. U_M belongs to `izhikevich`."""
 
 V_TH, V_RESET, E_L, V_MIN, I_E, R = range(6)
 P33, P30, GAIN, KEEP, FALL, MOST, RISES = range(6, 13)
 LEAK, PER_PA = 6, 7
 A, B, C, D, H = range(6, 11)
-"""Indices of the constants. Those after the first six are used by one model only."""
+"""Indices of the constants. Each line after the first belongs to one model."""
 
 
 def step_falling(s, c, x, i_0, lo, hi, fired):
     """Advance one step of neurons that are reset by subtraction.
 
-    V_m after the reset may reach the threshold again, but refractory neurons do not fire.
+    V_m may be at the threshold or above even after a reset, but a refractory neuron does not fire.
     """
     v_th, e_l, v_min, p33, p30, i_e = c[V_TH], c[E_L], c[V_MIN], c[P33], c[P30], c[I_E]
     keep, fall, most, rises = c[KEEP], c[FALL], c[MOST], c[RISES]
@@ -81,7 +81,7 @@ class iaf_psc_delta(Leaky):
     max_spikes: int = quantity(
         1,
         "",
-        "most spikes per step, while V_m after the reset by subtraction is at V_th or above",
+        "largest number of spikes per step; after a reset by subtraction V_m may still be at V_th or above",
         kind="integer",
         at_least=1,
         at_most=255,
@@ -137,7 +137,7 @@ class iaf_psc_delta(Leaky):
         s[REFRACTORY, i] = c[R]
 
     def quiet(s, c, i_0, lo, hi):
-        """Return whether V_m, which relaxes towards E_L + tau_m I / C_m, cannot reach V_th."""
+        """Return whether V_m cannot reach V_th. V_m relaxes towards E_L + tau_m I / C_m."""
         for i in range(lo, hi):
             top = highest(s[V_M, i], c[E_L], c[GAIN], c[I_E] + i_0[i])
             if s[REFRACTORY, i] != 0.0 or s[HELD, i] != 0.0 or not top < c[V_TH]:
@@ -148,7 +148,7 @@ class iaf_psc_delta(Leaky):
 def after_leak(v, e_l, leak, push):
     """Return V_m after a step without input.
 
-    The leak is `leak` mV, and the current alone would change V_m by `push` mV.
+    In a step the leak moves V_m towards `e_l` by `leak` mV, and the current alone would change V_m by `push` mV.
     """
     above, below = push - leak, push + leak  # change of V_m per step above and below E_L
     remaining = 1.0  # share of the step after V_m has reached E_L
@@ -303,7 +303,7 @@ class izhikevich(Neuron):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class parrot_neuron(Neuron):
-    """Neuron that repeats incoming spikes with their multiplicity, whatever their weight. Source: NEST 3.10."""
+    """Neuron that repeats incoming spikes with their multiplicity. Weights have no effect. Source: NEST 3.10."""
 
     equation: ClassVar[str] = "emits at t the spikes that arrive at t"
     source: ClassVar[str] = "NEST 3.10 parrot_neuron"

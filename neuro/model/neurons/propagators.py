@@ -3,10 +3,11 @@
 Source: Rotter & Diesmann, Biol. Cybern. 81:381, 1999; NEST 3.10, `libnestutil/iaf_propagator.h`.
 An infinite `tau_m` means no leak.
 
-Over h the membrane decays by e^-a and the current by e^-b. The contribution of the current to the membrane potential is
-the slower of the two decays times a mean over s in 0..1 of e^(z s) with z = -|a - b|. This form does not overflow for
-large h, and is exact when a and b are nearly equal, where the closed form is a difference of nearly equal numbers. No
-branch divides 0 by 0, not even one that is not selected, because gradients of tensors flow through both branches.
+In h ms the membrane decays by e^-a and the current by e^-b, with a = h / tau_m and b = h / tau_syn. A current of 1 pA
+at the beginning adds h / C_m e^-min(a, b) m to the membrane potential. Here m is the mean of e^(z s) over s in 0..1,
+and z = -|a - b|. This form does not overflow for large h. The textbook formula divides a difference of e^-a and e^-b by
+a - b, so it loses digits when a and b are nearly equal; this form does not. Gradients of tensors flow through both
+branches of a condition. Therefore no branch divides 0 by 0, even for arguments that select the other branch.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -23,7 +24,7 @@ from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Resting
 
 NEARLY_0 = 1e-100
-"""Smallest |z| in use. e^z - 1 equals z in double precision for numbers this small."""
+"""Smallest |z| that is used, in place of 0. For numbers this small e^z - 1 equals z in double precision."""
 
 SERIES_TERMS = 15
 """Number of terms of the series. For |z| up to 1/2 the last term is below the precision of a double."""
@@ -59,24 +60,24 @@ FALL = "whether a spike reduces V_m by V_th - V_reset instead of setting it to V
 
 
 def check_fall(model, parameters):
-    """Raise an error for parameters that need a reset by subtraction."""
-    falls = np.any(parameters.get("reset_by_subtraction", 0.0) != 0.0)
+    """Raise an error if parameters need a reset by subtraction and it is off. `model` is the name of the model."""
+    subtracts = np.any(parameters.get("reset_by_subtraction", 0.0) != 0.0)
     has_several = np.any(parameters.get("max_spikes", 1.0) != 1.0)
-    if has_several and not falls:
+    if has_several and not subtracts:
         raise ModelError("max_spikes above 1: expected reset_by_subtraction: true", path=(model, "max_spikes"))
 
-    if np.any(parameters.get("threshold_rises", 0.0) != 0.0) and (has_several or not falls):
+    if np.any(parameters.get("threshold_rises", 0.0) != 0.0) and (has_several or not subtracts):
         message = "threshold_rises: expected reset_by_subtraction: true, and max_spikes: 1"
         raise ModelError(message, path=(model, "threshold_rises"))
 
 
-def fall_of(falls, v_th, v_reset):
-    """Return the reduction of V_m by a spike, or 0 for a reset to V_reset."""
-    return v_th - v_reset if falls != 0.0 else 0.0
+def fall_of(subtracts, v_th, v_reset):
+    """Return the reduction of V_m by a spike in mV, or 0 for a reset to V_reset."""
+    return v_th - v_reset if subtracts != 0.0 else 0.0
 
 
 def spikes_in(v, v_th, fall, most):
-    """Return how often V_m reaches the threshold in a step if each spike reduces V_m by `fall`."""
+    """Return the number of spikes in a step, at most `most`, if each spike reduces V_m by `fall` mV."""
     count = 0
     while v >= v_th and count < most:
         v -= fall
@@ -85,12 +86,12 @@ def spikes_in(v, v_th, fall, most):
 
 
 def after_spike(v, v_th, v_reset, fall, most):
-    """Return V_m after the spikes of a step."""
+    """Return V_m after the spikes of a step. A `fall` of 0 stands for a reset to V_reset."""
     return v_reset if fall == 0.0 else v - fall * spikes_in(v, v_th, fall, most)
 
 
 def leak(tau_m, h):
-    """Return the share of V - E_L that is left after h ms."""
+    """Return the share of V_m - E_L that remains after h ms."""
     return 0.0 if tau_m == 0.0 else math.exp(-h / tau_m)
 
 
@@ -124,16 +125,16 @@ def mean_decay(z):
 def mean_decay_weighted_late(z):
     """Return the mean of s e^(z s) over s in 0..1, z <= 0."""
     if z < -0.5:
-        far = min(z, -0.5)
-        return (1.0 - (1.0 - far) * math.exp(far)) / (far * far)
+        nonzero = min(z, -0.5)
+        return (1.0 - (1.0 - nonzero) * math.exp(nonzero)) / (nonzero * nonzero)
     return mean_decay(z) - mean_decay_weighted_early(z)
 
 
 def mean_decay_weighted_early(z):
     """Return the mean of (1 - s) e^(z s) over s in 0..1, z <= 0."""
     if z < -0.5:
-        far = min(z, -0.5)
-        return (math.expm1(far) - far) / (far * far)
+        nonzero = min(z, -0.5)
+        return (math.expm1(nonzero) - nonzero) / (nonzero * nonzero)
     total = term = 0.5
     for k in range(3, 3 + SERIES_TERMS):
         term *= z / k
@@ -142,9 +143,9 @@ def mean_decay_weighted_early(z):
 
 
 def highest(v, e_l, gain, drive):
-    """Return an upper bound of V_m in mV without input. V_m relaxes from `v` to e_l + gain drive without overshoot.
+    """Return an upper bound of V_m in mV without input. V_m relaxes from `v` to `e_l + gain * drive` without overshoot.
 
-    `gain` is tau_m / C_m in mV/pA, infinite without a leak. `drive` is a constant current in pA.
+    `gain` is tau_m / C_m in mV/pA, which is infinite without a leak. `drive` is a constant current in pA.
     """
     if math.isinf(gain):
         return v if drive <= 0.0 else math.inf

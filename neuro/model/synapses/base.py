@@ -15,19 +15,19 @@ holds the constants of the rule.
                                               of `Modulated`: n is the modulator's concentration at `begin`, `grid`
                                               the delivery grid
 
-A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. All times are then emission times:
-`pre` has the emissions, which arrive `y[1]` later, and post spikes reach the synapse without delay.
+A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. All times of such a rule are times
+of emission: a spike in the traces `pre` arrives `y[1]` ms later, and post spikes reach the synapse without delay.
 
-A rule for trials returns from its method `lessons` which neurons the end of a trial teaches (`Lesson`), and has
-`constants` and
+A rule for trials has a method `lessons`. The method returns a `Lesson` for each neuron that learns at the end of a
+trial. Such a rule has `constants` and
 
-    teach(w, since, lesson, c)                return the new weight of an input of a taught neuron: `since` is the
-                                              time in ms from the arrival of the input's first spike (with
-                                              `spikes: each` of each spike in turn) to the time of the lesson,
-                                              negative for later spikes and -inf without a spike; rules with `delays`
-                                              get and return the delay in ms instead of the weight
-    settle(w, since, total, c)                return the new weight after all inputs of the neuron were taught and their
-                                              sum is `total`; optional
+    teach(w, since, lesson, c)                return the new weight of an input of a taught neuron. `since` is the
+                                              time in ms from the arrival of the input's first spike to the time of
+                                              the lesson. It is negative for a later spike, and -inf without a spike.
+                                              With `spikes: each` the function is called for each spike of the input.
+                                              Rules with `delays` get and return the delay in ms, not the weight
+    settle(w, since, total, c)                return the new weight after `teach` was called for all inputs of the
+                                              neuron; `total` is the sum of their weights; optional
     encourage(w, c)                           return the new weight of an input of maps that grow; required only if
                                               lessons contain `Growth`
 """
@@ -70,12 +70,12 @@ class Trace:
     """A trace of the spikes of one side. `pre[k]` or `post[k]` is the value of the k-th trace that a rule lists.
 
     Attributes:
-        tau: name of the parameter with the time constant. "tau_minus" may be a parameter of the target. "": the trace
-            is the time in ms since the last spike, infinite before the first.
+        tau: name of the parameter with the time constant. "tau_minus" may be a parameter of the target. If the name is
+            "", the trace is the time in ms since the last spike, and infinite before the first spike.
         nearest: whether a spike sets the trace to `adds`, so that only the last spike counts. If not, each spike adds
             `adds`.
         adds: the amount that a spike adds.
-        starts: name of the parameter with the value of a pre trace at step 0. "": the value is 0.
+        starts: name of the parameter with the value of a pre trace at step 0. If the name is "", the value is 0.
     """
 
     tau: str
@@ -85,7 +85,7 @@ class Trace:
 
 
 OF_EACH: Mapping[str, Any] = {"arrays": True, "of_distance": True}
-"""Options of a parameter that may have a value per synapse, the same as those of weights."""
+"""Options of `quantity` for a parameter that may have a value per synapse, as weights may."""
 
 K_PLUS, K_MINUS = Trace("tau_plus"), Trace("tau_minus")
 """Traces of NEST's all-to-all pair rules."""
@@ -108,7 +108,7 @@ class Synapse(Choice):
         peaks: whether a rule for trials needs the largest V_m of each neuron up to the decision.
         states: the states of a synapse other than its weight.
         width: the number of constants, including tables of decays.
-        ordered: pairs of parameters of which the first must be less than the second.
+        ordered: pairs of parameters. The first of a pair must be less than the second.
         arithmetic: the class or module with the functions above, see `OfModule`.
     """
 
@@ -183,9 +183,9 @@ class Synapse(Choice):
         return [word for word in self.numbers() if not isinstance(values[word], bool) and not is_number(values[word])]
 
     def per_synapse_fields(self) -> dict[str, str]:
-        """Return the fields of the parameters with a value per synapse, and their names."""
-        each, names = self.per_synapse(), [entry.name for entry in fields(self)]
-        return {name: word_of(name) for name in names if word_of(name) in each}
+        """Return the names of the parameters with a value per synapse, by field of this class."""
+        varying, names = self.per_synapse(), [entry.name for entry in fields(self)]
+        return {name: word_of(name) for name in names if word_of(name) in varying}
 
     def first_states(self) -> Floats:
         """Return the states at step 0 without the weight, shape (states, 1) or (states, synapses)."""
@@ -193,12 +193,12 @@ class Synapse(Choice):
         return _columns([initial.get(state.name, 0.0) for state in self.states])
 
     def first_traces(self) -> Floats:
-        """Return the pre traces at step 0."""
+        """Return the pre traces at step 0, shape (traces,)."""
         parameters = self.parameters()
         return np.array([parameters.get(trace.starts, 0.0) for trace in self.pre], dtype=np.float64)
 
     def bounds(self) -> tuple[Any, Any]:
-        """Return the smallest and the largest weight, as numbers or arrays. A Wmax below 0 is the smallest weight."""
+        """Return the smallest and the largest weight, as numbers or arrays. If Wmax is below 0, it is the smallest."""
         limits = self.parameters()
         if "Wmax" not in limits:
             return -math.inf, math.inf
@@ -208,14 +208,14 @@ class Synapse(Choice):
     def outside(self, weight: Floats) -> int | None:
         """Return the index of the first weight beyond the bounds, or None.
 
-        Only rules that learn by pairs, by moves or on a chip have bounds. `weight` has the weights of all synapses, or
-        one.
+        Only rules that learn by pairs, by moves or on a chip have bounds. `weight` has the shape (synapses,), or (1,)
+        for a weight that all synapses share.
         """
         if self.learns not in ("pairs", "moves", "chip"):
             return None
         low, high = self.bounds()
-        bad = np.flatnonzero((weight < low) | (weight > high))
-        return int(bad[0]) if bad.size else None
+        indices = np.flatnonzero((weight < low) | (weight > high))
+        return int(indices[0]) if indices.size else None
 
     def expected_weight(self, synapse: int = 0) -> str:
         """Return the accepted weights of a synapse as text for messages."""
@@ -238,17 +238,17 @@ class Synapse(Choice):
         return c
 
     def lessons(self, end: TrialEnd) -> Iterable[Lesson | Growth]:
-        """Return which neurons the end of a trial teaches, in order. By default the neuron that decided."""
+        """Return the lessons at the end of a trial, in order. The default is a lesson for the neuron that decided."""
         return (Lesson(end.winner, end.tick, end.reward),) if end.reward else ()
 
 
 def common(vector: Floats) -> Floats:
-    """Return parameters in the form of `Synapse.vector` as one vector, with per-synapse values of the first synapse."""
+    """Return parameters in the form of `Synapse.vector` as one vector. Per-synapse values are those of synapse 0."""
     return vector if vector.ndim == 1 else vector[0]
 
 
 def _columns(values: Sequence[Any]) -> Floats:
-    """Return a row per value. Single numbers are repeated to the length of the longest row."""
+    """Return an array with a row per value. A single number is repeated to the length of the longest row."""
     table = np.zeros((len(values), max((np.size(value) for value in values), default=1)))
     for row, value in zip(table, values, strict=True):
         row[:] = value
@@ -299,9 +299,9 @@ DELAY = 1
 class DelayRule(Synapse):
     """Base of the rules that change delays within [d_min, d_max].
 
-    A delay in ms starts at the delay of the projection. A spike reads the delay at emission, rounds it to the nearest
-    number of steps, at least one, and keeps this number of steps even if the delay changes while the spike is in
-    transit.
+    A delay in ms starts at the delay of the projection. When a spike is emitted, its delay is rounded to the
+    nearest number of steps, at least one. The spike keeps this number of steps even if the delay of the synapse changes
+    before it arrives.
     """
 
     delays: ClassVar[bool] = True
@@ -331,8 +331,8 @@ def steps_of(delay: float, h: float, fewest: int, most: int) -> int:
 class static(Synapse):
     """Synapse that sends its weight after its delay. Source: NEST 3.10, `static_synapse`.
 
-    With `receptor` all spikes go to the receptor of that name, whatever the sign of their weight. A current accepts
-    weights of both signs. A conductance increases by the weight, which must not be negative.
+    With `receptor` all spikes go to the receptor of that name. The sign of the weight does not matter then. A current
+    accepts weights of both signs. A conductance increases by the weight, which must not be negative.
     """
 
     equation: ClassVar[str] = "sends w"

@@ -18,8 +18,8 @@ class Lesson(NamedTuple):
 
     Attributes:
         neuron: id of the neuron.
-        tick: time of the lesson in ticks of the trial, to which arrival times are relative.
-        lesson: the argument of `teach`, > 0 for a reward and < 0 for a punishment.
+        tick: time of the lesson in ticks of the trial. `teach` gets the arrival times relative to it.
+        lesson: the argument `lesson` of `teach`, > 0 for a reward and < 0 for a punishment.
     """
 
     neuron: int
@@ -50,12 +50,13 @@ class TrialEnd:
         reward: reward of the outcome in the section `trials`, 0 without a decision or a label.
         maps: the maps of the right label.
         silenced: whether dropout silenced each map, shape (maps,).
-        potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,). With several
-            winners, V_m of a map is that at its own first decision.
+        potential: largest V_m of each map at the decision (before the reset), or at the end of a trial without a
+            decision, shape (maps,). With several winners, V_m of each map is read at the first decision of the map.
         best: the neuron with this V_m in each map, shape (maps,).
         peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,).
-            Infinite for the neuron that decided.
-        peak_tick: for rules with `peaks`, the first tick with the largest V_m. For the neuron that decided, the tick of
+            It is infinite for the neuron that decided.
+        peak_tick: for rules with `peaks`, the first tick with this V_m, shape (neurons,). For the neuron that decided,
+        the tick of
             its decision.
     """
 
@@ -81,7 +82,7 @@ class TrialEnd:
         return int(self.best[active_maps[self.potential[active_maps].argmax()]]) if len(active_maps) else -1
 
     def highest(self) -> tuple[int, int]:
-        """Return the neuron of the right label with the largest `peak`, and its tick.
+        """Return the neuron of the right label with the largest `peak`, and the tick of the peak.
 
         The result is (-1, -1) if all maps of the label are silenced.
         """

@@ -2,8 +2,8 @@
 
     dw = sum_i S_i prod_j (factor_ij + C_ij)        S = m 2^e, m = -8..7, e.g. "2^-2*x1*y0 - 2^-2*x0*y1"
 
-A product is gated by its dependency: x0 (a pre spike in this epoch), y0 (a post spike) or u_k (1 in every 2^k-th epoch,
-u0 in every epoch). The rule is applied at the end of every epoch of 1 to 63 steps.
+Each product has a dependency and is added only if the dependency holds: x0 (a pre spike in this epoch), y0 (a post
+spike) or u_k (every 2^k-th epoch; u0: every epoch). The rule is applied at the end of every epoch of 1 to 63 steps.
 
 Sources: Davies et al., IEEE Micro 38(1):82, 2018 (widths, sums of products, epochs); Michaelis et al., Front.
 Neuroinform. 16:1015624, 2022 (Brian2Loihi: exponents, traces); lava-nc 0.10 (4-bit scale mantissas, 8-bit constants,
@@ -28,7 +28,8 @@ MANTISSA_BITS = 4
 """Bits of a scale's mantissa, which is -8..7."""
 LARGEST_MANTISSA = 7
 LEVEL = 8
-"""Factor on values that a target sends as y2 and y3. Times a mantissa of 4 it is 2^5, the bits that Loihi 2 drops."""
+"""Factor on the values that a target sends as y2 and y3. With a mantissa of 4 the product is 2^5, and Loihi 2 drops 5
+bits."""
 LARGEST_EXPONENT = 9
 LARGEST_CONSTANT = 255
 LONGEST_EPOCH = 63
@@ -62,8 +63,8 @@ class Term:
 
     Attributes:
         mantissa, exponent: the scale, mantissa 2^exponent. The mantissa is odd except on Loihi 2.
-        gate: the dependency "x0", "y0" or "u". The product acts at such a spike, and traces are read at its step.
-        every: k of u_k, 0 for a product that acts in every epoch.
+        gate: the dependency "x0", "y0" or "u". With "x0" or "y0" traces are read at the step of this spike.
+        every: the k of u_k; 0 for a product that is added in every epoch.
         factors: the remaining factors.
 
     Raises:
@@ -141,7 +142,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """Program by which a target sends its third factor n minus a baseline: as y2 if positive, else its size as y3.
+    """Program of a target that sends its third factor: n - baseline as y2 if it is positive, else baseline - n as y3.
 
     The difference in units of n is divided by 2^shift, rounded stochastically to at most 15, and multiplied by `LEVEL`.
 
@@ -165,8 +166,8 @@ class LearningRule:
         rounding: "stochastic": the part below the resolution of a weight is rounded randomly. "away": a
             change is rounded away from 0 to a whole mantissa, and then towards 0 to the resolution of a weight.
             Brian2Loihi rounds products of spikes in this way.
-        outgoing: for three factors on Loihi 2, where the target sends y1, y2 and y3: the program that computes y2 and
-            y3 from n.
+        outgoing: for rules with a third factor n on Loihi 2, whose targets send y1, y2 and y3: the program that
+            computes y2 and y3 from n.
 
     Raises:
         ModelError: the rule reads a trace that never rises, or the epoch is out of bounds.
@@ -197,6 +198,6 @@ class LearningRule:
 
 
 def text(terms: tuple[Term, ...]) -> str:
-    """Return a sum of products as text, which `loihi_registers.parse` parses to the same products."""
+    """Return a sum of products as text. `loihi_registers.parse` reads the text back to the same products."""
     parts = [str(term) for term in terms]
     return "".join(parts[:1] + [f" - {p[1:]}" if p.startswith("-") else f" + {p}" for p in parts[1:]])

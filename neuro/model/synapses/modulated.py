@@ -14,7 +14,7 @@ from neuro.model.synapses.base import Modulated, Trace
 from neuro.model.synapses.pairs import within
 
 TABLE = 1024
-"""Number of steps for which the decays of c and n are tabulated. Decays over more steps are computed."""
+"""Number of steps for which the decays of c and n are tabulated. The decay over more steps is computed each time."""
 TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU, C_MIN = range(11)
 GAMMA, TAU_Z, SOFT = 3, 4, 10
 Q_0, ETA, DELTA_Z, TAU_R = 1, 2, 6, 7
@@ -24,10 +24,14 @@ The first line belongs to `stdp_dopa`, the second to `mstdpet`, the third to `he
 """
 
 DECAYS = 11
+"""Index of the first constant of the table, which has four numbers for each number of steps, see `decays`."""
 
 
 def decays(c, steps):
-    """Return the shares of c and n left after some steps, and the shares of c and of c n lost, accurate if small."""
+    """Return the shares of c and n that remain after some steps, and the shares of c and of c n that are lost.
+
+    The lost shares are accurate even if they are near 0.
+    """
     minus_time = -steps * c[H]
     return (
         math.exp(minus_time / c[TAU_C]),
@@ -59,8 +63,8 @@ class stdp_dopa(Modulated):
     `dopamine` each spike adds 1/tau_n to n of every post neuron, or of the neuron with the same index with
     `dopamine_rule` one_to_one. Weights are clipped to [Wmin, Wmax] at events and on the grid of `deliver_interval` x
     the smallest delay of the network. With c_min = 0 the eligibility has one sign, as on SpiNNaker. Both signs of c
-    change the weight, as in eqs 107 to 109 of Mosca, MSc thesis, 2020. The text of the thesis has c > 0 only, to which
-    c_min = 0 is closest.
+    change the weight, as in eqs 107 to 109 of Mosca, MSc thesis, 2020. The text of the thesis requires c > 0; c_min = 0
+    is the nearest setting.
     Source: NEST 3.10, `stdp_dopamine_synapse`; Izhikevich, Cereb. Cortex 17:2443, 2007; Potjans, Morrison & Diesmann,
     Front. Comput. Neurosci. 4:141, 2010.
     """
@@ -111,8 +115,8 @@ class stdp_dopa(Modulated):
     def advance(y, e, c, begin, end, n, grid):
         """Integrate w and c exactly from step `begin` to `end`, with clipping at the turning point of w and at the end.
 
-        w turns when n crosses b. NEST clips at delivery points only, so the cell of the grid that contains the crossing
-        is integrated as a whole.
+        w turns when n crosses b. NEST clips at points of the delivery grid only, so the interval of the grid that
+        contains the crossing is integrated as a whole.
         """
         at = begin
         b = c[B]
@@ -128,9 +132,9 @@ class stdp_dopa(Modulated):
 
 
 def softly_changed(w, change, w_max):
-    """Return a weight after a change that is continuously scaled by s (1 - s), s = w / w_max.
+    """Return the solution of w' = s (1 - s) u with s = w / w_max, where `change` is the integral of u.
 
-    The change is applied to logit(s).
+    The change is added to logit(s) = log(s / (1 - s)). A weight at a bound does not change.
     """
     s, total = w / w_max, change / w_max
     if s <= 0.0 or s >= 1.0:
@@ -152,7 +156,7 @@ class mstdpet(Modulated):
     alpha is gamma times the step, with `soft` a function of the weight.
 
     Source: Florian, Neural Comput. 19:1468, 2007 (MSTDPET); Vasilaki et al., PLoS Comput. Biol. 5:e1000586, 2009, as in
-    Mosca, MSc thesis, 2020, eq. 116, which does not specify alpha: s (1 - s) is that of eq. 126.
+    Mosca, MSc thesis, 2020, eq. 116. Eq. 116 does not specify alpha; s (1 - s) is the factor in eq. 126.
     """
 
     equation: ClassVar[str] = (
@@ -207,12 +211,11 @@ class hedonistic(Modulated):
 
     The probability of a release at a pre spike is p = 1 / (1 + exp(-q_0 - q - z)).
 
-    An available synapse that releases gains 1 - p of eligibility c and is refractory until it recovers, at the rate
-    1/tau_r. A synapse that fails loses p. Each pre spike then adds Delta_z to the calcium z. The reward n that a signal
-    sets, minus its baseline b, changes q along c. The weight does not change, so `sim.save` stores what the synapse
-    learns and `sim.network` does not. A parrot_neuron also repeats failures, because it repeats all spikes whatever
-    their weight.
-    Source: Seung, Neuron 40:1063, 2003.
+    A release adds 1 - p to the eligibility c, and the synapse is refractory until it recovers, at the rate 1/tau_r. A
+    failure to release subtracts p from c. Each pre spike then adds Delta_z to the calcium z. A signal sets the reward
+    n, and q changes by eta (n - b) c, where b is the baseline of the reward. The weight does not change, so `sim.save`
+    stores what the synapse learns and `sim.network` does not. A parrot_neuron also repeats failures, because it repeats
+    all spikes, even those of weight 0. Source: Seung, Neuron 40:1063, 2003.
     """
 
     equation: ClassVar[str] = (

@@ -34,10 +34,10 @@ class MoveRule(Synapse):
     A signal acts once, at the time at which it is set, on the eligibility collected until then. States of the synapses
     can be set, so an episode ends with `sim.set(part, z=0.0, e=0.0)`. Delays are one step, so a spike of a neuron
     applies to the synapses whose input has just arrived. A source whose traces are all below `x_min` counts as silent,
-    and its traces are 0.
+    and its traces are set to 0.
 
     Class attributes:
-        sees: the state of the post neuron that `gather` reads, with its value after the step, or "".
+        sees: the state of the post neuron that `gather` gets as `state`, after the step; "" for none.
     """
 
     learns: ClassVar[str] = "moves"
@@ -119,8 +119,8 @@ class reinforce(td_lambda):
     """Policy gradient for an actor: like `td_lambda`, but e increases by (S - p) x in each step.
 
     S is whether the neuron spikes in the step, and p the probability of a spike, a state of the neuron model
-    (`soft_wta`, `pp_psc_delta`). An unexpected spike counts fully and a certain one not at all. The mean over random
-    spikes is the gradient of the log probability of the spikes with respect to the weight.
+    (`soft_wta`, `pp_psc_delta`). A spike with a small p changes e by almost x, and a spike with p = 1 does not change
+    e. The mean over random spikes is the gradient of the log probability of the spikes with respect to the weight.
 
     Source: Williams, Machine Learning 8:229, 1992 (characteristic eligibility); for spikes Pfister, Toyoizumi, Barber
     & Gerstner, Neural Comput. 18:1318, 2006.
@@ -203,10 +203,10 @@ class td_moves(Modulated):
     """TD learning in moves of fixed length: the error n of a move changes the weight along the move's eligibility.
 
     Time is divided into moves of `move` ms, rounded to steps. At each post spike eps, the potential caused by all pre
-    spikes, is added to the e of the current move. The value of a move is known at the end of the next one, from the
-    value of the state that the move led to. e is therefore kept for two moves, and n, which a signal sets after each
-    move, acts on it in the third: w changes by eta n e. `tau_m` and `tau_s` are preferably those of the neuron (tau_m
-    and tau_syn_ex of `srm0`). The weight is always within Wmin and Wmax.
+    spikes, is added to the e of the current move. The error of a move depends on the value of the state that the move
+    leads to, so it is known only at the end of the next move. e is therefore kept for two more moves. A signal sets n
+    after each move, and in the second move after that of e, w changes by eta n e. `tau_m` and `tau_s` are preferably
+    those of the neuron (tau_m and tau_syn_ex of `srm0`). The weight is always within Wmin and Wmax.
 
     Source: the actor and the critic of Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013, in moves;
     the error is that of Sutton & Barto, Reinforcement Learning, 2nd ed., eq. 6.5.

@@ -13,7 +13,7 @@ _REASONS = {
     "trials": "the end of a trial teaches all synapses",
     "moves": "the end of a move teaches all synapses",
 }
-"""Reasons for shared parameters, by the kind of rule."""
+"""The reason why a parameter must have one value for all synapses, by the kind of rule."""
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -29,8 +29,8 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{message}: expected a subclass of Modulated, which has the parameters that set n")
     if model.delays and not issubclass(model, DelayRule):
         raise TypeError(f"{message}: expected a subclass of DelayRule, which has bounds of delays")
-    first = [state.name for state in model.states[:1]]
-    if model.delays and (model.modulated or model.learns not in ("pairs", "trials") or first != ["delay"]):
+    first_state = [state.name for state in model.states[:1]]
+    if model.delays and (model.modulated or model.learns not in ("pairs", "trials") or first_state != ["delay"]):
         raise TypeError(
             f"{message} changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'"
         )

@@ -21,12 +21,11 @@ class spinnaker_learning(Modulated):
 
     `timing` and `dependence` name the program. With `dopamine` or `signal` the program is a neuromodulated one: the
     rule changes an eligibility between `c_min` and `c_max`, and dopamine changes the weight between `Wmin` and `Wmax`.
-    Additive steps are shares of the largest weight, or with dopamine of c_max. Multiplicative steps are shares of the
-    distance to a bound. A negative Wmax makes the synapse inhibitory; the chip stores magnitudes. A spike of `dopamine`
-    adds `concentration` to n of a neuron, and a negative concentration punishes. Targets are `iaf_psc_exp`,
-    `iaf_psc_delta` or `spinnaker_lif`, whose weights are words. Only the timing "recurrent" uses the accumulators and
-    windows.
-    Source: sPyNNaker 7.4.1 (released machine code).
+    An additive step is given as a share of the largest weight, or of c_max if there is dopamine. A multiplicative step
+    is given as a share of the distance to a bound. A negative Wmax makes the synapse inhibitory; the chip stores
+    magnitudes. A spike of `dopamine` adds `concentration` to n of a neuron, and a negative concentration punishes.
+    Targets are `iaf_psc_exp`, `iaf_psc_delta` or `spinnaker_lif`; the weights of the last are 16-bit words. Only the
+    timing "recurrent" uses the accumulators and windows. Source: sPyNNaker 7.4.1 (released machine code).
     """
 
     equation: ClassVar[str] = "each packet of the source applies the program to the post spikes since the last packet"

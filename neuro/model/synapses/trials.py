@@ -18,20 +18,20 @@ MISSES, HITS = 6, 7
 A_PLUS, A_MINUS, TOTAL = range(2, 5)
 STEP, TAU_M, TAU_S = range(2, 5)
 D_MIN, D_MAX = range(2)
-"""Indices of the constants, which are the parameters of a rule. The later lines belong to some rules only."""
+"""Indices of the constants, which are the parameters of a rule. Each line after the first is for some rules only."""
 
 INF = math.inf
 
 
 def softly(w, rate, w_min, w_max):
-    """Return a weight after a change by rate w (1 - w), with w relative to the bounds."""
+    """Return a weight after a change by rate s (1 - s) (w_max - w_min), with s = (w - w_min) / (w_max - w_min)."""
     span = w_max - w_min
     share = (w - w_min) / span
     return min(w_max, max(w_min, w + span * rate * share * (1.0 - share)))
 
 
 def rate_of(since, lesson, c):
-    """Return the rate of an input of a rewarded or punished neuron. An arrival at the decision counts as before it."""
+    """Return the rate of an input of a rewarded or punished neuron. A spike in the tick of the decision is before it."""
     if lesson > 0.0:
         return c[AR_PLUS] if since >= 0.0 else c[AR_MINUS]
     return c[AP_MINUS] if since >= 0.0 else c[AP_PLUS]
@@ -59,14 +59,15 @@ class r_stdp(TrialRule):
     On reward, A is Ar_plus for inputs that arrived before the decision and Ar_minus for others. On punishment, A is
     Ap_minus for inputs before the decision and Ap_plus for others. On punishment and without a decision, every weight
     of the right label's maps grows by epsilon. With `rescue`, the best-excited neuron of these maps is rewarded
-    instead, as if it had decided. An input that arrives in the tick of the decision contributed to it and counts as
-    before the decision. With `ties_after`, such an input has the rate Ar_minus on reward, as in eq. 126. An input that
-    never spikes counts as other, also on punishment, where the text of the thesis requires a spike after the decision.
-    Weights are relative to [Wmin, Wmax].
+    instead, as if it had decided. An input that arrives in the tick of the decision contributed to the decision, so it
+    is treated like an earlier input. With `ties_after`, such an input has the rate Ar_minus on reward, as in eq. 126.
+    An input that never spikes is one of the others. On punishment the text of the thesis requires a spike after the
+    decision instead. Weights are relative to [Wmin, Wmax].
 
     Source: Mosca, MSc thesis, 2020, eqs 126-128, with t^f(j) as the time of the input and t_i as the time of the
     decision, as the text around the equations requires. `rescue` is an extension of this project. The rule extends
-    Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018, where ties count as before.
+    Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018, which treats inputs in the tick of the
+    decision like earlier inputs.
     """
 
     equation: ClassVar[str] = "dw = A w (1 - w), A by outcome and by whether the input came before the decision"
@@ -121,8 +122,8 @@ class mozafari(TrialRule):
     On reward, A is Ar_plus for inputs that arrived before or at the decision and Ar_minus for others, and s is
     `misses`. On punishment, A is Ap_minus for inputs before the decision and Ap_plus for others, and s is `hits`.
     Without a decision nothing changes. `misses` and `hits` are the shares in the last batch of trials, set between
-    batches by `sim.set`. A network with few errors thus hardly learns from rewards, and one with many errors hardly
-    from punishments. Weights are relative to [Wmin, Wmax].
+    batches by `sim.set`. A network with few errors thus hardly learns from rewards, and a network with many errors
+    hardly learns from punishments. Weights are relative to [Wmin, Wmax].
 
     Source: Mozafari et al., IEEE Trans. Neural Netw. Learn. Syst. 29:6178, 2018; Mosca, MSc thesis, 2020, eqs 120 and
     121, read as eqs 126 and 127 of `r_stdp`. Eq. 120 has Ar_minus for inputs that arrive at the decision.
@@ -180,8 +181,8 @@ class normalised_stdp(first_spike_stdp):
     and clipped. The rule needs no labels: `neuro.assign_labels` assigns a label to each neuron after learning.
 
     Source: Rubin et al., Phys. Rev. Lett. 86:364, 2001, for the bounds, which slow down changes towards them; Diehl &
-    Cook, Front. Comput. Neurosci. 9:99, 2015, for the sum, which is theirs for 784 inputs. The rates are those of this
-    project.
+    Cook, Front. Comput. Neurosci. 9:99, 2015, for the sum of the weights; their sum for 784 inputs is the default. The
+    rates are a choice of this project.
     """
 
     equation: ClassVar[str] = "dw = A_plus (1 - w) or A_minus w by whether the input came; w *= total / sum w"
@@ -201,9 +202,9 @@ class normalised_stdp(first_spike_stdp):
         return w + c[A_PLUS] * (c[W_MAX] - w) if since >= 0.0 else w + c[A_MINUS] * (w - c[W_MIN])
 
     def settle(w, since, total, c):
-        """Return the weight scaled so that the sum of all inputs, now `total`, has its set value.
+        """Return the weight times one factor, with which the sum of all inputs becomes the parameter `total`.
 
-        A sum of 0 stays 0.
+        The argument `total` is the sum before. A sum of 0 stays 0.
         """
         return min(c[W_MAX], max(c[W_MIN], w * c[TOTAL] / total)) if total > 0.0 else w
 
@@ -212,16 +213,16 @@ class normalised_stdp(first_spike_stdp):
 class tempotron(TrialRule):
     """Tempotron: after an error, inputs change by their contribution to the largest potential.
 
-    dw = +lambda K(t_max - t_i) for the neuron that should have fired, and dw = -lambda K(t_max - t_i) for the neuron
-    that should not, for inputs that arrived up to t_max. K(t) = V0 (exp(-t/tau_m) - exp(-t/tau_s)) is a postsynaptic
+    For inputs that arrived at t_i, up to t_max, dw = +lambda K(t_max - t_i) if the neuron should have fired, and dw =
+    -lambda K(t_max - t_i) if it should not have fired. K(t) = V0 (exp(-t/tau_m) - exp(-t/tau_s)) is a postsynaptic
     potential, with V0 so that its peak is 1. `tau_m` and `tau_s` are preferably those of the neuron (tau_m and
     tau_syn_ex of `iaf_psc_exp`, tau_m and 0 for `iaf_psc_delta`). For a neuron that decided wrongly t_max is the time
-    of its spike. In a trial with a wrong or missing decision, the neuron that should have fired is the one of the right
-    label with the largest V_m up to the decision, and t_max is the tick of this V_m.
+    of its spike. In a trial with a wrong or missing decision, the neuron that should have fired is the neuron of the
+    right label with the largest V_m up to the decision, and t_max is the tick of this V_m.
 
     With `alone`, each neuron is taught independently, as in the paper, in trials in which no neuron decides (V_th is
-    set out of reach while learning). All neurons of the right label should have reached `alone`, and no others should
-    have. t_max is the tick of a neuron's largest V_m. Trials with a decision are treated as without `alone`.
+    set out of reach while learning). V_m should have reached `alone` in all neurons of the right label, and in no other
+    neuron. t_max is the tick of a neuron's largest V_m. Trials with a decision are treated as without `alone`.
 
     Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. Without `alone`, at most one neuron of a group fires, so
     no other neuron can err by firing.
@@ -238,13 +239,13 @@ class tempotron(TrialRule):
     Wmin: float = quantity(-INF, "", "smallest weight, in the unit of the weight", infinite=True, of_value=True)
     Wmax: float = quantity(INF, "", "largest weight, in the unit of the weight", infinite=True, of_value=True)
     alone: float = quantity(
-        INF, "mV", "V_m that each neuron independently learns to reach or not; .inf: one decides", infinite=True
+        INF, "mV", "V_m that each neuron learns by itself to reach or not to reach; .inf: one decides", infinite=True
     )
 
     def lessons(self, end: TrialEnd) -> list[Lesson]:
-        """Return, after an error, the neuron that decided and the neuron that should have decided."""
+        """Return lessons after an error: for the neuron that decided and for the neuron that should have decided."""
         if end.winner < 0 and self.alone < INF:
-            # All neurons that should have reached `alone` and did not, or the other way round.
+            # Neurons that should have reached `alone` and did not, and neurons that reached it and should not have.
             assert end.peak is not None
             assert end.peak_tick is not None
             per_map = len(end.peak) // len(end.silenced)
@@ -282,11 +283,12 @@ class r_stddp(DelayRule):
 
     On reward, A is Ar_plus for inputs that arrived before or at the decision and Ar_minus for others. On punishment, A
     is Ap_minus for inputs before the decision and Ap_plus for others. Without a decision nothing changes. Inputs that
-    contributed to a right decision should arrive earlier, so Ar_plus < 0 < Ar_minus, and after a wrong decision the
-    other way round. With the signs of the rates for weights, the rule unlearns. Weights do not change.
+    contributed to a right decision should arrive earlier, so Ar_plus < 0 < Ar_minus. Inputs that contributed to a wrong
+    decision should arrive later, so Ap_plus < 0 < Ap_minus. With the opposite signs, which are those of rules for
+    weights, performance decreases. Weights do not change.
 
     Source: Mosca, MSc thesis, 2020, eq. 131, which has Ar_minus for inputs that arrive at the decision. The signs, and
-    the use of arrivals instead of emissions, were chosen by measuring which of them learn.
+    the use of arrivals instead of emissions, were chosen by measurement: other choices do not learn.
     """
 
     equation: ClassVar[str] = "dd = A d, A by outcome and by whether the input came before the decision"
